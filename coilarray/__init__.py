@@ -1,0 +1,1 @@
+"""Planar coil arrays: geometry, inductance and coupling matrices, grounded neighbours, reports."""

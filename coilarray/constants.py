@@ -1,0 +1,11 @@
+"""Physical constants in SI, the one place they are written."""
+
+from __future__ import annotations
+
+from typing import Final
+
+MU_0: Final = 4e-7 * 3.141592653589793
+"""Vacuum permeability in H/m (the value before 2019, 1.3e-10 from CODATA 2022; the references use it)."""
+
+RESISTIVITY_COPPER: Final = 1.724e-8
+"""Resistivity of annealed copper at 20 °C in Ω·m (IEC 60028)."""

@@ -1,0 +1,27 @@
+"""The named exceptions of the package; every one of them is the user's to mend, in one line."""
+
+from __future__ import annotations
+
+
+class CoilarrayError(Exception):
+    """Base of every error that this package raises on purpose; the command line prints it in one line."""
+
+
+class GeometryError(CoilarrayError, ValueError):
+    """A shape that cannot exist: what, which value, what is allowed."""
+
+
+class DesignError(CoilarrayError, ValueError):
+    """A design file that cannot be read: the file, the key, what was given, what is allowed."""
+
+
+class RuleViolationError(CoilarrayError):
+    """A design that breaks a fabrication rule: layer, feature and margin."""
+
+
+class OutputError(CoilarrayError):
+    """A result that cannot be written: the path and the reason."""
+
+
+class MissingDependencyError(CoilarrayError):
+    """A library or system package that a command needs and the machine lacks; the text names it."""

@@ -1,0 +1,209 @@
+"""An array: coils placed on a board, each on its own layers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from coilarray.errors import GeometryError
+from coilarray.geometry.coil import Coil
+from coilarray.geometry.conductor import Conductor
+from coilarray.geometry.stackup import Stackup
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """One coil on the board.
+
+    Parameters
+    ----------
+    name : str
+        Unique in the array; also the name of its net.
+    coil : Coil
+        The shape.
+    layers : tuple of str
+        Copper layer of each of the coil's lines, in order.
+    x, y : float
+        Position of the coil's centre in m.
+    rotation : float
+        Counter-clockwise turn in rad about the centre.
+    """
+
+    name: str
+    coil: Coil
+    layers: tuple[str, ...]
+    x: float
+    y: float
+    rotation: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not all(math.isfinite(value) for value in (self.x, self.y, self.rotation)):
+            raise GeometryError(
+                f"position of {self.name} must be finite; got x {self.x} m, y {self.y} m, rotation {self.rotation} rad."
+            )
+        if len(self.layers) != len(self.coil.lines):
+            raise GeometryError(
+                f"{self.name} has {len(self.coil.lines)} conducting layers and must be given as many copper layers; "
+                f"got {len(self.layers)}: {', '.join(self.layers)}."
+            )
+        if len(set(self.layers)) != len(self.layers):
+            raise GeometryError(f"{self.name} uses a copper layer twice: {', '.join(self.layers)}.")
+
+    def to_board(self, points: FloatArray) -> FloatArray:
+        """Points of the coil's frame, shape (n, 2) in m, in the frame of the board."""
+        c, s = math.cos(self.rotation), math.sin(self.rotation)
+        return np.asarray(points @ np.array([[c, s], [-s, c]]) + np.array([self.x, self.y]))
+
+
+@dataclass(frozen=True, eq=False)
+class CoilArray:
+    """Coils on one board.
+
+    Parameters
+    ----------
+    stackup : Stackup
+        The board's layers.
+    placements : tuple of Placement
+        At least one; names all different, layers all in the stack-up.
+    board_margin : float
+        Distance in m from the outermost copper to the edge of the rectangular board.
+    through_holes : bool
+        True: every hole is drilled through the whole board. False: it spans only the layers it joins.
+    """
+
+    stackup: Stackup
+    placements: tuple[Placement, ...]
+    board_margin: float = 2e-3
+    through_holes: bool = True
+
+    def __post_init__(self) -> None:
+        if not self.placements:
+            raise GeometryError("an array must have at least one coil; got none.")
+        names = self.names
+        if len(set(names)) != len(names):
+            raise GeometryError(f"coil names must differ; got {', '.join(names)}.")
+        if not (math.isfinite(self.board_margin) and self.board_margin >= 0):
+            raise GeometryError(f"board_margin must be finite and not negative; got {self.board_margin} m.")
+        for placement in self.placements:
+            for layer in placement.layers:
+                self.stackup.index(layer)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the coils in order."""
+        return tuple(placement.name for placement in self.placements)
+
+    @property
+    def centres(self) -> FloatArray:
+        """Centres of the coils in m, shape (coils, 2)."""
+        return np.array([[placement.x, placement.y] for placement in self.placements])
+
+    @property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """Edges of the board in m: x_min, y_min, x_max, y_max."""
+        points, reach = [], []
+        for placement in self.placements:
+            coil = placement.coil
+            for line in coil.lines:
+                points.append(placement.to_board(line))
+                reach.append(np.full(len(line), coil.trace_width / 2))
+            for hole, at in ((coil.via, coil.via_points), (coil.terminal, coil.terminal_points)):
+                if hole is not None and len(at):
+                    points.append(placement.to_board(at))
+                    reach.append(np.full(len(at), hole.pad / 2))
+        xy = np.vstack(points)
+        r = np.concatenate(reach)[:, None] + self.board_margin
+        x_min, y_min = (xy - r).min(axis=0).tolist()
+        x_max, y_max = (xy + r).max(axis=0).tolist()
+        return x_min, y_min, x_max, y_max
+
+    def with_placements(self, placements: Sequence[Placement]) -> CoilArray:
+        """Return the same board with other coils."""
+        return replace(self, placements=tuple(placements))
+
+    def conductors(self) -> tuple[Conductor, ...]:
+        """Return the current path of every coil, vias included, from its first to its second terminal."""
+        return tuple(self._conductor(placement) for placement in self.placements)
+
+    def _conductor(self, placement: Placement) -> Conductor:
+        coil = placement.coil
+        vertices: list[FloatArray] = []
+        widths: list[float] = []
+        thicknesses: list[float] = []
+        areas: list[float] = []
+        for k, (line, layer) in enumerate(zip(coil.lines, placement.layers, strict=True)):
+            xy = placement.to_board(line)
+            vertices.append(np.column_stack((xy, np.full(len(xy), self.stackup.centre(layer)))))
+            thickness = self.stackup.copper_thickness[self.stackup.index(layer)]
+            n = len(xy) - 1
+            widths += [coil.trace_width] * n
+            thicknesses += [thickness] * n
+            areas += [coil.trace_width * thickness] * n
+            if k + 1 < len(coil.lines):  # the via down to the next layer
+                widths.append(coil.via.bar_width)
+                thicknesses.append(coil.via.bar_width)
+                areas.append(coil.via.barrel_area)
+        return Conductor(np.vstack(vertices), widths, thicknesses, areas, placement.name)
+
+
+def lattice(
+    kind: Literal["linear", "square", "hexagonal"],
+    pitch: float,
+    columns: int,
+    rows: int = 1,
+    *,
+    direction: float = 0.0,
+) -> tuple[FloatArray, npt.NDArray[np.int64]]:
+    """Points of a regular lattice about the origin.
+
+    Parameters
+    ----------
+    kind : {"linear", "square", "hexagonal"}
+        Linear: one row. Square: rows one pitch apart. Hexagonal: rows √3/2 pitch apart, every second one shifted by
+        half a pitch, so that every inner point has six neighbours one pitch away.
+    pitch : float
+        Distance of neighbours in m.
+    columns, rows : int
+        Points a row and number of rows; a linear lattice has one row.
+    direction : float
+        Angle of the rows in rad.
+
+    Returns
+    -------
+    points : ndarray, shape (rows · columns, 2)
+        In m, centred on the origin, row by row.
+    indices : ndarray of int, shape (rows · columns, 2)
+        Lattice coordinates (i, j). For the hexagonal lattice they are axial: the six neighbours are ±(1, 0),
+        ±(0, 1) and ±(1, −1), so that (i − j) mod 3 differs between all neighbours.
+
+    Raises
+    ------
+    GeometryError
+        A pitch that is not positive and finite, a count below 1, or several rows of a linear lattice.
+    """
+    if not (math.isfinite(pitch) and pitch > 0):
+        raise GeometryError(f"pitch must be positive and finite; got {pitch} m.")
+    if columns < 1 or rows < 1:
+        raise GeometryError(f"columns and rows must be at least 1; got {columns} and {rows}.")
+    if kind == "linear" and rows != 1:
+        raise GeometryError(f"a linear lattice has one row; got {rows}.")
+    row, column = np.divmod(np.arange(rows * columns), columns)
+    if kind == "hexagonal":
+        i = column - row // 2
+        x, y = pitch * (i + row / 2), pitch * math.sqrt(3) / 2 * row
+    elif kind in ("linear", "square"):
+        i = column
+        x, y = pitch * column.astype(np.float64), pitch * row.astype(np.float64)
+    else:
+        raise GeometryError(f"lattice must be linear, square or hexagonal; got {kind!r}.")
+    points = np.column_stack((x, y))
+    points -= 0.5 * (points.min(axis=0) + points.max(axis=0))
+    c, s = math.cos(direction), math.sin(direction)
+    return points @ np.array([[c, s], [-s, c]]), np.column_stack((i, row))

@@ -1,0 +1,356 @@
+"""A coil: one centre line a layer, joined in series by plated holes, with two terminals."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+
+from coilarray.errors import GeometryError
+from coilarray.geometry.spiral import Spiral
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PlatedHole:
+    """A drilled and plated hole with a round pad on every layer it reaches.
+
+    Parameters
+    ----------
+    drill : float
+        Diameter of the drilled hole in m (outer diameter of the copper barrel).
+    pad : float
+        Diameter of the pad in m, larger than `drill`.
+    plating : float
+        Thickness of the copper barrel in m, below half of `drill`.
+    """
+
+    drill: float
+    pad: float
+    plating: float = 25e-6
+
+    def __post_init__(self) -> None:
+        for name in ("drill", "pad", "plating"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0):
+                raise GeometryError(f"{name} of a hole must be positive and finite; got {value} m.")
+        if self.pad <= self.drill:
+            raise GeometryError(f"pad of a hole must be larger than its drill {self.drill} m; got {self.pad} m.")
+        if self.plating >= self.drill / 2:
+            raise GeometryError(f"plating must be below half the drill {self.drill} m; got {self.plating} m.")
+
+    @property
+    def annular_ring(self) -> float:
+        """Width of the copper ring around the hole in m."""
+        return (self.pad - self.drill) / 2
+
+    @property
+    def barrel_area(self) -> float:
+        """Conducting cross-section of the barrel in m²."""
+        return math.pi * self.plating * (self.drill - self.plating)
+
+    @property
+    def bar_width(self) -> float:
+        """Side in m of the square bar with the geometric mean distance of the barrel.
+
+        A thin tube of radius r has GMD r; a square of side a has GMD 0.447049 a (Grover 1946, ch. 3).
+        """
+        return (self.drill / 2) / 0.4470491559
+
+
+@dataclass(frozen=True)
+class Leads:
+    """The two leads that take a spiral's outer ends to its terminals.
+
+    Both leave the corner at 45° to either side and then run outwards.
+
+    Parameters
+    ----------
+    length : float
+        Radial distance in m from the winding's end to the terminals; at least half of `spacing`.
+    spacing : float
+        Distance in m between the two terminals.
+    terminal : PlatedHole
+        The hole that makes a terminal.
+    """
+
+    length: float
+    spacing: float
+    terminal: PlatedHole
+
+    def __post_init__(self) -> None:
+        for name in ("length", "spacing"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0):
+                raise GeometryError(f"{name} of the leads must be positive and finite; got {value} m.")
+        if self.length < self.spacing / 2:
+            raise GeometryError(
+                f"length of the leads must be at least half their spacing, {self.spacing / 2} m; got {self.length} m."
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class Coil:
+    """Centre lines of a coil in its own frame, in the direction of the current.
+
+    Parameters
+    ----------
+    lines : tuple of ndarray, each of shape (n, 2)
+        One centre line a layer, x and y in m, leads and the stubs to the vias included. Each begins where the one
+        before ended; a via stands there.
+    trace_width, gap : float
+        In m.
+    via : PlatedHole
+        The hole that joins consecutive layers.
+    terminal : PlatedHole or None
+        The hole at both ends of the path; None where the ends are bare.
+    outline : ndarray, shape (m, 2)
+        Closed outline of the winding without leads, x and y in m, first point not repeated.
+
+    Raises
+    ------
+    GeometryError
+        Fewer than two points in a line, a value that is not finite, a repeated point, or ends that do not meet.
+    """
+
+    lines: tuple[FloatArray, ...]
+    trace_width: float
+    gap: float
+    via: PlatedHole
+    terminal: PlatedHole | None
+    outline: FloatArray
+
+    def __post_init__(self) -> None:
+        for name in ("trace_width", "gap"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0):
+                raise GeometryError(f"{name} must be positive and finite; got {value} m.")
+        if not self.lines:
+            raise GeometryError("a coil must have at least one layer; got none.")
+        for layer, line in enumerate(self.lines):
+            if line.ndim != 2 or line.shape[1] != 2 or line.shape[0] < 2:
+                raise GeometryError(f"layer {layer} of a coil must be points of shape (n >= 2, 2); got {line.shape}.")
+            if not np.isfinite(line).all():
+                raise GeometryError(f"layer {layer} of a coil has a coordinate that is not finite.")
+            if (np.hypot(*np.diff(line, axis=0).T) <= 1e-12 * np.ptp(line)).any():
+                raise GeometryError(f"layer {layer} of a coil repeats a point.")
+            line.setflags(write=False)
+        for layer, (line, following) in enumerate(zip(self.lines, self.lines[1:], strict=False)):
+            apart = float(np.hypot(*(following[0] - line[-1])))
+            if apart > 1e-9:
+                raise GeometryError(
+                    f"layer {layer + 1} of a coil must begin where layer {layer} ends; "
+                    f"they are {apart * 1e3:g} mm apart."
+                )
+        self.outline.setflags(write=False)
+
+    @property
+    def via_points(self) -> FloatArray:
+        """Positions of the vias between consecutive layers, shape (layers − 1, 2), in m."""
+        return np.array([line[-1] for line in self.lines[:-1]]).reshape(-1, 2)
+
+    @property
+    def terminal_points(self) -> FloatArray:
+        """Positions of the first and last point of the path, shape (2, 2), in m."""
+        return np.array([self.lines[0][0], self.lines[-1][-1]])
+
+
+def spiral_coil(
+    spiral: Spiral,
+    winding_layers: int,
+    via: PlatedHole,
+    leads: Leads | None = None,
+    *,
+    return_lead: bool = False,
+) -> Coil:
+    """Wind a spiral on several layers in series.
+
+    Vias are moved off the winding's end, inwards or outwards along the corner's ray, by just as much as their pads
+    need to clear the neighbouring turn by the gap.
+
+    Parameters
+    ----------
+    spiral : Spiral
+        The winding of each layer.
+    winding_layers : int
+        Number of layers, at least 1. With an odd number the path ends inside.
+    via : PlatedHole
+        Joins consecutive layers.
+    leads : Leads, optional
+        Without them the path begins and ends at the winding's ends, with no terminal pads.
+    return_lead : bool
+        For an odd number of layers: one more layer carries a straight trace from the inner end out to the second
+        terminal. Needs `leads`.
+
+    Returns
+    -------
+    Coil
+
+    Raises
+    ------
+    GeometryError
+        No layer, or no room for a via inside the winding.
+
+    Examples
+    --------
+    >>> spiral = Spiral(6, 10e-3, 10, 0.15e-3, 0.15e-3)
+    >>> coil = spiral_coil(spiral, 2, PlatedHole(0.2e-3, 0.45e-3))
+    >>> len(coil.lines), coil.via_points.shape
+    (2, (1, 2))
+    """
+    if winding_layers < 1:
+        raise GeometryError(f"a coil must have at least one winding layer; got {winding_layers}.")
+    if return_lead and (winding_layers % 2 == 0 or leads is None):
+        raise GeometryError(
+            f"a return lead needs leads and an odd number of winding layers; got {winding_layers} "
+            f"{'without' if leads is None else 'with'} leads."
+        )
+    windings = [spiral.centre_line(layer) for layer in range(winding_layers)]
+    lines = list(windings)
+    for layer in range(winding_layers - 1):
+        inside = layer % 2 == 0
+        stub = _via_point(spiral, windings[layer], windings[layer + 1], via, inside=inside, leads=leads)
+        lines[layer] = np.vstack((lines[layer], stub))
+        lines[layer + 1] = np.vstack((stub, lines[layer + 1]))
+    if leads is not None:
+        sense = 1.0 if spiral.winding == "ccw" else -1.0
+        lines[0] = np.vstack((_lead(lines[0][0], leads, -sense)[::-1], lines[0]))
+        if winding_layers % 2 == 0:
+            lines[-1] = np.vstack((lines[-1], _lead(windings[-1][-1], leads, sense)))
+        elif return_lead:
+            stub = _via_point(spiral, windings[-1], windings[-1], via, inside=True, leads=leads)
+            lines[-1] = np.vstack((lines[-1], stub))
+            outer_end = windings[-1][0] if winding_layers == 1 else windings[-2][-1]
+            outer_end = outer_end * (_circumradius(spiral) / float(np.hypot(*outer_end)))
+            direction = stub / float(np.hypot(*stub))
+            corner = direction * float(np.hypot(*outer_end))
+            lines.append(np.vstack((stub, corner, _lead(corner, leads, sense))))
+        else:
+            stub = _via_point(spiral, windings[-1], windings[-1], leads.terminal, inside=True, leads=leads)
+            lines[-1] = np.vstack((lines[-1], stub))
+    return Coil(
+        lines=tuple(lines),
+        trace_width=spiral.trace_width,
+        gap=spiral.gap,
+        via=via,
+        terminal=None if leads is None else leads.terminal,
+        outline=spiral.outline(),
+    )
+
+
+def path_coil(
+    lines: Sequence[npt.ArrayLike], trace_width: float, gap: float, via: PlatedHole, terminal: PlatedHole | None = None
+) -> Coil:
+    """Make a coil of any shape from its centre lines, one a layer.
+
+    Parameters
+    ----------
+    lines : sequence of array_like, each of shape (n, 2)
+        x, y in m; each begins where the one before ended.
+    trace_width, gap : float
+        In m.
+    via : PlatedHole
+        Joins consecutive layers.
+    terminal : PlatedHole, optional
+        Hole at both ends.
+
+    Returns
+    -------
+    Coil
+        Its outline is the convex hull of the lines, half a trace wider.
+
+    Raises
+    ------
+    GeometryError
+        As `Coil`, and for a line that crosses itself.
+    """
+    arrays = tuple(np.array(line, dtype=np.float64) for line in lines)
+    for layer, line in enumerate(arrays):
+        if line.ndim == 2 and line.shape[1:] == (2,) and len(line) > 1 and np.isfinite(line).all():
+            _refuse_self_crossing(line, layer)
+    if not arrays:
+        raise GeometryError("a coil must have at least one layer; got none.")
+    good = [line for line in arrays if line.ndim == 2 and line.shape[1:] == (2,) and np.isfinite(line).all()]
+    hull = shapely.MultiPoint(np.vstack(good)).convex_hull.buffer(trace_width / 2) if good else shapely.Point(0, 0)
+    outline = np.array(hull.exterior.coords)[:-1] if isinstance(hull, shapely.Polygon) else np.zeros((0, 2))
+    return Coil(lines=arrays, trace_width=trace_width, gap=gap, via=via, terminal=terminal, outline=outline)
+
+
+def _refuse_self_crossing(line: FloatArray, layer: int) -> None:
+    """Raise where the polyline touches itself, naming the place."""
+    closed = bool(np.array_equal(line[0], line[-1]))
+    string = shapely.LineString(line)
+    if string.is_simple and not closed:
+        return
+    crossing = _first_crossing(line)
+    if crossing is not None:
+        i, j, point = crossing
+        raise GeometryError(
+            f"layer {layer} of a coil crosses itself: segments {i} and {j} meet at "
+            f"({point[0] * 1e3:.4g}, {point[1] * 1e3:.4g}) mm."
+        )
+    raise GeometryError(
+        f"layer {layer} of a coil must have two separate ends; it is closed at "
+        f"({line[0][0] * 1e3:.4g}, {line[0][1] * 1e3:.4g}) mm."
+    )
+
+
+def _first_crossing(line: FloatArray) -> tuple[int, int, FloatArray] | None:
+    segments = [shapely.LineString(pair) for pair in np.stack((line[:-1], line[1:]), axis=1)]
+    tree = shapely.STRtree(segments)
+    i, j = tree.query(segments, predicate="intersects")
+    last = len(segments) - 1
+    closed = bool(np.array_equal(line[0], line[-1]))
+    for a, b in sorted(zip(i.tolist(), j.tolist(), strict=True)):
+        if b - a < 1 or (closed and a == 0 and b == last):
+            continue
+        shared = shapely.intersection(segments[a], segments[b])
+        if b - a == 1 and shared.geom_type == "Point":
+            continue  # neighbours share their vertex
+        return a, b, np.array(shared.centroid.coords[0])
+    return None
+
+
+def _circumradius(spiral: Spiral) -> float:
+    """Radius in m of the first vertex of the outermost turn."""
+    return float(np.hypot(*spiral.centre_line(0)[0]))
+
+
+def _lead(end: FloatArray, leads: Leads, side: float) -> FloatArray:
+    """Knee and terminal of one lead, shape (2, 2); `side` +1 to the left seen outwards, −1 to the right."""
+    radial = end / float(np.hypot(*end))
+    tangent = np.array([-radial[1], radial[0]])
+    half = leads.spacing / 2
+    knee = end + half * (radial + side * tangent)
+    terminal = end + leads.length * radial + side * half * tangent
+    return np.array([terminal]) if np.allclose(knee, terminal, rtol=0, atol=1e-9) else np.array([knee, terminal])
+
+
+def _via_point(
+    spiral: Spiral, arriving: FloatArray, leaving: FloatArray, hole: PlatedHole, *, inside: bool, leads: Leads | None
+) -> FloatArray:
+    """Nearest point on the corner's ray where the pad clears every turn that is not joined to it by the gap."""
+    end = arriving[-1]
+    outwards = end / float(np.hypot(*end))
+    direction = -outwards if inside else outwards
+    needed = hole.pad / 2 + spiral.gap + spiral.trace_width / 2
+    obstacles = shapely.MultiLineString([arriving[:-1], leaving[1:] if leaving is not arriving else arriving[:-1]])
+    reach = float(np.hypot(*end)) if inside else 4 * needed
+    offsets = np.linspace(0.0, reach, 2001)
+    ray = shapely.points(end + offsets[:, None] * direction)
+    distance = shapely.distance(ray, obstacles)
+    if not inside and leads is not None:
+        # the first leads leave the corner at 45° on the outer layers, which a through hole reaches as well
+        distance = np.minimum(distance, offsets * math.sin(math.pi / 4))
+    clear = np.flatnonzero(distance >= needed)
+    if clear.size == 0:
+        raise GeometryError(
+            f"there is no room inside the winding for a pad of {hole.pad * 1e3:g} mm: "
+            f"the inner apothem is {spiral.inner_apothem * 1e3:.4g} mm."
+        )
+    return np.asarray(end + offsets[clear[0]] * direction)

@@ -1,0 +1,107 @@
+"""What the physics sees of a coil: one current path of straight bars."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from coilarray.errors import GeometryError
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Conductor:
+    """A current path of straight segments, each a rectangular bar from vertex to vertex.
+
+    The width lies in the x-y plane across the segment (for a vertical segment: along x), the thickness is
+    perpendicular to both. A width and thickness of zero mean a thin filament.
+
+    Parameters
+    ----------
+    vertices : array_like, shape (n + 1, 3)
+        In m, in the direction of the current; neighbours must differ.
+    widths, thicknesses : array_like, shape (n,) or scalar
+        Cross-section in m that sets the inductance; both zero or both positive.
+    areas : array_like, shape (n,) or scalar, optional
+        Conducting cross-section in m² that sets the resistance; width × thickness where not given.
+    name : str
+        Shown in messages and results.
+
+    Raises
+    ------
+    GeometryError
+        Fewer than two vertices, values that are not finite, a segment of length zero, a negative width, or a bar
+        with a width and no thickness.
+
+    Examples
+    --------
+    >>> wire = Conductor([[0, 0, 0], [1e-2, 0, 0]], 0.15e-3, 35e-6)
+    >>> wire.lengths
+    array([0.01])
+    """
+
+    vertices: FloatArray
+    widths: FloatArray
+    thicknesses: FloatArray
+    areas: FloatArray
+    name: str
+
+    def __init__(
+        self,
+        vertices: npt.ArrayLike,
+        widths: npt.ArrayLike = 0.0,
+        thicknesses: npt.ArrayLike = 0.0,
+        areas: npt.ArrayLike | None = None,
+        name: str = "path",
+    ) -> None:
+        try:
+            points = np.array(vertices, dtype=np.float64, order="C")
+        except (TypeError, ValueError):
+            raise GeometryError(f"vertices of {name} must be numbers of shape (n + 1, 3).") from None
+        if points.ndim != 2 or points.shape[1] != 3 or points.shape[0] < 2:
+            raise GeometryError(f"vertices of {name} must have shape (n + 1 >= 2, 3); got {points.shape}.")
+        if not np.isfinite(points).all():
+            raise GeometryError(f"vertices of {name} must be finite; vertex {_first_bad(points)} is not.")
+        n = len(points) - 1
+        lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
+        if (lengths <= 1e-13 * np.ptp(points)).any():
+            raise GeometryError(f"segment {int(np.argmin(lengths))} of {name} has length zero.")
+        given = {"widths": widths, "thicknesses": thicknesses}
+        if areas is not None:
+            given["areas"] = areas
+        sizes = {key: _per_segment(value, n, key, name) for key, value in given.items()}
+        if ((sizes["widths"] > 0) != (sizes["thicknesses"] > 0)).any():
+            raise GeometryError(f"widths and thicknesses of {name} must be both zero or both positive.")
+        if "areas" not in sizes:
+            sizes["areas"] = sizes["widths"] * sizes["thicknesses"]
+        for key, array in {"vertices": points, **sizes}.items():
+            array.setflags(write=False)
+            object.__setattr__(self, key, array)
+        object.__setattr__(self, "name", name)
+
+    @property
+    def lengths(self) -> FloatArray:
+        """Length of every segment in m, shape (n,)."""
+        return np.asarray(np.linalg.norm(np.diff(self.vertices, axis=0), axis=1))
+
+    @property
+    def is_filament(self) -> bool:
+        """True where any segment has no cross-section."""
+        return bool((self.widths == 0).any())
+
+
+def _first_bad(points: FloatArray) -> int:
+    return int(np.flatnonzero(~np.isfinite(points).all(axis=1))[0])
+
+
+def _per_segment(value: npt.ArrayLike, n: int, key: str, name: str) -> FloatArray:
+    try:
+        array = np.array(np.broadcast_to(np.asarray(value, dtype=np.float64), (n,)), order="C")
+    except (TypeError, ValueError):
+        raise GeometryError(f"{key} of {name} must be one number or {n}, one a segment; got {value!r}.") from None
+    if not (np.isfinite(array).all() and (array >= 0).all()):
+        raise GeometryError(f"{key} of {name} must be finite and not negative; got {array.min()}.")
+    return array

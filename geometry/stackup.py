@@ -1,0 +1,94 @@
+"""The layers of a board, top to bottom: copper, dielectric, copper, …, copper."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from coilarray.errors import GeometryError
+
+
+@dataclass(frozen=True)
+class Stackup:
+    """Copper layers and the dielectrics between them.
+
+    Heights are measured from the top face of the top copper layer (z = 0, where the elastomer lies) downwards, so
+    every layer has z < 0.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Names of the copper layers, top to bottom; all different.
+    copper_thickness : tuple of float
+        Thickness of each copper layer in m, same length as `names`.
+    dielectric_thickness : tuple of float
+        Thickness in m of the dielectric below each copper layer but the last; one shorter than `names`.
+    epsilon_r : tuple of float
+        Relative permittivity of each dielectric; one shorter than `names`.
+
+    Raises
+    ------
+    GeometryError
+        A length that does not fit, a repeated name, or a thickness or permittivity that is not allowed.
+
+    Examples
+    --------
+    >>> board = Stackup(("L1", "L2"), (35e-6, 35e-6), (0.2e-3,), (4.5,))
+    >>> round(board.centre("L2") * 1e3, 4)
+    -0.2525
+    """
+
+    names: tuple[str, ...]
+    copper_thickness: tuple[float, ...]
+    dielectric_thickness: tuple[float, ...]
+    epsilon_r: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        n = len(self.names)
+        if n == 0:
+            raise GeometryError("a stack-up must have at least one copper layer; got none.")
+        if len(set(self.names)) != n:
+            raise GeometryError(f"copper layer names must differ; got {', '.join(self.names)}.")
+        for what, values, expected in (
+            ("copper thicknesses", self.copper_thickness, n),
+            ("dielectric thicknesses", self.dielectric_thickness, n - 1),
+            ("dielectric permittivities", self.epsilon_r, n - 1),
+        ):
+            if len(values) != expected:
+                raise GeometryError(f"{n} copper layers need {expected} {what}; got {len(values)}.")
+        for thickness in (*self.copper_thickness, *self.dielectric_thickness):
+            if not (math.isfinite(thickness) and thickness > 0):
+                raise GeometryError(f"a layer thickness must be positive and finite; got {thickness} m.")
+        for epsilon in self.epsilon_r:
+            if not (math.isfinite(epsilon) and epsilon >= 1):
+                raise GeometryError(f"a relative permittivity must be at least 1; got {epsilon}.")
+
+    @property
+    def thickness(self) -> float:
+        """Total thickness of the board in m, copper included."""
+        return sum(self.copper_thickness) + sum(self.dielectric_thickness)
+
+    def index(self, name: str) -> int:
+        """Position of the copper layer `name`, 0 on top; GeometryError where there is none."""
+        try:
+            return self.names.index(name)
+        except ValueError:
+            raise GeometryError(
+                f"there is no copper layer {name!r}; the stack-up has {', '.join(self.names)}."
+            ) from None
+
+    def span(self, name: str) -> tuple[float, float]:
+        """Heights (z_bottom, z_top) in m of the copper layer `name`."""
+        i = self.index(name)
+        z_top = -sum(self.copper_thickness[:i]) - sum(self.dielectric_thickness[:i])
+        return z_top - self.copper_thickness[i], z_top
+
+    def centre(self, name: str) -> float:
+        """Height in m of the middle plane of the copper layer `name`."""
+        bottom, top = self.span(name)
+        return 0.5 * (bottom + top)
+
+    def between(self, first: str, last: str) -> tuple[str, ...]:
+        """Names of the copper layers from `first` to `last`, both included, top to bottom."""
+        i, j = sorted((self.index(first), self.index(last)))
+        return self.names[i : j + 1]
