@@ -1,0 +1,62 @@
+"""Split work into blocks and run them on threads.
+
+Kernels release the interpreter's lock, so plain threads use every core; numba's own threading layers are left alone
+because they abort when two Python threads meet in one parallel kernel (workqueue) or when a process forks (OpenMP).
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
+from typing import TypeVar
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+Progress = Callable[[int, int], None]
+"""Called with (done, total) as work goes on."""
+
+
+def cores() -> int:
+    """Return the number of processor cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def ranges(count: int, size: int) -> list[tuple[int, int]]:
+    """Cut 0..count into consecutive (start, stop) of at most `size`.
+
+    Examples
+    --------
+    >>> ranges(5, 2)
+    [(0, 2), (2, 4), (4, 5)]
+    """
+    return [(start, min(start + size, count)) for start in range(0, count, size)]
+
+
+def run_blocks(
+    work: Callable[[Item], Result], items: Iterable[Item], progress: Progress | None = None
+) -> Sequence[Result]:
+    """Apply `work` to every item on as many threads as there are cores; results come in the order of the items.
+
+    An exception in one block ends the whole run: blocks not yet begun are dropped and the exception is raised.
+    """
+    todo = list(items)
+    if not todo:
+        return []
+    done = 0
+    with ThreadPoolExecutor(max_workers=min(cores(), len(todo))) as pool:
+        futures = [pool.submit(work, item) for item in todo]
+        if progress is not None:
+            pending = set(futures)
+            while pending:
+                finished, pending = wait(pending, return_when=FIRST_EXCEPTION, timeout=0.2)
+                if any(future.exception() is not None for future in finished):
+                    break
+                done += len(finished)
+                progress(done, len(todo))
+        try:
+            return [future.result() for future in futures]
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise

@@ -1,0 +1,54 @@
+"""One way in for every function that takes coils: an array, conductors, or plain vertices."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from coilarray.errors import GeometryError
+from coilarray.geometry import CoilArray, Conductor
+
+Source: TypeAlias = CoilArray | Conductor | npt.NDArray[np.float64] | Sequence[Conductor | npt.ArrayLike]
+"""A `CoilArray`, one `Conductor`, one polyline of shape (n + 1, 3) in m, or a sequence of conductors or polylines."""
+
+
+def as_conductors(source: Source) -> tuple[Conductor, ...]:
+    """Return the current paths of anything that describes coils.
+
+    Parameters
+    ----------
+    source : CoilArray, Conductor, array_like of shape (n + 1, 3), or a sequence of conductors or such arrays
+        Polylines are in m; as plain arrays they are thin filaments.
+
+    Returns
+    -------
+    tuple of Conductor
+
+    Raises
+    ------
+    GeometryError
+        Nothing at all, or an array that is no polyline.
+
+    Examples
+    --------
+    >>> square = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 0]]
+    >>> len(as_conductors(np.array(square))), len(as_conductors([square, square]))
+    (1, 2)
+    """
+    if isinstance(source, CoilArray):
+        return source.conductors()
+    if isinstance(source, Conductor):
+        return (source,)
+    if isinstance(source, np.ndarray) and source.ndim == 2:
+        return (Conductor(source, name="path 1"),)
+    items = list(source)
+    if not items:
+        raise GeometryError("at least one current path is needed; got none.")
+    if not any(isinstance(item, Conductor) for item in items) and np.ndim(items[0]) == 1:
+        return (Conductor(np.asarray(items, dtype=np.float64), name="path 1"),)
+    return tuple(
+        item if isinstance(item, Conductor) else Conductor(item, name=f"path {k + 1}") for k, item in enumerate(items)
+    )

@@ -1,0 +1,343 @@
+"""Self and mutual inductance of current paths, and the coupling coefficients of an array."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from coilarray.blocks import Progress, cores, run_blocks
+from coilarray.conductors import Source, as_conductors
+from coilarray.constants import MU_0
+from coilarray.errors import GeometryError
+from coilarray.geometry import Conductor
+from coilarray.kernels.bars import bar_self, parallel_bars
+from coilarray.kernels.filaments import filament_pair
+from coilarray.kernels.paths import mutual_sum, own_mutual_sum
+
+FloatArray = npt.NDArray[np.float64]
+
+_SCALE = MU_0 / (4 * np.pi)
+_SAME_PLACE = 1e-12  # m; offsets and shapes that differ by less are the same pair
+
+OWN_REACH = 160.0
+"""Widths up to which the cross-section counts within one path (tests/test_inductance_convergence.py)."""
+MUTUAL_REACH = 40.0
+"""Widths up to which the cross-section counts between two paths (tests/test_inductance_convergence.py)."""
+
+
+def straight_filaments(p1: npt.ArrayLike, p2: npt.ArrayLike, q1: npt.ArrayLike, q2: npt.ArrayLike) -> float:
+    """Mutual inductance of two straight thin filaments in any position.
+
+    Parameters
+    ----------
+    p1, p2, q1, q2 : array_like, shape (3,)
+        Start and end of the first and the second filament in m.
+
+    Returns
+    -------
+    float
+        In H; the sign follows the directions.
+
+    Raises
+    ------
+    GeometryError
+        A filament of length zero, or two that run over each other on one line (infinite).
+
+    Notes
+    -----
+    Closed form of Campbell (Phys. Rev. 5, 452, 1915); Grover, Inductance Calculations (1946), ch. 7.
+
+    Examples
+    --------
+    >>> M = straight_filaments([0, 0, 0], [1, 0, 0], [0, 0.1, 0], [1, 0.1, 0])
+    >>> round(M * 1e9, 6)
+    418.647078
+    """
+    first, second = _filament(p1, p2, "first"), _filament(q1, q2, "second")
+    (l1,), (l2,) = first.lengths, second.lengths
+    u = (first.vertices[1] - first.vertices[0]) / l1
+    v = (second.vertices[1] - second.vertices[0]) / l2
+    integral = filament_pair(*first.vertices[0], *u, l1, *second.vertices[0], *v, l2)
+    if not np.isfinite(integral):
+        raise GeometryError("the two filaments run over each other on one line: their mutual inductance is infinite.")
+    return float(_SCALE * integral)
+
+
+def _filament(start: npt.ArrayLike, end: npt.ArrayLike, which: str) -> Conductor:
+    return Conductor(np.stack((np.asarray(start), np.asarray(end))), name=f"the {which} filament")
+
+
+def rectangular_bars(
+    size_1: tuple[float, float, float],
+    size_2: tuple[float, float, float] | None = None,
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> float:
+    """Partial inductance of two parallel rectangular bars, or of one bar, with uniform current density.
+
+    Parameters
+    ----------
+    size_1, size_2 : tuple of float
+        Length, width and thickness in m. Without `size_2` the self-inductance of the first bar.
+    offset : tuple of float
+        From the corner of the first bar to that of the second, along length, width and thickness, in m.
+
+    Returns
+    -------
+    float
+        In H.
+
+    Raises
+    ------
+    GeometryError
+        A size that is not positive and finite, or an offset that is not finite.
+
+    Notes
+    -----
+    The quantity of Hoer & Love, J. Res. NBS 69C, 127 (1965), to 1e-11 relative (their closed form loses about
+    (length/width)⁴ digits).
+
+    Examples
+    --------
+    >>> round(rectangular_bars((1.0, 0.1, 0.1)) * 1e9, 6)
+    570.425359
+    """
+    for size in (size_1, size_2 or size_1):
+        if not all(np.isfinite(value) and value > 0 for value in size):
+            raise GeometryError(f"length, width and thickness of a bar must be positive and finite; got {size}.")
+    if not np.isfinite(offset).all():
+        raise GeometryError(f"the offset between two bars must be finite; got {offset}.")
+    if size_2 is None:
+        return float(_SCALE * bar_self(*size_1))
+    along, across, up = offset
+    return float(_SCALE * parallel_bars(*size_1, *size_2, across, up, along))
+
+
+def self_inductance(source: Source) -> FloatArray:
+    """Self-inductance of every current path.
+
+    Parameters
+    ----------
+    source : CoilArray, Conductor, polyline or sequence of them
+        See `coilarray.conductors.as_conductors`. Every segment needs a cross-section.
+
+    Returns
+    -------
+    ndarray, shape (paths,)
+        In H.
+
+    Raises
+    ------
+    GeometryError
+        A thin filament: its self-inductance is infinite.
+    """
+    return np.diag(_matrix(as_conductors(source), own=True, mutual=False)).copy()
+
+
+def mutual_inductance(first: Source, second: Source) -> FloatArray:
+    """Mutual inductance between every path of one source and every path of another.
+
+    Parameters
+    ----------
+    first, second : CoilArray, Conductor, polyline or sequence of them
+        Thin filaments are allowed.
+
+    Returns
+    -------
+    ndarray, shape (paths of first, paths of second)
+        In H.
+
+    Raises
+    ------
+    GeometryError
+        Two thin filaments that run over each other on one line.
+
+    Examples
+    --------
+    >>> hexagon = [[np.cos(k * np.pi / 3), np.sin(k * np.pi / 3), 0] for k in range(7)]
+    >>> lifted = [[x, y, 0.1] for x, y, z in hexagon]
+    >>> round(float(mutual_inductance([hexagon], [lifted])[0, 0]) * 1e6, 4)
+    2.6301
+    """
+    a, b = as_conductors(first), as_conductors(second)
+    return _matrix(a + b, own=False, mutual=True)[: len(a), len(a) :]
+
+
+def inductance_matrix(source: Source, progress: Progress | None = None) -> FloatArray:
+    """Inductance matrix of the paths: L_ii on the diagonal, M_ij off it.
+
+    Parameters
+    ----------
+    source : CoilArray, Conductor, polyline or sequence of them
+        Every segment needs a cross-section. The current density is uniform in it (direct current).
+    progress : callable, optional
+        Called with (done, total) as the work goes on.
+
+    Returns
+    -------
+    ndarray, shape (paths, paths)
+        In H, symmetric. Positive M means that currents in the direction of the paths link the same way.
+
+    Raises
+    ------
+    GeometryError
+        A thin filament: its self-inductance is infinite.
+
+    Notes
+    -----
+    Neumann's integral averaged over the cross-sections. Pairs of equal shapes at equal offsets are computed once,
+    so identical coils on a lattice cost one evaluation a distinct offset. The rules are set for 1e-5 of L and a few
+    1e-6 of k; `tests/test_inductance_convergence.py` holds the study.
+
+    Examples
+    --------
+    >>> square = [[0, 0, 0], [1e-2, 0, 0], [1e-2, 1e-2, 0], [0, 1e-2, 0], [0, 1e-4, 0]]
+    >>> loop = Conductor(square, 0.15e-3, 35e-6)
+    >>> round(float(inductance_matrix(loop)[0, 0]) * 1e9, 2)
+    34.42
+    """
+    return _matrix(as_conductors(source), own=True, mutual=True, progress=progress)
+
+
+def coupling_matrix(inductance: npt.ArrayLike) -> FloatArray:
+    """Coupling coefficients k_ij = M_ij/√(L_i L_j) of an inductance matrix.
+
+    Parameters
+    ----------
+    inductance : array_like, shape (n, n)
+        In H, symmetric with a positive diagonal.
+
+    Returns
+    -------
+    ndarray, shape (n, n)
+        Dimensionless, ones on the diagonal.
+
+    Raises
+    ------
+    ValueError
+        A matrix that is not square or has a diagonal entry that is not positive.
+
+    Examples
+    --------
+    >>> coupling_matrix([[4e-6, 1e-6], [1e-6, 1e-6]])
+    array([[1. , 0.5],
+           [0.5, 1. ]])
+    """
+    L = np.asarray(inductance, dtype=np.float64)
+    if L.ndim != 2 or L.shape[0] != L.shape[1]:
+        raise ValueError(f"an inductance matrix must be square; got shape {L.shape}.")
+    diagonal = np.diag(L)
+    if not (diagonal > 0).all():
+        raise ValueError(f"every self-inductance must be positive; got {diagonal.min()} H.")
+    root = np.sqrt(diagonal)
+    k = L / np.outer(root, root)
+    np.fill_diagonal(k, 1.0)
+    return np.asarray(k)
+
+
+@dataclass(frozen=True, eq=False)
+class _Shape:
+    """The segment table of a path that starts at the origin, shared by all its copies."""
+
+    table: FloatArray
+    is_filament: bool
+
+
+def _segment_table(conductor: Conductor) -> FloatArray:
+    """Rows of `coilarray.kernels.paths`, the first vertex moved to the origin."""
+    vertices = conductor.vertices - conductor.vertices[0]
+    steps = np.diff(vertices, axis=0)
+    length = np.linalg.norm(steps, axis=1)
+    u = steps / length[:, None]
+    lateral = np.column_stack((-u[:, 1], u[:, 0], np.zeros(len(u))))
+    across = np.linalg.norm(lateral, axis=1)
+    vertical = across < 1e-9
+    lateral[vertical], across[vertical] = (1.0, 0.0, 0.0), 1.0
+    lateral /= across[:, None]
+    return np.ascontiguousarray(
+        np.column_stack((vertices[:-1], u, length, lateral, conductor.widths, conductor.thicknesses))
+    )
+
+
+def _shapes(conductors: tuple[Conductor, ...]) -> tuple[list[_Shape], list[int], FloatArray]:
+    """Distinct shapes, the shape of every path, and the paths' starting points."""
+    shapes: list[_Shape] = []
+    known: dict[bytes, int] = {}
+    of_path: list[int] = []
+    for conductor in conductors:
+        table = _segment_table(conductor)
+        columns = np.column_stack((table[:, :3], table[:, 6:7], table[:, 10:12]))
+        end = conductor.vertices[-1] - conductor.vertices[0]
+        key = np.round(np.append(columns.ravel(), end) / _SAME_PLACE).astype(np.int64).tobytes()
+        if key not in known:
+            known[key] = len(shapes)
+            shapes.append(_Shape(table, conductor.is_filament))
+        of_path.append(known[key])
+    return shapes, of_path, np.array([conductor.vertices[0] for conductor in conductors])
+
+
+def _matrix(
+    conductors: tuple[Conductor, ...], *, own: bool, mutual: bool, progress: Progress | None = None
+) -> FloatArray:
+    if own:
+        for conductor in conductors:
+            if conductor.is_filament:
+                raise GeometryError(
+                    f"{conductor.name} has segments without a cross-section: the self-inductance of a thin filament "
+                    "is infinite; give widths and thicknesses."
+                )
+    shapes, of_path, origin = _shapes(conductors)
+    n = len(conductors)
+    # every distinct (shape, shape, offset) once; M(i, j, d) = M(j, i, −d)
+    pairs: dict[tuple[int, int, int, int, int], list[tuple[int, int]]] = {}
+    shifts: dict[tuple[int, int, int, int, int], FloatArray] = {}
+    for i in range(n):
+        for j in range(i if own else i + 1, n if mutual else i + 1):
+            a, b, shift = of_path[i], of_path[j], origin[j] - origin[i]
+            x, y, z = np.round(shift / _SAME_PLACE).astype(np.int64).tolist()
+            if (b, a, -x, -y, -z) < (a, b, x, y, z):
+                a, b, x, y, z, shift = b, a, -x, -y, -z, -shift
+            pairs.setdefault((a, b, x, y, z), []).append((i, j))
+            shifts.setdefault((a, b, x, y, z), shift)
+    blocks = []
+    for key in pairs:
+        rows = len(shapes[key[0]].table)
+        parts = min(rows, 8 if len(pairs) < 4 * cores() else 1)
+        blocks += [(key, start, stop) for start, stop in _row_ranges(rows, parts)]
+    sums = run_blocks(lambda block: _block_sum(shapes, shifts, *block), blocks, progress)
+    totals = dict.fromkeys(pairs, 0.0)
+    for (key, _, _), part in zip(blocks, sums, strict=True):
+        totals[key] += part
+    L = np.zeros((n, n))
+    for key, places in pairs.items():
+        for i, j in places:
+            L[i, j] = L[j, i] = _SCALE * totals[key]
+    if not np.isfinite(L).all():
+        i, j = np.argwhere(~np.isfinite(L))[0].tolist()
+        raise GeometryError(
+            f"{conductors[i].name} and {conductors[j].name} run over each other on one line: "
+            "the mutual inductance of thin filaments is infinite there."
+        )
+    return L
+
+
+def _row_ranges(rows: int, parts: int) -> list[tuple[int, int]]:
+    edges = np.linspace(0, rows, parts + 1).round().astype(int).tolist()
+    return list(itertools.pairwise(edges))
+
+
+def _block_sum(
+    shapes: list[_Shape],
+    shifts: dict[tuple[int, int, int, int, int], FloatArray],
+    key: tuple[int, int, int, int, int],
+    start: int,
+    stop: int,
+) -> float:
+    a, b = shapes[key[0]].table, shapes[key[1]].table
+    if key[0] == key[1] and key[2:] == (0, 0, 0):
+        total = own_mutual_sum(a, start, stop, OWN_REACH, 0)
+        sizes, counts = np.unique(np.round(a[start:stop, [6, 10, 11]], 15), axis=0, return_counts=True)
+        return float(total + sum(c * bar_self(*size) for size, c in zip(sizes, counts, strict=True)))
+    return float(mutual_sum(a, b, shifts[key], start, stop, MUTUAL_REACH, 0))

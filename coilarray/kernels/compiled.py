@@ -1,0 +1,20 @@
+"""The one decorator of every kernel."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
+
+from numba import njit
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def kernel(function: Function) -> Function:
+    """Compile a kernel on first use and keep the machine code on disk.
+
+    Division by zero gives an infinity as in NumPy, a·b + c may use one rounding, and the interpreter's lock is
+    released. numba renews the stored code when the kernel's own file changes, not when a kernel it calls does:
+    after editing one, delete ``coilarray/kernels/__pycache__``.
+    """
+    return cast(Function, njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})(function))

@@ -1,0 +1,214 @@
+"""Neumann's double integral ∬ dl·dl'/R of two straight filaments, in closed form and by quadrature.
+
+Mutual inductance is µ0/4π times these numbers, which are in metres. The skew form is Campbell's (Phys. Rev. 5, 452,
+1915) as in Grover, Inductance Calculations (1946), ch. 7, with the logarithms written by distances to the ends.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from coilarray.kernels.compiled import kernel
+
+FloatArray = npt.NDArray[np.float64]
+
+PARALLEL_SIN2 = 1e-8
+"""Below this sin² of the angle the skew form loses digits like 1e-16/sin and the panel rule takes over."""
+COLLINEAR = 1e-13
+"""Distance between parallel lines, as a fraction of the lengths, below which they count as one line."""
+
+_GAUSS_12 = np.polynomial.legendre.leggauss(12)
+_NODES, _WEIGHTS = np.ascontiguousarray(_GAUSS_12[0]), np.ascontiguousarray(_GAUSS_12[1])
+
+
+@kernel
+def _second_integral(z: float, rho: float) -> float:
+    """Give z asinh(z/ρ) − √(z² + ρ²): the second antiderivative of 1/√(z² + ρ²); ρ = 0 leaves out the part that cancels."""
+    if rho > 0.0:
+        return z * math.asinh(z / rho) - math.sqrt(z * z + rho * rho)
+    if z == 0.0:
+        return 0.0
+    return abs(z) * math.log(abs(z)) - abs(z)
+
+
+@kernel
+def parallel_filaments(rho: float, offset: float, length_1: float, length_2: float) -> float:
+    """∬ dz dz'/R of two filaments along z, [0, length_1] and [offset, offset + length_2], a distance `rho` apart."""
+    return (
+        _second_integral(offset + length_2, rho)
+        - _second_integral(offset, rho)
+        - _second_integral(offset + length_2 - length_1, rho)
+        + _second_integral(offset - length_1, rho)
+    )
+
+
+@kernel
+def _line_potential(r1: float, r2: float, length: float) -> float:
+    """∫ dl/R along a segment at a point with the distances r1, r2 from its ends."""
+    total = r1 + r2
+    gap = total - length
+    smallest = 1e-16 * total
+    return math.log((total + length) / (gap if gap > smallest else smallest))
+
+
+@kernel
+def _distance(ax: float, ay: float, az: float, bx: float, by: float, bz: float) -> float:
+    return math.sqrt((ax - bx) * (ax - bx) + (ay - by) * (ay - by) + (az - bz) * (az - bz))
+
+
+@kernel
+def _panels(p0: FloatArray, p1: FloatArray, length_1: float, q0: FloatArray, v: FloatArray, length_2: float) -> float:
+    """∬ dl dl'/R for nearly parallel filaments: closed inner integral, outer Gauss rule on graded panels.
+
+    The inner integral varies on the scale of the distance where the outer point passes an end of the inner filament;
+    the panels halve towards these two places.
+    """
+    edges = np.empty(260)
+    count = 0
+    edges[count] = 0.0
+    count += 1
+    edges[count] = length_2
+    count += 1
+    for end in range(2):
+        ex = p0[0] if end == 0 else p1[0]
+        ey = p0[1] if end == 0 else p1[1]
+        ez = p0[2] if end == 0 else p1[2]
+        at = (ex - q0[0]) * v[0] + (ey - q0[1]) * v[1] + (ez - q0[2]) * v[2]
+        at = min(max(at, 0.0), length_2)
+        rho = _distance(ex, ey, ez, q0[0] + at * v[0], q0[1] + at * v[1], q0[2] + at * v[2])
+        edges[count] = at
+        count += 1
+        step = max(rho, 1e-15 * length_2)
+        while step < length_2:
+            if at - step > 0.0:
+                edges[count] = at - step
+                count += 1
+            if at + step < length_2:
+                edges[count] = at + step
+                count += 1
+            step *= 2.0
+    ordered = np.sort(edges[:count])
+    total = 0.0
+    for k in range(count - 1):
+        half = 0.5 * (ordered[k + 1] - ordered[k])
+        if half <= 0.0:
+            continue
+        middle = 0.5 * (ordered[k + 1] + ordered[k])
+        for g in range(_NODES.shape[0]):
+            t = middle + half * _NODES[g]
+            x, y, z = q0[0] + t * v[0], q0[1] + t * v[1], q0[2] + t * v[2]
+            r1 = _distance(x, y, z, p0[0], p0[1], p0[2])
+            r2 = _distance(x, y, z, p1[0], p1[1], p1[2])
+            total += half * _WEIGHTS[g] * _line_potential(r1, r2, length_1)
+    return total
+
+
+@kernel
+def filament_pair(
+    p0x: float, p0y: float, p0z: float, ux: float, uy: float, uz: float, length_1: float,
+    q0x: float, q0y: float, q0z: float, vx: float, vy: float, vz: float, length_2: float,
+) -> float:  # fmt: skip
+    """∬ dl·dl'/R of the filaments p0 + s u, 0 ≤ s ≤ length_1, and q0 + t v, 0 ≤ t ≤ length_2 (u, v unit vectors).
+
+    Infinite where the two run over each other on one line.
+    """
+    cosine = ux * vx + uy * vy + uz * vz
+    wx = uy * vz - uz * vy
+    wy = uz * vx - ux * vz
+    wz = ux * vy - uy * vx
+    sine2 = wx * wx + wy * wy + wz * wz
+    dx, dy, dz = q0x - p0x, q0y - p0y, q0z - p0z
+    if sine2 < PARALLEL_SIN2:
+        return _nearly_parallel(p0x, p0y, p0z, ux, uy, uz, length_1, q0x, q0y, q0z, vx, vy, vz, length_2, cosine, sine2)
+    # feet of the common perpendicular, measured along u from p0 and along v from q0
+    cx = dy * vz - dz * vy
+    cy = dz * vx - dx * vz
+    cz = dx * vy - dy * vx
+    foot_1 = (cx * wx + cy * wy + cz * wz) / sine2
+    cx = dy * uz - dz * uy
+    cy = dz * ux - dx * uz
+    cz = dx * uy - dy * ux
+    foot_2 = (cx * wx + cy * wy + cz * wz) / sine2
+    sine = math.sqrt(sine2)
+    height = abs(dx * wx + dy * wy + dz * wz) / sine
+    a1, a2 = -foot_1, length_1 - foot_1
+    b1, b2 = -foot_2, length_2 - foot_2
+    p1x, p1y, p1z = p0x + length_1 * ux, p0y + length_1 * uy, p0z + length_1 * uz
+    q1x, q1y, q1z = q0x + length_2 * vx, q0y + length_2 * vy, q0z + length_2 * vz
+    r11 = _distance(p0x, p0y, p0z, q0x, q0y, q0z)
+    r12 = _distance(p0x, p0y, p0z, q1x, q1y, q1z)
+    r21 = _distance(p1x, p1y, p1z, q0x, q0y, q0z)
+    r22 = _distance(p1x, p1y, p1z, q1x, q1y, q1z)
+    total = (
+        a2 * _line_potential(r21, r22, length_2)
+        - a1 * _line_potential(r11, r12, length_2)
+        + b2 * _line_potential(r12, r22, length_1)
+        - b1 * _line_potential(r11, r21, length_1)
+    )
+    if height > COLLINEAR * (length_1 + length_2):
+        h2c = height * height * cosine
+        hs = height * sine
+        angle = (
+            math.atan2(h2c + a2 * b2 * sine2, hs * r22)
+            - math.atan2(h2c + a2 * b1 * sine2, hs * r21)
+            - math.atan2(h2c + a1 * b2 * sine2, hs * r12)
+            + math.atan2(h2c + a1 * b1 * sine2, hs * r11)
+        )
+        total -= height / sine * angle
+    return cosine * total
+
+
+@kernel
+def _nearly_parallel(
+    p0x: float, p0y: float, p0z: float, ux: float, uy: float, uz: float, length_1: float,
+    q0x: float, q0y: float, q0z: float, vx: float, vy: float, vz: float, length_2: float,
+    cosine: float, sine2: float,
+) -> float:  # fmt: skip
+    sign = 1.0
+    if cosine < 0.0:  # turn the second filament round
+        q0x, q0y, q0z = q0x + length_2 * vx, q0y + length_2 * vy, q0z + length_2 * vz
+        vx, vy, vz = -vx, -vy, -vz
+        sign = -1.0
+    dx, dy, dz = q0x - p0x, q0y - p0y, q0z - p0z
+    offset = dx * ux + dy * uy + dz * uz
+    ex, ey, ez = dx - offset * ux, dy - offset * uy, dz - offset * uz
+    rho = math.sqrt(ex * ex + ey * ey + ez * ez)
+    extent = length_1 + length_2
+    if sine2 * extent * extent < COLLINEAR * COLLINEAR * max(rho * rho, COLLINEAR * extent * extent):
+        if rho < COLLINEAR * extent:
+            overlap = min(length_1, offset + length_2) - max(0.0, offset)
+            if overlap > COLLINEAR * extent:
+                return sign * math.inf
+            return sign * parallel_filaments(0.0, offset, length_1, length_2)
+        return sign * parallel_filaments(rho, offset, length_1, length_2)
+    p0 = np.array([p0x, p0y, p0z])
+    p1 = np.array([p0x + length_1 * ux, p0y + length_1 * uy, p0z + length_1 * uz])
+    return sign * abs(cosine) * _panels(p0, p1, length_1, np.array([q0x, q0y, q0z]), np.array([vx, vy, vz]), length_2)
+
+
+@kernel
+def filament_pair_far(
+    p0x: float, p0y: float, p0z: float, ux: float, uy: float, uz: float, length_1: float,
+    q0x: float, q0y: float, q0z: float, vx: float, vy: float, vz: float, length_2: float,
+    nodes: FloatArray, weights: FloatArray,
+) -> float:  # fmt: skip
+    """`filament_pair` by a Gauss rule on [−1, 1] along both; for filaments farther apart than they are long."""
+    cosine = ux * vx + uy * vy + uz * vz
+    h1, h2 = 0.5 * length_1, 0.5 * length_2
+    dx = q0x + h2 * vx - p0x - h1 * ux
+    dy = q0y + h2 * vy - p0y - h1 * uy
+    dz = q0z + h2 * vz - p0z - h1 * uz
+    total = 0.0
+    for i in range(nodes.shape[0]):
+        s = h1 * nodes[i]
+        ex, ey, ez = dx - s * ux, dy - s * uy, dz - s * uz
+        inner = 0.0
+        for j in range(nodes.shape[0]):
+            t = h2 * nodes[j]
+            rx, ry, rz = ex + t * vx, ey + t * vy, ez + t * vz
+            inner += weights[j] / math.sqrt(rx * rx + ry * ry + rz * rz)
+        total += weights[i] * inner
+    return cosine * h1 * h2 * total
