@@ -1,1 +1,89 @@
-"""Planar coil arrays: geometry, inductance and coupling matrices, grounded neighbours, reports."""
+"""Planar coil arrays: from a short design file to geometry, inductance, coupling and a report.
+
+The names below are loaded when they are first used, so that ``import coilarray`` stays quick. Everything takes and
+returns SI units.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from coilarray.circuit import active_coil, resonance
+    from coilarray.coupling import couple, couple_design
+    from coilarray.design import Design, load_design, parse_design
+    from coilarray.errors import CoilarrayError, DesignError, GeometryError, RuleViolationError
+    from coilarray.field import grid_points, magnetic_field, vector_potential
+    from coilarray.geometry import CoilArray, Conductor
+    from coilarray.inductance import (
+        coupling_matrix,
+        inductance_matrix,
+        mutual_inductance,
+        rectangular_bars,
+        self_inductance,
+        straight_filaments,
+    )
+    from coilarray.near_field import operating_currents, operating_field
+    from coilarray.report import write_report
+    from coilarray.resistance import dc_resistance
+
+__all__ = [
+    "CoilArray",
+    "CoilarrayError",
+    "Conductor",
+    "Design",
+    "DesignError",
+    "GeometryError",
+    "RuleViolationError",
+    "active_coil",
+    "couple",
+    "couple_design",
+    "coupling_matrix",
+    "dc_resistance",
+    "grid_points",
+    "inductance_matrix",
+    "load_design",
+    "magnetic_field",
+    "mutual_inductance",
+    "operating_currents",
+    "operating_field",
+    "parse_design",
+    "rectangular_bars",
+    "resonance",
+    "self_inductance",
+    "straight_filaments",
+    "vector_potential",
+    "write_report",
+]
+
+_HOME = {
+    "circuit": ("active_coil", "resonance"),
+    "coupling": ("couple", "couple_design"),
+    "design": ("Design", "load_design", "parse_design"),
+    "errors": ("CoilarrayError", "DesignError", "GeometryError", "RuleViolationError"),
+    "field": ("grid_points", "magnetic_field", "vector_potential"),
+    "geometry": ("CoilArray", "Conductor"),
+    "inductance": (
+        "coupling_matrix",
+        "inductance_matrix",
+        "mutual_inductance",
+        "rectangular_bars",
+        "self_inductance",
+        "straight_filaments",
+    ),
+    "near_field": ("operating_currents", "operating_field"),
+    "report": ("write_report",),
+    "resistance": ("dc_resistance",),
+}
+_MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
+
+
+def __getattr__(name: str) -> object:
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(f"coilarray.{_MODULE_OF[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -17,9 +17,6 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
-
-from coilarray.inductance import coupling_matrix
 
 FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
@@ -29,6 +26,18 @@ Termination = Literal["short", "open"]
 
 _FREQUENCY_STEPS = 50
 _FREQUENCY_TOLERANCE = 1e-14
+
+
+def all_open(count: int) -> tuple[Termination, ...]:
+    """Return the terminations of `count` coils that are all open."""
+    one: tuple[Termination] = ("open",)
+    return one * count
+
+
+def all_shorted(count: int) -> tuple[Termination, ...]:
+    """Return the terminations of `count` coils that are all shorted to ground."""
+    one: tuple[Termination] = ("short",)
+    return one * count
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +112,7 @@ def active_coil(
     >>> round(result.effective_inductance * 1e6, 6)  # L (1 − k²)
     1.5
     """
-    L, R = _checked(inductance, resistance)
+    L, R = checked_network(inductance, resistance)
     n = len(L)
     states = ["short"] * n if terminations is None else list(terminations)
     if len(states) != n or not set(states) <= {"short", "open"}:
@@ -162,7 +171,7 @@ def resonance(
     """
     if not (math.isfinite(capacitance) and capacitance > 0):
         raise ValueError(f"capacitance must be positive and finite; got {capacitance} F.")
-    L, R = _checked(inductance, resistance)
+    L, R = checked_network(inductance, resistance)
     if not 0 <= active < len(L):
         raise ValueError(f"the active coil must be 0 to {len(L) - 1}; got {active}.")
     frequency = 1 / (2 * math.pi * math.sqrt(L[active, active] * capacitance))
@@ -175,88 +184,14 @@ def resonance(
     raise RuntimeError(f"the resonance of coil {active} did not converge in {_FREQUENCY_STEPS} steps.")
 
 
-def couple(
-    names: Sequence[str],
-    inductance: npt.ArrayLike,
-    resistance: npt.ArrayLike,
-    capacitance: float,
-    terminations: Sequence[Termination] | None = None,
-    short_resistance: float = 0.0,
-) -> xr.Dataset:
-    """Make each coil active in turn, the others closed by their terminations.
-
-    Parameters
-    ----------
-    names : sequence of str, length n
-        Of the coils.
-    inductance : array_like, shape (n, n)
-        In H.
-    resistance : array_like, shape (n,) or scalar
-        In Ω.
-    capacitance : float
-        Of the tank in F.
-    terminations : sequence of {"short", "open"}, length n, optional
-        Of each coil while it is passive; all shorted by default (the plan of Gast & Zimmermann 2020).
-    short_resistance : float
-        In Ω.
-
-    Returns
-    -------
-    xarray.Dataset
-        Dimensions ``coil`` (the active one) and ``other``. In SI, units in the attributes: ``inductance``,
-        ``coupling``, ``current_real`` and ``current_imag`` (A per A), ``contribution`` to L_eff (coil, other);
-        ``resistance``, ``open_inductance``, ``effective_inductance``, ``inductance_change`` (relative),
-        ``effective_resistance``, ``quality_factor``, ``open_frequency``, ``frequency`` (coil); and the
-        coils' ``termination``.
+def checked_network(inductance: npt.ArrayLike, resistance: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Return an inductance matrix, shape (n, n) in H, and resistances, shape (n,) in Ω, that can belong together.
 
     Raises
     ------
     ValueError
-        As `resonance`.
+        Shapes that do not fit, values that are not finite, a diagonal that is not positive, a negative resistance.
     """
-    L, R = _checked(inductance, resistance)
-    n = len(names)
-    if L.shape != (n, n):
-        raise ValueError(f"{n} names need an inductance matrix of shape ({n}, {n}); got {L.shape}.")
-    states: tuple[Termination, ...] = tuple(terminations) if terminations is not None else ("short",) * n
-    nothing: tuple[Termination, ...] = ("open",) * n
-    solved = [resonance(L, R, a, capacitance, states, short_resistance) for a in range(n)]
-    alone = [resonance(L, R, a, capacitance, nothing) for a in range(n)]
-    effective = np.array([state.effective_inductance for state in solved])
-    own = np.diag(L).copy()
-    effective_resistance = np.array([state.effective_resistance for state in solved])
-    frequency = np.array([state.frequency for state in solved])
-    currents = np.array([state.currents for state in solved])
-    with np.errstate(divide="ignore"):
-        quality = 2 * np.pi * frequency * effective / effective_resistance
-    pair, single = ("coil", "other"), ("coil",)
-    return xr.Dataset(
-        {
-            "inductance": (pair, L, {"units": "H", "long_name": "inductance matrix"}),
-            "coupling": (pair, coupling_matrix(L), {"units": "1", "long_name": "coupling coefficient"}),
-            "resistance": (single, R, {"units": "ohm", "long_name": "DC resistance"}),
-            "open_inductance": (single, own, {"units": "H", "long_name": "inductance, all other coils open"}),
-            "effective_inductance": (single, effective, {"units": "H", "long_name": "inductance as terminated"}),
-            "inductance_change": (single, effective / own - 1, {"units": "1", "long_name": "L_eff/L - 1"}),
-            "effective_resistance": (single, effective_resistance, {"units": "ohm", "long_name": "R as terminated"}),
-            "quality_factor": (single, quality, {"units": "1", "long_name": "Q from DC resistances"}),
-            "open_frequency": (
-                single, np.array([s.frequency for s in alone]), {"units": "Hz", "long_name": "resonance, others open"}
-            ),
-            "frequency": (single, frequency, {"units": "Hz", "long_name": "resonance as terminated"}),
-            "current_real": (pair, currents.real, {"units": "A/A", "long_name": "in-phase current of each coil"}),
-            "current_imag": (pair, currents.imag, {"units": "A/A", "long_name": "quadrature current of each coil"}),
-            "contribution": (
-                pair, np.array([s.contributions for s in solved]), {"units": "H", "long_name": "part in L_eff - L"}
-            ),
-            "termination": (single, np.array(states, dtype=object), {"long_name": "state while passive"}),
-        },
-        coords={"coil": list(names), "other": list(names)},
-        attrs={"capacitance_F": capacitance, "short_resistance_ohm": short_resistance},
-    )  # fmt: skip
-
-
-def _checked(inductance: npt.ArrayLike, resistance: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
     L = np.asarray(inductance, dtype=np.float64)
     if L.ndim != 2 or L.shape[0] != L.shape[1] or not L.size:
         raise ValueError(f"an inductance matrix must be square; got shape {L.shape}.")

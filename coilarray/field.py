@@ -90,7 +90,7 @@ def vector_potential(
     return _evaluate(add_vector_potential, source, points, currents, progress)
 
 
-def plane_points(x: npt.ArrayLike, y: npt.ArrayLike, z: npt.ArrayLike) -> FloatArray:
+def grid_points(x: npt.ArrayLike, y: npt.ArrayLike, z: npt.ArrayLike) -> FloatArray:
     """Points of a rectangular grid.
 
     Parameters

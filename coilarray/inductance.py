@@ -60,7 +60,8 @@ def straight_filaments(p1: npt.ArrayLike, p2: npt.ArrayLike, q1: npt.ArrayLike, 
     (l1,), (l2,) = first.lengths, second.lengths
     u = (first.vertices[1] - first.vertices[0]) / l1
     v = (second.vertices[1] - second.vertices[0]) / l2
-    integral = filament_pair(*first.vertices[0], *u, l1, *second.vertices[0], *v, l2)
+    arguments = [*first.vertices[0], *u, l1, *second.vertices[0], *v, l2]
+    integral = filament_pair(*arguments)
     if not np.isfinite(integral):
         raise GeometryError("the two filaments run over each other on one line: their mutual inductance is infinite.")
     return float(_SCALE * integral)
@@ -188,8 +189,7 @@ def inductance_matrix(source: Source, progress: Progress | None = None) -> Float
     Notes
     -----
     Neumann's integral averaged over the cross-sections. Pairs of equal shapes at equal offsets are computed once,
-    so identical coils on a lattice cost one evaluation a distinct offset. The rules are set for 1e-5 of L and a few
-    1e-6 of k; `tests/test_inductance_convergence.py` holds the study.
+    so identical coils on a lattice cost one evaluation a distinct offset. The rules are set for 1e-6 of L and of k; `tests/test_inductance_convergence.py` holds the study.
 
     Examples
     --------
@@ -337,6 +337,8 @@ def _block_sum(
 ) -> float:
     a, b = shapes[key[0]].table, shapes[key[1]].table
     if key[0] == key[1] and key[2:] == (0, 0, 0):
+        if shapes[key[0]].is_filament:
+            return np.inf
         total = own_mutual_sum(a, start, stop, OWN_REACH, 0)
         sizes, counts = np.unique(np.round(a[start:stop, [6, 10, 11]], 15), axis=0, return_counts=True)
         return float(total + sum(c * bar_self(*size) for size, c in zip(sizes, counts, strict=True)))

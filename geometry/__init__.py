@@ -3,7 +3,10 @@
 from coilarray.geometry.array import CoilArray, Placement, lattice
 from coilarray.geometry.coil import Coil, Leads, PlatedHole, path_coil, spiral_coil
 from coilarray.geometry.conductor import Conductor
+from coilarray.geometry.copper import CopperFeature, Drill, board_outline, copper_features, drills, layer_copper
+from coilarray.geometry.rules import FabRules, Margin, check_rules, require_rules
 from coilarray.geometry.sheet import Sheet
+from coilarray.geometry.solids import solids
 from coilarray.geometry.spiral import Spiral, apothem_from_size
 from coilarray.geometry.stackup import Stackup
 
@@ -11,14 +14,25 @@ __all__ = [
     "Coil",
     "CoilArray",
     "Conductor",
+    "CopperFeature",
+    "Drill",
+    "FabRules",
     "Leads",
+    "Margin",
     "Placement",
     "PlatedHole",
     "Sheet",
     "Spiral",
     "Stackup",
     "apothem_from_size",
+    "board_outline",
+    "check_rules",
+    "copper_features",
+    "drills",
     "lattice",
+    "layer_copper",
     "path_coil",
+    "require_rules",
+    "solids",
     "spiral_coil",
 ]

@@ -171,7 +171,8 @@ def spiral_coil(
     """Wind a spiral on several layers in series.
 
     Vias are moved off the winding's end, inwards or outwards along the corner's ray, by just as much as their pads
-    need to clear the neighbouring turn by the gap.
+    need to clear the windings and leads of every layer by the gap, so that they may be drilled through the whole
+    board. Where several vias belong to one corner they spread to both sides of the ray.
 
     Parameters
     ----------
@@ -211,28 +212,35 @@ def spiral_coil(
             f"{'without' if leads is None else 'with'} leads."
         )
     windings = [spiral.centre_line(layer) for layer in range(winding_layers)]
-    lines = list(windings)
-    for layer in range(winding_layers - 1):
-        inside = layer % 2 == 0
-        stub = _via_point(spiral, windings[layer], windings[layer + 1], via, inside=inside, leads=leads)
-        lines[layer] = np.vstack((lines[layer], stub))
-        lines[layer + 1] = np.vstack((stub, lines[layer + 1]))
+    sense = 1.0 if spiral.winding == "ccw" else -1.0
+    last = winding_layers - 1
+    ends_inside = winding_layers % 2 == 1
+    first_lead = last_lead = np.zeros((0, 2))
     if leads is not None:
-        sense = 1.0 if spiral.winding == "ccw" else -1.0
-        lines[0] = np.vstack((_lead(lines[0][0], leads, -sense)[::-1], lines[0]))
-        if winding_layers % 2 == 0:
-            lines[-1] = np.vstack((lines[-1], _lead(windings[-1][-1], leads, sense)))
-        elif return_lead:
-            stub = _via_point(spiral, windings[-1], windings[-1], via, inside=True, leads=leads)
-            lines[-1] = np.vstack((lines[-1], stub))
-            outer_end = windings[-1][0] if winding_layers == 1 else windings[-2][-1]
-            outer_end = outer_end * (_circumradius(spiral) / float(np.hypot(*outer_end)))
-            direction = stub / float(np.hypot(*stub))
-            corner = direction * float(np.hypot(*outer_end))
-            lines.append(np.vstack((stub, corner, _lead(corner, leads, sense))))
-        else:
-            stub = _via_point(spiral, windings[-1], windings[-1], leads.terminal, inside=True, leads=leads)
-            lines[-1] = np.vstack((lines[-1], stub))
+        first_lead = _lead(windings[0][0], leads, -sense)
+        if return_lead:
+            inner_end = windings[last][-1]
+            corner = inner_end * float(np.hypot(*windings[0][0]) / np.hypot(*inner_end))
+            last_lead = np.vstack((corner, _lead(corner, leads, sense)))
+        elif not ends_inside:
+            last_lead = _lead(windings[last][-1], leads, sense)
+
+    # the hole at the end of each layer: every layer but the last, and the last where it ends inside at a hole
+    pads = [via.pad] * last
+    if leads is not None and ends_inside:
+        pads.append(via.pad if return_lead else leads.terminal.pad)
+    holes = _hole_points(spiral, windings, pads, leads, first_lead, last_lead)
+
+    lines = list(windings)
+    for layer, hole in enumerate(holes):
+        lines[layer] = np.vstack((lines[layer], hole))
+        if layer < last:
+            lines[layer + 1] = np.vstack((hole, lines[layer + 1]))
+    lines[0] = np.vstack((first_lead[::-1], lines[0]))
+    if return_lead:
+        lines.append(np.vstack((holes[last], last_lead)))
+    else:
+        lines[last] = np.vstack((lines[last], last_lead))
     return Coil(
         lines=tuple(lines),
         trace_width=spiral.trace_width,
@@ -316,11 +324,6 @@ def _first_crossing(line: FloatArray) -> tuple[int, int, FloatArray] | None:
     return None
 
 
-def _circumradius(spiral: Spiral) -> float:
-    """Radius in m of the first vertex of the outermost turn."""
-    return float(np.hypot(*spiral.centre_line(0)[0]))
-
-
 def _lead(end: FloatArray, leads: Leads, side: float) -> FloatArray:
     """Knee and terminal of one lead, shape (2, 2); `side` +1 to the left seen outwards, −1 to the right."""
     radial = end / float(np.hypot(*end))
@@ -331,26 +334,108 @@ def _lead(end: FloatArray, leads: Leads, side: float) -> FloatArray:
     return np.array([terminal]) if np.allclose(knee, terminal, rtol=0, atol=1e-9) else np.array([knee, terminal])
 
 
-def _via_point(
-    spiral: Spiral, arriving: FloatArray, leaving: FloatArray, hole: PlatedHole, *, inside: bool, leads: Leads | None
+def _hole_points(
+    spiral: Spiral,
+    windings: Sequence[FloatArray],
+    pads: Sequence[float],
+    leads: Leads | None,
+    first_lead: FloatArray,
+    last_lead: FloatArray,
+) -> list[FloatArray]:
+    """Places of the holes at the ends of the first `len(pads)` layers.
+
+    A hole may be drilled through the whole board, so its pad has to clear the windings, leads and holes of every
+    layer. Holes that belong to the same corner are spread like a fan.
+    """
+    lines = [*windings]
+    fixed: list[tuple[FloatArray, float]] = []  # holes already placed: point and pad
+    if leads is not None:
+        lines.append(np.vstack((windings[0][:1], first_lead)))
+        fixed.append((first_lead[-1], leads.terminal.pad))
+        if len(last_lead):
+            before = windings[-1][-1:] if len(windings) % 2 == 0 else last_lead[:0]
+            lines.append(np.vstack((before, last_lead)))
+            fixed.append((last_lead[-1], leads.terminal.pad))
+    corners: dict[tuple[bool, int], list[int]] = {}
+    for layer in range(len(pads)):
+        corners.setdefault((layer % 2 == 0, (layer + 1) * spiral.steps % spiral.sides), []).append(layer)
+    points: dict[int, FloatArray] = {}
+    for (inside, _), layers in corners.items():
+        end = windings[layers[0]][-1]
+        sizes = np.array([pads[layer] for layer in layers])
+        for layer, point in zip(layers, _fan(spiral, end, sizes, lines, fixed, inside=inside), strict=True):
+            points[layer] = point
+            fixed.append((point, pads[layer]))
+            lines.append(np.stack((end, point)))
+    return [points[layer] for layer in range(len(pads))]
+
+
+def _fan(
+    spiral: Spiral,
+    end: FloatArray,
+    pads: FloatArray,
+    lines: Sequence[FloatArray],
+    fixed: Sequence[tuple[FloatArray, float]],
+    *,
+    inside: bool,
 ) -> FloatArray:
-    """Nearest point on the corner's ray where the pad clears every turn that is not joined to it by the gap."""
-    end = arriving[-1]
+    """Nearest points on rays from `end` where the pads clear all other copper and one another by the gap.
+
+    Parameters
+    ----------
+    spiral : Spiral
+        Gives trace width and gap.
+    end : ndarray, shape (2,)
+        Corner where the windings end, in m.
+    pads : ndarray, shape (m,)
+        Diameters of the pads in m.
+    lines : sequence of ndarray, each of shape (n, 2)
+        Centre lines to be cleared, in m.
+    fixed : sequence of (ndarray of shape (2,), float)
+        Holes to be cleared: point and pad diameter in m.
+    inside : bool
+        Whether the rays run towards the centre.
+
+    Returns
+    -------
+    ndarray, shape (m, 2)
+        In m.
+    """
+    m = len(pads)
     outwards = end / float(np.hypot(*end))
     direction = -outwards if inside else outwards
-    needed = hole.pad / 2 + spiral.gap + spiral.trace_width / 2
-    obstacles = shapely.MultiLineString([arriving[:-1], leaving[1:] if leaving is not arriving else arriving[:-1]])
-    reach = float(np.hypot(*end)) if inside else 4 * needed
-    offsets = np.linspace(0.0, reach, 2001)
-    ray = shapely.points(end + offsets[:, None] * direction)
-    distance = shapely.distance(ray, obstacles)
-    if not inside and leads is not None:
-        # the first leads leave the corner at 45° on the outer layers, which a through hole reaches as well
-        distance = np.minimum(distance, offsets * math.sin(math.pi / 4))
-    clear = np.flatnonzero(distance >= needed)
-    if clear.size == 0:
-        raise GeometryError(
-            f"there is no room inside the winding for a pad of {hole.pad * 1e3:g} mm: "
-            f"the inner apothem is {spiral.inner_apothem * 1e3:.4g} mm."
+    across = np.array([-direction[1], direction[0]])
+    clear_of_trace = pads / 2 + spiral.gap + spiral.trace_width / 2
+    reach = float(np.hypot(*end)) if inside else 4 * m * float(clear_of_trace.max())
+    distance = np.linspace(0.0, reach, 2001 if m == 1 else 401)[1:]
+    obstacles = shapely.MultiLineString(list(lines))
+    shapely.prepare(obstacles)
+    # no stub leaves at less than 45° to the side of a circle
+    openings = [0.0] if m == 1 else np.radians(np.linspace(4.0, min(60.0, 90.0 / (m - 1)), 29)).tolist()
+    best = math.inf
+    found: FloatArray | None = None
+    for opening in openings:
+        angle = opening * (np.arange(m) - (m - 1) / 2)
+        rays = np.cos(angle)[:, None] * direction + np.sin(angle)[:, None] * across
+        reachable = distance[distance < best]
+        points = end + reachable[:, None, None] * rays
+        near = [shapely.dwithin(shapely.points(points[:, i]), obstacles, float(clear_of_trace[i])) for i in range(m)]
+        clear = ~np.column_stack(near)
+        for centre, pad in fixed:
+            clear &= np.hypot(*np.moveaxis(points - centre, -1, 0)) >= (pads + pad) / 2 + spiral.gap
+        free = clear.all(axis=1)
+        for i in range(m - 1):  # neighbours in the fan: pad beside pad, and either pad beside the other's stub
+            free &= 2 * reachable * math.sin(opening / 2) >= (pads[i] + pads[i + 1]) / 2 + spiral.gap
+            free &= reachable * math.sin(opening) >= max(clear_of_trace[i], clear_of_trace[i + 1])
+        if free.any():
+            first = int(np.argmax(free))
+            best, found = float(reachable[first]), points[first]
+    if found is None:
+        where = (
+            f"inside the winding, whose inner apothem is {spiral.inner_apothem * 1e3:.4g} mm"
+            if inside
+            else "outside the winding, beside the leads"
         )
-    return np.asarray(end + offsets[clear[0]] * direction)
+        pads_mm = " and ".join(f"{pad * 1e3:g} mm" for pad in pads)
+        raise GeometryError(f"there is no room for a pad of {pads_mm} {where}.")
+    return found

@@ -26,7 +26,7 @@ _NODES, _WEIGHTS = np.ascontiguousarray(_GAUSS_12[0]), np.ascontiguousarray(_GAU
 
 @kernel
 def _second_integral(z: float, rho: float) -> float:
-    """Give z asinh(z/ρ) − √(z² + ρ²): the second antiderivative of 1/√(z² + ρ²); ρ = 0 leaves out the part that cancels."""
+    """Give z asinh(z/ρ) − √(z² + ρ²), the second antiderivative of 1/√(z² + ρ²); for ρ = 0 less what cancels."""
     if rho > 0.0:
         return z * math.asinh(z / rho) - math.sqrt(z * z + rho * rho)
     if z == 0.0:

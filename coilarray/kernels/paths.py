@@ -6,7 +6,7 @@ width (10), thickness (11). Each pair of bars is the mean of filament pairs over
 * far apart against the cross-section: the centre lines;
 * parallel: the lateral offset of the two filaments has a triangular density (equal widths), integrated by a Gauss
   rule on each half with as many nodes as the nearest singularity demands; bars that nearly touch go to `bars`;
-* at an angle: Gauss rules across both widths.
+* at an angle: Gauss rules across both widths, and more where they meet in a corner.
 
 A filament pair is the closed form near and a Gauss rule along both where the distance exceeds twice the length.
 """
@@ -28,6 +28,8 @@ MAX_NODES = 16
 """Largest Gauss rule in the tables."""
 NODE_PAIR = 12.0
 """Beyond this many widths two nodes with the variance of the cross-section suffice for parallel bars."""
+THICK = 6.0
+"""Beyond this many widths the thickness of bars at an angle does not count."""
 TOUCHING = 0.5
 """Bars at an angle and nearer than this many widths are taken to meet."""
 PARALLEL_SIN2 = 4e-4
@@ -141,21 +143,31 @@ def _parallel_pair(
 def _angled_pair(
     a: FloatArray, b: FloatArray, distance: float, qx: float, qy: float, qz: float, nodes: int, extra: int
 ) -> float:
-    """Mean over the widths of two bars at an angle, or parallel ones of different size."""
+    """Mean over the cross-sections of two bars at an angle, or parallel ones of different size."""
     size = max(a[10], b[10])
     if distance < TOUCHING * size:
         return _touching_pair(a, b, qx, qy, qz, nodes, extra)
-    n = min((2 if distance > 3.0 * size else 3) + extra, MAX_NODES)
+    log_rho = _log_bernstein(1.0 + 2.0 * distance / size, 0.0)
+    n = min((math.ceil(-_LOG_TOLERANCE / (2.0 * log_rho))) + extra, MAX_NODES)
+    # two nodes with the variance of the difference of two offsets across the thickness, or one where it is too thin
+    half = math.sqrt((a[11] * a[11] + b[11] * b[11]) / 12.0) if distance < THICK * size else 0.0
+    mx, my, mz = a[4] * a[9] - a[5] * a[8], a[5] * a[7] - a[3] * a[9], a[3] * a[8] - a[4] * a[7]
     total = 0.0
     for k in range(n):
         s = 0.5 * a[10] * _NODES[n, k]
         px, py, pz = a[0] + s * a[7], a[1] + s * a[8], a[2] + s * a[9]
         for m in range(n):
             t = 0.5 * b[10] * _NODES[n, m]
-            total += (
-                0.25 * _WEIGHTS[n, k] * _WEIGHTS[n, m]
-                * _filaments(a, b, px, py, pz, qx + t * b[7], qy + t * b[8], qz + t * b[9], nodes)
-            )  # fmt: skip
+            rx, ry, rz = qx + t * b[7], qy + t * b[8], qz + t * b[9]
+            weight = 0.25 * _WEIGHTS[n, k] * _WEIGHTS[n, m]
+            if half == 0.0:
+                total += weight * _filaments(a, b, px, py, pz, rx, ry, rz, nodes)
+            else:
+                for sign in (-1.0, 1.0):
+                    h = sign * half
+                    total += (
+                        0.5 * weight * _filaments(a, b, px, py, pz, rx + h * mx, ry + h * my, rz + h * mz, nodes)
+                    )
     return total
 
 
@@ -166,8 +178,8 @@ def _touching_pair(a: FloatArray, b: FloatArray, qx: float, qy: float, qz: float
     The integrand has a kink where the two filaments meet end to end, at equal lateral offsets, so the second width
     is cut there; the thickness rounds the kink off and enters by its triangular offset density.
     """
-    n = min(4 + extra, MAX_NODES)
-    n_z = min(2 + extra, MAX_NODES)
+    n = min(5 + extra, MAX_NODES)
+    n_z = min(3 + extra, MAX_NODES)
     thickness = 0.5 * (a[11] + b[11])
     mx, my, mz = a[4] * a[9] - a[5] * a[8], a[5] * a[7] - a[3] * a[9], a[3] * a[8] - a[4] * a[7]
     same = 1.0 if a[3] * b[3] + a[4] * b[4] + a[5] * b[5] > 0.0 else -1.0

@@ -1,0 +1,121 @@
+"""``coilarray field``."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from coilarray.cli.shared import AllowViolations, AsJson, DesignArgument, open_design, print_json, progress_bar
+from coilarray.errors import GeometryError, OutputError
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+    import xarray as xr
+
+_SUFFIXES = (".nc", ".vtr")
+_MOST_POINTS = 20_000_000  # 24 bytes a point and array; more needs more memory than a desk computer has to spare
+
+
+def field(
+    design: DesignArgument = None,
+    coil: Annotated[str | None, typer.Option(help="Coil that carries the current; the middle one by default.")] = None,
+    z_mm: Annotated[
+        str | None,
+        typer.Option("--z-mm", help="Height above the board, or FROM:TO for a volume; the design's plane by default."),
+    ] = None,
+    spacing_mm: Annotated[float, typer.Option("--spacing-mm", help="Distance of the points.")] = 0.5,
+    current_mA: Annotated[float, typer.Option("--current-mA", help="Current in the coil.")] = 1.0,
+    others_open: Annotated[bool, typer.Option("--others-open", help="All other coils open.")] = False,
+    out: Annotated[Path, typer.Option("--out", "-o", help="File to write: .nc (netCDF) or .vtr (ParaView).")] = Path(
+        "field.nc"
+    ),
+    as_json: AsJson = False,
+    allow_violations: AllowViolations = False,
+) -> None:
+    """Compute B over the board on a plane or in a volume and write it as netCDF or VTK.
+
+    Example: coilarray field gast2020 --coil coil3 --z-mm 1:9 --out field.vtr
+    """
+    if out.suffix not in _SUFFIXES:
+        raise OutputError(f"--out must end in {' or '.join(_SUFFIXES)}; got {out}.")
+    if not (math.isfinite(spacing_mm) and spacing_mm > 0):
+        raise GeometryError(f"--spacing-mm must be positive and finite; got {spacing_mm}.")
+    if not math.isfinite(current_mA):
+        raise GeometryError(f"--current-mA must be finite; got {current_mA}.")
+    heights = None if z_mm is None else _heights(z_mm)
+    from coilarray.coupling import couple_design
+    from coilarray.near_field import operating_field
+
+    opened = open_design(design, allow_violations=allow_violations)
+    names = opened.array.names
+    active = names[(len(names) - 1) // 2] if coil is None else coil
+    if active not in names:
+        raise GeometryError(f"--coil must be one of {', '.join(names)}; got {active}.")
+    x_min, y_min, x_max, y_max = opened.array.bounds
+    step = spacing_mm * 1e-3
+    low, high = (opened.field_height, opened.field_height) if heights is None else heights
+    axes = (_axis(x_min, x_max, step), _axis(y_min, y_max, step), _axis(low, high, step))
+    count = math.prod(len(axis) for axis in axes)
+    if count > _MOST_POINTS:
+        raise GeometryError(
+            f"--spacing-mm {spacing_mm} gives {count} points; at most {_MOST_POINTS} are allowed: widen the spacing."
+        )
+    coupling = couple_design(opened)
+    with progress_bar(f"field at {count} points") as progress:
+        result = operating_field(
+            opened,
+            coupling,
+            active,
+            *axes,
+            current=current_mA * 1e-3,
+            terminated=not others_open,
+            progress=progress,
+        )
+    _save(result, out)
+    peak = abs(result.B.sel(component="z")).max().item()
+    if as_json:
+        print_json(
+            {
+                "file": str(out), "design": opened.name, "design_hash": opened.digest, "coil": active,
+                "others": "open" if others_open else "as terminated", "current_A": current_mA * 1e-3,
+                "shape": [len(axis) for axis in axes], "peak_Bz_T": peak,
+            }
+        )  # fmt: skip
+    else:
+        shape = " × ".join(str(len(axis)) for axis in axes)
+        typer.echo(f"wrote {out}: {shape} points, {active} active, largest |B_z| {peak * 1e6:.4g} µT")
+
+
+def _heights(text: str) -> tuple[float, float]:
+    parts = text.split(":")
+    try:
+        values = [float(part) * 1e-3 for part in parts]
+    except ValueError:
+        values = []
+    if len(values) not in (1, 2) or not all(map(math.isfinite, values)) or values != sorted(values):
+        raise GeometryError(f"--z-mm must be a number or FROM:TO with FROM below TO; got {text!r}.")
+    return values[0], values[-1]
+
+
+def _axis(low: float, high: float, step: float) -> npt.NDArray[np.float64]:
+    """Points from low to high, at most a step apart."""
+    import numpy as np
+
+    return np.linspace(low, high, math.ceil((high - low) / step * (1 - 1e-12)) + 1)
+
+
+def _save(result: xr.Dataset, path: Path) -> None:
+    if path.suffix == ".nc":
+        from coilarray.report.write import save_dataset
+
+        save_dataset(result, path)
+        return
+    from coilarray.files import write_atomically
+    from coilarray.viz import field_grid
+
+    grid = field_grid(result.x.values, result.y.values, result.z.values, result.B.values)
+    write_atomically(path, grid.save)

@@ -1,0 +1,80 @@
+"""The program ``coilarray``: commands in, exit codes out."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+
+import typer
+
+from coilarray.cli import check, field, init, matrix, report, view
+from coilarray.errors import CoilarrayError
+
+_BAD_INPUT = 2
+_INTERRUPTED = 130
+
+app = typer.Typer(
+    name="coilarray",
+    help="Planar coil arrays: from a design file to geometry, coupling and a report.\n\nStart with: coilarray report",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+)
+app.command("report")(report.report)
+app.command("init")(init.init)
+app.command("check")(check.check)
+app.command("matrix")(matrix.matrix)
+app.command("field")(field.field)
+app.command("view")(view.view)
+
+
+@app.callback(invoke_without_command=True)
+def _root(version: bool = typer.Option(False, "--version", help="Print the version and leave.")) -> None:
+    if version:
+        from importlib import metadata
+
+        typer.echo(f"coilarray {metadata.version('coilarray')}")
+        raise typer.Exit
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a command line and return its exit code.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        Arguments without the program's name; those of the process by default.
+
+    Returns
+    -------
+    int
+        0 done; 2 bad input, with one line on standard error; 130 interrupted. An error that is ours, not the
+        user's, keeps its traceback.
+    """
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    try:
+        code = app(arguments, prog_name="coilarray", standalone_mode=False)
+    except CoilarrayError as error:
+        return _refuse(str(error))
+    except (KeyboardInterrupt, typer.Abort):
+        typer.echo("coilarray: interrupted", err=True)
+        return _INTERRUPTED
+    except Exception as error:
+        # typer brings its own copy of click in some versions; both kinds of usage error have this method
+        format_message = getattr(error, "format_message", None)
+        if format_message is None:
+            raise
+        hint = f" (try: coilarray {arguments[0]} --help)" if arguments[:1] and arguments[0][:1] != "-" else ""
+        return _refuse(f"{' '.join(format_message().split())}{hint}") if format_message() else _BAD_INPUT
+    return code if isinstance(code, int) else 0
+
+
+def run() -> None:
+    """Entry point of the installed program."""
+    sys.exit(main())
+
+
+def _refuse(message: str) -> int:
+    typer.echo(f"coilarray: error: {message}", err=True)
+    return _BAD_INPUT

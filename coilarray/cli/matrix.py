@@ -1,0 +1,74 @@
+"""``coilarray matrix``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from coilarray.cli.shared import AllowViolations, AsJson, DesignArgument, open_design, print_json, progress_bar
+from coilarray.errors import OutputError
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+
+def matrix(
+    design: DesignArgument = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Also write a file: .nc (everything) or .csv (pairs).")
+    ] = None,
+    as_json: AsJson = False,
+    allow_violations: AllowViolations = False,
+) -> None:
+    """Print the inductance matrix and the coupling coefficients of a design.
+
+    Example: coilarray matrix gast2020 --json
+    """
+    if out is not None and out.suffix not in (".nc", ".csv"):
+        raise OutputError(f"--out must end in .nc or .csv; got {out}.")
+    from coilarray.coupling import couple_design
+    from coilarray.files import write_text
+    from coilarray.report.tables import coil_table, pair_table
+    from coilarray.report.write import save_dataset
+
+    opened = open_design(design, allow_violations=allow_violations)
+    with progress_bar("inductance matrix") as progress:
+        coupling = couple_design(opened, progress)
+    if out is not None:
+        if out.suffix == ".nc":
+            save_dataset(coupling, out)
+        else:
+            write_text(out, pair_table(coupling).csv())
+    if as_json:
+        print_json(
+            {
+                "design": opened.name,
+                "design_hash": opened.digest,
+                "names": coupling.coil.values.tolist(),
+                "inductance_H": coupling.inductance.values.tolist(),
+                "coupling": coupling.coupling.values.tolist(),
+                "coils": coil_table(opened, coupling).records(),
+                "pairs": pair_table(coupling).records(),
+            }
+        )
+        return
+    names = coupling.coil.values.tolist()
+    _print("L and M (µH)", names, coupling.inductance.values * 1e6, 4)
+    _print("k", names, coupling.coupling.values, 5)
+    if out is not None:
+        typer.echo(f"wrote {out}")
+
+
+def _print(title: str, names: list[str], values: npt.NDArray[np.float64], digits: int) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(title=title, title_justify="left", show_edge=False, pad_edge=False)
+    for header in ("", *names):
+        table.add_column(header, justify="right")
+    for name, row in zip(names, values.tolist(), strict=True):
+        table.add_row(name, *(f"{value:.{digits}f}" for value in row))
+    Console(soft_wrap=True, highlight=False).print(table)

@@ -1,0 +1,61 @@
+"""Arguments and habits that every command shares."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from coilarray.blocks import Progress
+    from coilarray.design import Design
+
+DesignArgument = Annotated[
+    str | None,
+    typer.Argument(metavar="[DESIGN]", help="Design file (TOML) or name of a bundled design; gast2020 by default."),
+]
+AllowViolations = Annotated[
+    bool, typer.Option("--allow-violations", help="Go on with a design that breaks a fabrication rule.")
+]
+AsJson = Annotated[bool, typer.Option("--json", help="Print the numbers as JSON in SI units, and nothing else.")]
+
+
+def open_design(name: str | None, *, allow_violations: bool) -> Design:
+    """Read a design and refuse it where it breaks a fabrication rule.
+
+    Raises
+    ------
+    DesignError, RuleViolationError
+        As `coilarray.load_design` and `coilarray.geometry.require_rules`.
+    """
+    from coilarray.design import load_design
+    from coilarray.geometry import require_rules
+
+    design = load_design(name)
+    if not allow_violations:
+        require_rules(design.array, design.rules)
+    return design
+
+
+def print_json(data: Any) -> None:
+    """Print a value as JSON; a number that is not finite is an error of ours, never NaN in the output."""
+    typer.echo(json.dumps(data, indent=1, allow_nan=False))
+
+
+@contextmanager
+def progress_bar(text: str) -> Iterator[Progress]:
+    """Show a progress bar on standard error while the block runs; none where that is no terminal."""
+    from rich.console import Console
+    from rich.progress import Progress as Bar
+
+    console = Console(stderr=True)
+    with Bar(console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task(text, total=None)
+
+        def update(done: int, total: int) -> None:
+            bar.update(task, completed=done, total=total)
+
+        yield update

@@ -1,0 +1,204 @@
+"""Design files: TOML with units in the key names, read into frozen values in SI."""
+
+from __future__ import annotations
+
+import difflib
+import hashlib
+import json
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import ValidationError
+
+from coilarray import designs
+from coilarray.errors import DesignError, GeometryError
+from coilarray.geometry import Coil, CoilArray, FabRules, Sheet
+from coilarray.schema import Document, first_error
+
+
+@dataclass(frozen=True)
+class Circuit:
+    """What the coils are connected to.
+
+    Parameters
+    ----------
+    capacitance : float
+        Of the tank in F.
+    short_resistance : float
+        Of the path that grounds a passive coil in Ω.
+    resistivity : float
+        Of the copper in Ω·m.
+    terminations : tuple of {"short", "open"}
+        State of each coil while another one is measured.
+    """
+
+    capacitance: float
+    short_resistance: float
+    resistivity: float
+    terminations: tuple[Literal["short", "open"], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """A design file, read and checked.
+
+    Parameters
+    ----------
+    name, title, source : str
+        As in the file.
+    array : CoilArray
+        The coils on their board.
+    sheets : tuple of Sheet
+        Elastomer on top of the board, upwards.
+    circuit : Circuit
+        Terminations and tank.
+    rules : FabRules
+        Limits of the board house.
+    field_height : float
+        Height in m of the plane on which reports show the field.
+    values : mapping of str to object
+        Every value by its dotted key, defaults included, in the units of the keys.
+    given : frozenset of str
+        Keys that stand in the file; the others have their default.
+    assumed : mapping of str to str
+        Keys whose values are assumed, with the reason.
+    digest : str
+        SHA-256 of all values that enter a result, hexadecimal: equal for equal designs whatever their comments.
+    """
+
+    name: str
+    title: str
+    source: str
+    array: CoilArray
+    sheets: tuple[Sheet, ...]
+    circuit: Circuit
+    rules: FabRules
+    field_height: float
+    values: Mapping[str, object]
+    given: frozenset[str]
+    assumed: Mapping[str, str]
+    digest: str
+
+
+def load_design(name_or_path: str | Path | None = None) -> Design:
+    """Read a design.
+
+    Parameters
+    ----------
+    name_or_path : str or Path, optional
+        A TOML file, or the name of a bundled design; the bundled ``gast2020`` by default.
+
+    Returns
+    -------
+    Design
+
+    Raises
+    ------
+    DesignError
+        An unreadable file, wrong TOML, an unknown key, a value that is not allowed, or an impossible geometry: one
+        line that names the file, the key, what was given and what is allowed.
+
+    Examples
+    --------
+    >>> load_design("gast2020").array.names
+    ('coil1', 'coil2', 'coil3', 'coil4', 'coil5', 'coil6')
+    """
+    given = designs.STARTER if name_or_path is None else str(name_or_path)
+    path = Path(given)
+    if given in designs.names() and not path.is_file():
+        return parse_design(designs.read(given), origin=given)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise DesignError(
+            f"there is no design file {given}, nor a bundled design of that name ({', '.join(designs.names())})."
+        ) from None
+    except UnicodeDecodeError:
+        raise DesignError(f"{given} is no text file in UTF-8.") from None
+    except OSError as error:
+        raise DesignError(f"cannot read {given}: {error.strerror}.") from None
+    return parse_design(text, origin=given)
+
+
+def parse_design(text: str, origin: str = "design") -> Design:
+    """Read a design from the text of a TOML file; `origin` names it in messages. See `load_design`."""
+    try:
+        document = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise DesignError(f"{origin}: not valid TOML: {error}.") from None
+    try:
+        parsed = Document.model_validate(document)
+    except ValidationError as error:
+        raise DesignError(f"{origin}: {first_error(error, document)}") from None
+    try:
+        return _build(parsed, document)
+    except GeometryError as error:
+        raise DesignError(f"{origin}: {error}") from None
+    except DesignError as error:
+        raise DesignError(f"{origin}: {error}") from None
+
+
+def _build(parsed: Document, document: Mapping[str, Any]) -> Design:
+    coils: dict[str, Coil] = {}
+    for name, table in parsed.coils.items():
+        try:
+            coils[name] = table.build()
+        except GeometryError as error:
+            raise DesignError(f"coils.{name}: {error}") from None
+    array = CoilArray(
+        parsed.stackup.build(),
+        tuple(parsed.array.build(coils)),
+        board_margin=parsed.board.margin_mm * 1e-3,
+        through_holes=parsed.board.through_holes,
+    )
+    values = _flatten(parsed.model_dump(by_alias=True, exclude={"assumed"}, exclude_none=True))
+    for key in parsed.assumed:
+        if key not in values:
+            raise DesignError(f"assumed.{key!r} names no value of the design{_meant(key, values)}.")
+    circuit = parsed.circuit
+    for coil in circuit.terminations:
+        if coil not in array.names:
+            raise DesignError(f"circuit.terminations.{coil} names no coil; there are {', '.join(array.names)}.")
+    entering = {key: value for key, value in values.items() if key not in ("title", "source")}
+    return Design(
+        name=parsed.name,
+        title=parsed.title or parsed.name,
+        source=parsed.source,
+        array=array,
+        sheets=tuple(sheet.build() for sheet in parsed.elastomer),
+        circuit=Circuit(
+            circuit.capacitance_pF * 1e-12,
+            circuit.short_resistance_ohm,
+            circuit.resistivity_ohm_m,
+            tuple(circuit.terminations.get(name, circuit.default_termination) for name in array.names),
+        ),
+        rules=parsed.rules.build(),
+        field_height=parsed.field.height_mm * 1e-3,
+        values=values,
+        given=frozenset(_flatten(document)),
+        assumed=dict(parsed.assumed),
+        digest=hashlib.sha256(json.dumps(entering, sort_keys=True).encode()).hexdigest(),
+    )
+
+
+def _flatten(table: Mapping[str, Any], prefix: str = "") -> dict[str, object]:
+    """Give every value by its dotted key; tables in a list are numbered from 0, plain lists stay whole."""
+    flat: dict[str, object] = {}
+    for key, value in table.items():
+        name = f"{prefix}{key}"
+        if isinstance(value, Mapping):
+            flat.update(_flatten(value, f"{name}."))
+        elif isinstance(value, list) and value and all(isinstance(item, Mapping) for item in value):
+            for index, item in enumerate(value):
+                flat.update(_flatten(item, f"{name}.{index}."))
+        else:
+            flat[name] = value
+    return flat
+
+
+def _meant(key: str, known: Mapping[str, object]) -> str:
+    close = difflib.get_close_matches(key, list(known), n=1)
+    return f"; did you mean {close[0]}?" if close else ""

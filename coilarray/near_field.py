@@ -1,0 +1,115 @@
+"""The field of an array in operation: one active coil and the currents it induces in the others."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from coilarray.blocks import Progress
+from coilarray.circuit import all_open, resonance
+from coilarray.coupling import provenance
+from coilarray.design import Design
+from coilarray.errors import GeometryError
+from coilarray.field import grid_points, magnetic_field
+
+ComplexArray = npt.NDArray[np.complex128]
+
+
+def operating_currents(design: Design, coupling: xr.Dataset, active: str, *, terminated: bool = True) -> ComplexArray:
+    """Currents of all coils while one is measured, per ampere of the active one.
+
+    Parameters
+    ----------
+    design : Design
+        The array.
+    coupling : xarray.Dataset
+        Its coupling, from `coilarray.coupling.couple_design`.
+    active : str
+        Name of the measured coil.
+    terminated : bool
+        False: all other coils open.
+
+    Returns
+    -------
+    ndarray of complex, shape (coils,)
+        In A per A: 1 for the active coil.
+
+    Raises
+    ------
+    GeometryError
+        No coil of that name.
+    """
+    names = design.array.names
+    if active not in names:
+        raise GeometryError(f"there is no coil {active!r}; there are {', '.join(names)}.")
+    circuit = design.circuit
+    return resonance(
+        coupling.inductance.values,
+        coupling.resistance.values,
+        names.index(active),
+        circuit.capacitance,
+        circuit.terminations if terminated else all_open(len(names)),
+        circuit.short_resistance,
+    ).currents
+
+
+def operating_field(
+    design: Design,
+    coupling: xr.Dataset,
+    active: str,
+    x: npt.ArrayLike,
+    y: npt.ArrayLike,
+    z: npt.ArrayLike,
+    *,
+    current: float = 1.0,
+    terminated: bool = True,
+    progress: Progress | None = None,
+) -> xr.Dataset:
+    """B on a line, plane or volume while one coil carries the measuring current.
+
+    Parameters
+    ----------
+    design, coupling, active, terminated
+        As in `operating_currents`.
+    x, y, z : array_like, shape (nx,), (ny,), (nz,) or scalar
+        Grid in m; z = 0 is the top of the board.
+    current : float
+        Of the active coil in A.
+    progress : callable, optional
+        Called with (done, total) as the work goes on.
+
+    Returns
+    -------
+    xarray.Dataset
+        ``B`` and ``B_quadrature`` in T with the dimensions (x, y, z, component): in phase with the active coil's
+        current and 90° ahead of it, in free space (no elastomer).
+
+    Raises
+    ------
+    GeometryError
+        No coil of that name, or points that are not finite.
+    """
+    currents = current * operating_currents(design, coupling, active, terminated=terminated)
+    points = grid_points(x, y, z)
+    conductors = design.array.conductors()
+    in_phase = magnetic_field(conductors, points, currents.real, progress)
+    quadrature = magnetic_field(conductors, points, currents.imag)
+    dims = ("x", "y", "z", "component")
+    axes = {
+        name: (name, np.atleast_1d(np.asarray(axis, dtype=np.float64)), {"units": "m"})
+        for name, axis in zip("xyz", (x, y, z), strict=True)
+    }
+    return xr.Dataset(
+        {
+            "B": (dims, in_phase, {"units": "T", "long_name": "flux density in phase with the active current"}),
+            "B_quadrature": (dims, quadrature, {"units": "T", "long_name": "flux density 90 degrees ahead"}),
+        },
+        coords={**axes, "component": ["x", "y", "z"]},
+        attrs={
+            **provenance(design),
+            "active_coil": active,
+            "other_coils": "as terminated" if terminated else "open",
+            "active_current_A": current,
+        },
+    )

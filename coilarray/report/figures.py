@@ -1,0 +1,152 @@
+"""The pictures of a report, as data URIs that need no other file."""
+
+from __future__ import annotations
+
+import base64
+import io
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from coilarray.design import Design
+from coilarray.viz import (
+    plot_board,
+    plot_copper,
+    plot_currents,
+    plot_effective_inductance,
+    plot_field_lines,
+    plot_field_map,
+    plot_matrix,
+    rendering_problem,
+    save_board_picture,
+)
+
+_DPI = 130
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture on the page.
+
+    Parameters
+    ----------
+    name : str
+        Unique on the page.
+    caption : str
+        What it shows, units included.
+    uri : str
+        ``data:image/png;base64,…``.
+    """
+
+    name: str
+    caption: str
+    uri: str
+
+
+def board_picture(design: Design) -> Picture:
+    """Show the board: rendered where this machine can, else drawn from above."""
+    problem = rendering_problem()
+    if problem is None:
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "board.png"
+            save_board_picture(design.array, path, design.sheets)
+            return Picture("board", "The board; lengths in mm.", _uri(path.read_bytes()))
+    return _draw("board", f"The board from above; lengths in mm. {problem}", lambda: plot_board(design.array))
+
+
+def copper_pictures(design: Design) -> list[Picture]:
+    """Show the copper of every layer that has any."""
+    array = design.array
+    used = [layer for layer in array.stackup.names if any(layer in place.layers for place in array.placements)]
+    return [
+        _draw(f"copper_{layer}", f"Copper of layer {layer}.", lambda layer=layer: plot_copper(array, layer))  # type: ignore[misc]
+        for layer in used
+    ]
+
+
+def coupling_pictures(coupling: xr.Dataset) -> list[Picture]:
+    """Heat maps of L and k, L open against L as terminated, and the passive currents."""
+    names = coupling.coil.values.tolist()
+    currents = (coupling.current_real + 1j * coupling.current_imag).values
+    return [
+        _draw(
+            "inductance",
+            "Inductance matrix: self-inductance on the diagonal, mutual inductance off it.",
+            lambda: plot_matrix(coupling.inductance.values, names, title="Inductance", unit="H", scale="diverging"),
+        ),
+        _draw(
+            "coupling",
+            "Coupling coefficients k = M/√(L L).",
+            lambda: plot_matrix(
+                coupling.coupling.values, names, title="Coupling coefficient", scale="diverging", mask_diagonal=True
+            ),
+        ),
+        _draw(
+            "effective_inductance",
+            "Inductance of each coil with all others open, and with the others as terminated.",
+            lambda: plot_effective_inductance(
+                names, coupling.open_inductance.values, coupling.effective_inductance.values
+            ),
+        ),
+        _draw(
+            "currents",
+            "Current in each passive coil per ampere in the active one.",
+            lambda: plot_currents(names, currents.T),
+        ),
+    ]
+
+
+def field_pictures(
+    design: Design, active: str, line: dict[str, xr.Dataset], plane: dict[str, xr.Dataset]
+) -> list[Picture]:
+    """B_z above the board: along a line through the active coil, and on the plane, one for each entry."""
+    place = design.array.placements[design.array.names.index(active)]
+    outline = place.to_board(place.coil.outline)
+    height = f"{design.field_height * 1e3:g} mm above the board"
+    first = next(iter(line.values()))
+    pictures = [
+        _draw(
+            "field_line",
+            f"B_z along x through {active}, {height}, in free space.",
+            lambda: plot_field_lines(
+                first.x.values,
+                {label: data.B.sel(component="z").values.ravel() for label, data in line.items()},
+                coil_centre=place.x,
+                coil_radius=float(outline[:, 0].max() - outline[:, 0].min()) / 2,
+            ),
+        )
+    ]
+    outlines = [other.to_board(other.coil.outline) for other in design.array.placements]
+    for k, (label, data) in enumerate(plane.items()):
+        pictures.append(
+            _draw(
+                f"field_map_{k}",
+                f"B_z of {active} {height}, in free space, per ampere: {label}.",
+                lambda label=label, data=data: plot_field_map(  # type: ignore[misc]
+                    data.x.values,
+                    data.y.values,
+                    data.B.sel(component="z").values[:, :, 0],
+                    outlines=outlines,
+                    title=f"$B_z$ of {active}: {label}",
+                    unit="T/A",
+                ),
+            )
+        )
+    return pictures
+
+
+def _draw(name: str, caption: str, plot: Callable[[], Axes]) -> Picture:
+    figure = plot().figure
+    assert isinstance(figure, Figure)  # plots draw on figures, never on sub-figures
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=_DPI, bbox_inches="tight")
+    return Picture(name, caption, _uri(buffer.getvalue()))
+
+
+def _uri(png: bytes) -> str:
+    return "data:image/png;base64," + base64.b64encode(png).decode("ascii")

@@ -1,0 +1,208 @@
+"""From a design to the files of its report."""
+
+from __future__ import annotations
+
+import json
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+import jinja2
+import numpy as np
+import xarray as xr
+
+from coilarray.blocks import Progress
+from coilarray.coupling import couple_design, provenance
+from coilarray.design import Design
+from coilarray.files import make_folder, write_atomically, write_text
+from coilarray.geometry import check_rules
+from coilarray.near_field import operating_field
+from coilarray.report import figures, tables
+from coilarray.viz import rendering_problem
+
+# The line resolves the flanks of the bell to 1/200 of the board, the plane shows about a pixel a sample
+_LINE_POINTS = 401
+_PLANE_STEP = 0.5e-3
+_PLANE_POINTS = 400
+
+
+@dataclass(frozen=True, eq=False)
+class Report:
+    """What `write_report` made.
+
+    Parameters
+    ----------
+    page : Path
+        The HTML page.
+    folder : Path
+        The folder of CSV, JSON and netCDF files.
+    coupling : xarray.Dataset
+        As `coilarray.couple_design` returns it.
+    data : dict
+        Everything in ``report.json``.
+    rendering_problem : str or None
+        Why the board's picture is a drawing, in one line; None where it is rendered.
+    """
+
+    page: Path
+    folder: Path
+    coupling: xr.Dataset
+    data: dict[str, object]
+    rendering_problem: str | None
+
+
+def write_report(design: Design, where: str | Path = ".", progress: Progress | None = None) -> Report:
+    """Compute the coupling of a design and write its report.
+
+    Parameters
+    ----------
+    design : Design
+        As `coilarray.load_design` returns it.
+    where : str or Path
+        Folder for ``report.html`` and the folder ``report``; made where it does not exist. Files of an earlier
+        report there are replaced.
+    progress : callable, optional
+        Called with (done, total) as the work goes on.
+
+    Returns
+    -------
+    Report
+
+    Raises
+    ------
+    OutputError
+        A file cannot be written. Each file is written under a temporary name first: none is left half-written.
+
+    Notes
+    -----
+    Every number on the page also stands in the folder: ``coils.csv``, ``pairs.csv``, ``design.csv``, ``rules.csv``,
+    ``field_line.csv``, all of them in ``report.json``; ``coupling.nc`` and ``field.nc`` hold the arrays.
+    """
+    folder = Path(where)
+    data_folder = folder / "report"
+    make_folder(data_folder)
+    steps = _Steps(progress, 6)
+    with ThreadPoolExecutor(max_workers=1) as beside:
+        probe = beside.submit(rendering_problem)  # starts a process that takes seconds
+        coupling = couple_design(design)
+        steps.next()
+        active = design.array.names[(len(design.array.names) - 1) // 2]
+        line, plane = _fields(design, coupling, active)
+        steps.next()
+        margins = check_rules(design.array, design.rules)
+        all_tables = [
+            tables.coil_table(design, coupling),
+            tables.pair_table(coupling),
+            tables.design_table(design),
+            tables.rules_table(margins),
+            tables.line_table(line["others open"], line["others as terminated"]),
+        ]
+        steps.next()
+        pictures = [
+            *figures.copper_pictures(design),
+            *figures.coupling_pictures(coupling),
+            *figures.field_pictures(design, active, line, plane),
+        ]
+        steps.next()
+        problem = probe.result()
+    pictures.insert(0, figures.board_picture(design))
+    steps.next()
+    made = {**provenance(design), "date": datetime.now(UTC).isoformat(timespec="seconds")}
+    data: dict[str, object] = {
+        "schema": 1,
+        "provenance": made,
+        "title": design.title,
+        "source": design.source,
+        "capacitance_F": design.circuit.capacitance,
+        "short_resistance_ohm": design.circuit.short_resistance,
+        "terminations": dict(zip(design.array.names, design.circuit.terminations, strict=True)),
+        "field_coil": active,
+        "field_height_m": design.field_height,
+        **{table.name: table.records() for table in all_tables},
+    }
+    page = _page(design, data, all_tables, pictures, made)
+    for table in all_tables:
+        write_text(data_folder / f"{table.name}.csv", table.csv())
+    write_text(data_folder / "report.json", json.dumps(data, indent=1, allow_nan=False) + "\n")
+    for name, dataset in (("coupling", coupling), ("field", _both(plane))):
+        save_dataset(dataset, data_folder / f"{name}.nc")
+    write_text(folder / "report.html", page)
+    steps.next()
+    return Report(folder / "report.html", data_folder, coupling, data, problem)
+
+
+def save_dataset(dataset: xr.Dataset, path: Path) -> None:
+    """Write a dataset as netCDF, whole or not at all; OutputError where that fails."""
+    write_atomically(path, lambda temporary: _to_netcdf(dataset, temporary))
+
+
+class _Steps:
+    """Counts the steps of the report for a progress bar."""
+
+    def __init__(self, progress: Progress | None, total: int) -> None:
+        self._progress, self._total, self._done = progress, total, 0
+
+    def next(self) -> None:
+        self._done += 1
+        if self._progress is not None:
+            self._progress(self._done, self._total)
+
+
+def _fields(design: Design, coupling: xr.Dataset, active: str) -> tuple[dict[str, xr.Dataset], dict[str, xr.Dataset]]:
+    """B on a line along x through the active coil and on the plane above the board, others open and terminated."""
+    x_min, y_min, x_max, y_max = design.array.bounds
+    place = design.array.placements[design.array.names.index(active)]
+    states = {"others open": False, "others as terminated": True}
+    along = np.linspace(x_min, x_max, _LINE_POINTS)
+    x = np.linspace(x_min, x_max, _samples(x_max - x_min))
+    y = np.linspace(y_min, y_max, _samples(y_max - y_min))
+    z = design.field_height
+    line = {
+        label: operating_field(design, coupling, active, along, place.y, z, terminated=terminated)
+        for label, terminated in states.items()
+    }
+    plane = {
+        label: operating_field(design, coupling, active, x, y, z, terminated=terminated)
+        for label, terminated in states.items()
+    }
+    return line, plane
+
+
+def _samples(extent: float) -> int:
+    return min(_PLANE_POINTS, max(2, round(extent / _PLANE_STEP) + 1))
+
+
+def _both(plane: dict[str, xr.Dataset]) -> xr.Dataset:
+    """Both states of the plane in one dataset, along the dimension ``others``."""
+    joined = xr.concat(list(plane.values()), dim="others", combine_attrs="drop_conflicts")
+    return joined.assign_coords(others=[label.removeprefix("others ") for label in plane])
+
+
+def _to_netcdf(dataset: xr.Dataset, path: Path) -> None:
+    dataset.to_netcdf(path, engine="h5netcdf")
+
+
+def _page(
+    design: Design,
+    data: dict[str, object],
+    all_tables: list[tables.Table],
+    pictures: list[figures.Picture],
+    made: dict[str, str],
+) -> str:
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("coilarray.report", "."),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return environment.get_template("page.html.j2").render(
+        design=design,
+        data=data,
+        tables={table.name: table for table in all_tables},
+        pictures={picture.name: picture for picture in pictures},
+        copper=[picture for picture in pictures if picture.name.startswith("copper_")],
+        maps=[picture for picture in pictures if picture.name.startswith("field_map_")],
+        made=made,
+    )

@@ -1,0 +1,381 @@
+"""The tables of a design file as pydantic models, and how they become geometry.
+
+Numbers stay in the units of their key names up to the `build` methods, which return SI.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic_core import ErrorDetails, PydanticCustomError
+
+from coilarray.constants import RESISTIVITY_COPPER
+from coilarray.errors import DesignError
+from coilarray.geometry import (
+    Coil,
+    FabRules,
+    Leads,
+    Placement,
+    PlatedHole,
+    Sheet,
+    Spiral,
+    Stackup,
+    apothem_from_size,
+    lattice,
+    path_coil,
+    spiral_coil,
+)
+
+SCHEMA = 1
+"""Version of the design file format."""
+
+_MM, _UM, _DEG = 1e-3, 1e-6, math.pi / 180
+
+Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
+Name = Annotated[str, Field(min_length=1, pattern=r"^[A-Za-z0-9_.+-]+$")]
+
+
+class Table(BaseModel):
+    """A table of the file: unknown keys, wrong types and numbers that are not finite are refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _known_keys(cls, table: object) -> object:
+        """Name the allowed keys beside an unknown one, which `extra="forbid"` alone does not."""
+        known = sorted(field.alias or name for name, field in cls.model_fields.items())
+        for key in table if isinstance(table, Mapping) else ():
+            if key not in known:
+                close = difflib.get_close_matches(str(key), known, n=1)
+                hint = f"did you mean {close[0]}? " if close else ""
+                raise PydanticCustomError(
+                    "unknown_key", "{hint}", {"hint": f"has no key {key!r}; {hint}Allowed are {', '.join(known)}"}
+                )
+        return table
+
+
+class StackupTable(Table):
+    """``[stackup]``: copper layers and dielectrics, top to bottom."""
+
+    layers: list[Name] = Field(min_length=1)
+    copper_thickness_um: list[Positive]
+    dielectric_thickness_mm: list[Positive] = []
+    dielectric_epsilon_r: list[Annotated[float, Field(ge=1)]] = []
+
+    def build(self) -> Stackup:
+        """Return the stack-up in SI."""
+        return Stackup(
+            tuple(self.layers),
+            tuple(value * _UM for value in self.copper_thickness_um),
+            tuple(value * _MM for value in self.dielectric_thickness_mm),
+            tuple(self.dielectric_epsilon_r),
+        )
+
+
+class ViaTable(Table):
+    """``[coils.NAME.via]``: the holes that join a coil's layers."""
+
+    drill_mm: Positive = 0.2
+    pad_mm: Positive = 0.45
+    plating_um: Positive = 25
+
+    def build(self) -> PlatedHole:
+        """Return the hole in SI."""
+        return PlatedHole(self.drill_mm * _MM, self.pad_mm * _MM, self.plating_um * _UM)
+
+
+class LeadsTable(Table):
+    """``[coils.NAME.leads]``: leads and terminals."""
+
+    length_mm: Positive = 2.0
+    spacing_mm: Positive = 1.5
+    pad_mm: Positive = 1.0
+    drill_mm: Positive = 0.5
+
+    def build(self, plating: float) -> Leads:
+        """Return the leads in SI."""
+        terminal = PlatedHole(self.drill_mm * _MM, self.pad_mm * _MM, plating)
+        return Leads(self.length_mm * _MM, self.spacing_mm * _MM, terminal)
+
+
+class SpiralTable(Table):
+    """What polygonal and circular spirals share."""
+
+    turns_per_layer: Positive
+    winding_layers: Annotated[int, Field(ge=1)] = 2
+    trace_width_mm: Positive
+    gap_mm: Positive
+    first_corner_deg: float = 0.0
+    winding: Literal["ccw", "cw"] = "ccw"
+    return_lead: bool = False
+    via: ViaTable = ViaTable()
+    leads: LeadsTable | None = None
+
+    def spiral(self, sides: int, apothem: float, *, circular: bool) -> Coil:
+        """Return the coil in SI from its sides (segments a turn) and outer apothem in m."""
+        spiral = Spiral(
+            sides=sides,
+            outer_apothem=apothem,
+            turns=self.turns_per_layer,
+            trace_width=self.trace_width_mm * _MM,
+            gap=self.gap_mm * _MM,
+            first_corner=self.first_corner_deg * _DEG,
+            winding=self.winding,
+            circular=circular,
+        )
+        via = self.via.build()
+        leads = None if self.leads is None else self.leads.build(via.plating)
+        return spiral_coil(spiral, self.winding_layers, via, leads, return_lead=self.return_lead)
+
+
+class PolygonCoil(SpiralTable):
+    """``[coils.NAME]`` with ``shape = "polygon"``."""
+
+    shape: Literal["polygon"]
+    sides: Annotated[int, Field(ge=3)] = 6
+    outer_across_flats_mm: Positive | None = None
+    outer_across_corners_mm: Positive | None = None
+
+    @model_validator(mode="after")
+    def _one_size(self) -> PolygonCoil:
+        if (self.outer_across_flats_mm is None) == (self.outer_across_corners_mm is None):
+            raise ValueError("needs exactly one of outer_across_flats_mm and outer_across_corners_mm")
+        return self
+
+    def build(self) -> Coil:
+        """Return the coil in SI."""
+        if self.outer_across_flats_mm is not None:
+            apothem = apothem_from_size(self.outer_across_flats_mm * _MM, self.sides, across="flats")
+        else:
+            assert self.outer_across_corners_mm is not None  # the validator has seen to it
+            apothem = apothem_from_size(self.outer_across_corners_mm * _MM, self.sides, across="corners")
+        return self.spiral(self.sides, apothem, circular=False)
+
+
+class CircleCoil(SpiralTable):
+    """``[coils.NAME]`` with ``shape = "circle"``."""
+
+    shape: Literal["circle"]
+    outer_diameter_mm: Positive
+    segments_per_turn: Annotated[int, Field(ge=8)] = 96
+
+    def build(self) -> Coil:
+        """Return the coil in SI."""
+        return self.spiral(self.segments_per_turn, self.outer_diameter_mm / 2 * _MM, circular=True)
+
+
+class PathCoil(Table):
+    """``[coils.NAME]`` with ``shape = "path"``: any centre lines, one a layer."""
+
+    shape: Literal["path"]
+    lines_mm: list[list[tuple[float, float]]] = Field(min_length=1)
+    trace_width_mm: Positive
+    gap_mm: Positive
+    via: ViaTable = ViaTable()
+    terminal_pad_mm: Positive = 1.0
+    terminal_drill_mm: Positive = 0.5
+
+    def build(self) -> Coil:
+        """Return the coil in SI."""
+        via = self.via.build()
+        return path_coil(
+            [[(x * _MM, y * _MM) for x, y in line] for line in self.lines_mm],
+            self.trace_width_mm * _MM,
+            self.gap_mm * _MM,
+            via,
+            PlatedHole(self.terminal_drill_mm * _MM, self.terminal_pad_mm * _MM, via.plating),
+        )
+
+
+class PlacementTable(Table):
+    """``[[array.placements]]``: one coil of a free array."""
+
+    name: Name
+    coil: str
+    layers: list[str]
+    x_mm: float
+    y_mm: float
+    rotation_deg: float = 0.0
+
+
+class FreeArray(Table):
+    """``[array]`` with ``lattice = "free"``."""
+
+    lattice: Literal["free"]
+    placements: list[PlacementTable] = Field(min_length=1)
+
+    def build(self, coils: Mapping[str, Coil]) -> list[Placement]:
+        """Return the placements in SI; DesignError for a coil that is not there."""
+        return [
+            Placement(
+                place.name,
+                _coil(coils, place.coil, f"array.placements.{index}.coil"),
+                tuple(place.layers),
+                place.x_mm * _MM,
+                place.y_mm * _MM,
+                place.rotation_deg * _DEG,
+            )
+            for index, place in enumerate(self.placements)
+        ]
+
+
+class LatticeArray(Table):
+    """``[array]`` with a regular lattice."""
+
+    lattice: Literal["linear", "square", "hexagonal"]
+    coil: str
+    columns: Annotated[int, Field(ge=1)]
+    rows: Annotated[int, Field(ge=1)] = 1
+    pitch_mm: Positive
+    direction_deg: float = 0.0
+    rotation_deg: float = 0.0
+    layers: list[list[str]] = Field(min_length=1)
+    layer_shift_per_row: int | None = None
+    names: list[Name] | None = None
+
+    def build(self, coils: Mapping[str, Coil]) -> list[Placement]:
+        """Return the placements in SI; DesignError for a coil that is not there."""
+        points, indices = lattice(
+            self.lattice, self.pitch_mm * _MM, self.columns, self.rows, direction=self.direction_deg * _DEG
+        )
+        names = [f"coil{k + 1}" for k in range(len(points))] if self.names is None else self.names
+        if len(names) != len(points):
+            raise DesignError(f"array.names must have {len(points)} names, one a coil; got {len(names)}.")
+        # (i − j) mod 3 differs between all neighbours of a hexagonal lattice, (i + j) mod 2 between those of a square
+        default_shift = -1 if self.lattice == "hexagonal" else 1
+        shift = default_shift if self.layer_shift_per_row is None else self.layer_shift_per_row
+        coil = _coil(coils, self.coil, "array.coil")
+        return [
+            Placement(
+                name,
+                coil,
+                tuple(self.layers[(i + shift * j) % len(self.layers)]),
+                x,
+                y,
+                self.rotation_deg * _DEG,
+            )
+            for name, (x, y), (i, j) in zip(names, points.tolist(), indices.tolist(), strict=True)
+        ]
+
+
+class BoardTable(Table):
+    """``[board]``."""
+
+    margin_mm: NotNegative = 2.0
+    through_holes: bool = True
+
+
+class SheetTable(Table):
+    """``[[elastomer]]``: one sheet on top of the board."""
+
+    name: Name
+    thickness_mm: Positive
+    relative_permeability: Annotated[float, Field(ge=1)] = 1.0
+
+    def build(self) -> Sheet:
+        """Return the sheet in SI."""
+        return Sheet(self.name, self.thickness_mm * _MM, self.relative_permeability)
+
+
+class CircuitTable(Table):
+    """``[circuit]``: tank and terminations."""
+
+    capacitance_pF: Positive = 120  # noqa: N815 - the unit
+    short_resistance_ohm: NotNegative = 0.0
+    resistivity_ohm_m: Positive = RESISTIVITY_COPPER
+    default_termination: Literal["short", "open"] = "short"
+    terminations: dict[str, Literal["short", "open"]] = {}
+
+
+class FieldTable(Table):
+    """``[field]``: the plane on which reports show the field."""
+
+    height_mm: float = 6.0
+
+
+class RulesTable(Table):
+    """``[rules]``: limits of the board house."""
+
+    min_trace_mm: NotNegative = 0.1
+    min_gap_mm: NotNegative = 0.1
+    min_drill_mm: NotNegative = 0.2
+    min_annular_ring_mm: NotNegative = 0.1
+    min_edge_clearance_mm: NotNegative = 0.3
+    min_hole_spacing_mm: NotNegative = 0.25
+
+    def build(self) -> FabRules:
+        """Return the limits in SI."""
+        return FabRules(
+            min_trace=self.min_trace_mm * _MM,
+            min_gap=self.min_gap_mm * _MM,
+            min_drill=self.min_drill_mm * _MM,
+            min_annular_ring=self.min_annular_ring_mm * _MM,
+            min_edge_clearance=self.min_edge_clearance_mm * _MM,
+            min_hole_spacing=self.min_hole_spacing_mm * _MM,
+        )
+
+
+class Document(Table):
+    """The whole file."""
+
+    schema_: Literal[1] = Field(alias="schema")
+    name: Name
+    title: str = ""
+    source: str = ""
+    stackup: StackupTable
+    coils: dict[Name, Annotated[PolygonCoil | CircleCoil | PathCoil, Field(discriminator="shape")]]
+    array: Annotated[LatticeArray | FreeArray, Field(discriminator="lattice")]
+    board: BoardTable = BoardTable()
+    elastomer: list[SheetTable] = []
+    circuit: CircuitTable = CircuitTable()
+    field: FieldTable = FieldTable()
+    rules: RulesTable = RulesTable()
+    assumed: dict[str, str] = {}
+
+
+def _coil(coils: Mapping[str, Coil], name: str, key: str) -> Coil:
+    if name not in coils:
+        raise DesignError(f"{key} names no coil shape; [coils] has {', '.join(coils) or 'none'}; got {name!r}.")
+    return coils[name]
+
+
+def first_error(error: ValidationError, document: Mapping[str, Any]) -> str:
+    """Describe the first mistake of a document in one line: the key, what is allowed, what was given."""
+    errors = error.errors(include_url=False)
+    more = "" if len(errors) == 1 else f" (and {len(errors) - 1} more)"
+    return f"{_describe(errors[0], document)}{more}"
+
+
+def _describe(details: ErrorDetails, document: Mapping[str, Any]) -> str:
+    where: list[str | int] = []
+    table: Any = document
+    for part in details["loc"]:  # pydantic adds the tag of a union's member; the file has no such key
+        if isinstance(table, Mapping) and part not in table and part in (table.get("shape"), table.get("lattice")):
+            continue
+        where.append(part)
+        try:
+            table = table[part]
+        except (KeyError, IndexError, TypeError):
+            table = None
+    key = ".".join(str(part) for part in where)
+    kind, got = details["type"], details.get("input")
+    if kind == "unknown_key":
+        return f"{key or 'the design'} {details['msg']}."
+    if kind == "missing":
+        return f"{key} is missing."
+    if kind in ("union_tag_not_found", "union_tag_invalid"):
+        tag = str(details["ctx"]["discriminator"]).strip("'")
+        allowed = {"shape": "'polygon', 'circle' or 'path'", "lattice": "'linear', 'square', 'hexagonal' or 'free'"}
+        value = got.get(tag) if isinstance(got, Mapping) else None
+        return f"{key}.{tag} must be {allowed[tag]}; got {'nothing' if value is None else repr(value)}."
+    message = details["msg"].removeprefix("Value error, ")
+    if kind == "value_error":
+        return f"{key} {message}."
+    message = message.removeprefix("Input ")
+    return f"{key} {message[0].lower()}{message[1:]}; got {got!r}."

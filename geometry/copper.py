@@ -1,0 +1,223 @@
+"""Outlines of the copper, layer by layer: traces, pads and the holes that join them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, cast
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+from shapely.geometry.base import BaseGeometry
+
+from coilarray.geometry.array import CoilArray, Placement
+
+FloatArray = npt.NDArray[np.float64]
+
+# A mitre longer than this many half widths is cut off flat. 2 is the tip of an equilateral triangle; 4 leaves room
+# for corners down to 29°.
+_MITRE_LIMIT = 4.0
+# Segments a quarter circle: the polygon of a 1 mm pad stays within 0.2 µm of the circle.
+_QUADRANT = 32
+
+
+@dataclass(frozen=True)
+class CopperFeature:
+    """One piece of copper on one layer.
+
+    Parameters
+    ----------
+    layer : str
+        Name of the copper layer.
+    net : str
+        Name of the coil it belongs to.
+    kind : {"trace", "via", "terminal"}
+        A coil's trace on that layer, or one pad.
+    shape : shapely.Polygon
+        Outline in m, in the frame of the board; the drilled hole is not cut out.
+    """
+
+    layer: str
+    net: str
+    kind: Literal["trace", "via", "terminal"]
+    shape: shapely.Polygon
+
+
+@dataclass(frozen=True)
+class Drill:
+    """One plated hole.
+
+    Parameters
+    ----------
+    net : str
+        Name of the coil it belongs to.
+    kind : {"via", "terminal"}
+        What it is for.
+    x, y : float
+        Position in m, in the frame of the board.
+    diameter, pad : float
+        Diameter of the hole and of its pads in m.
+    layers : tuple of str
+        Copper layers it pierces, top to bottom; on each stands a pad.
+    plating : float
+        Thickness of the copper barrel inside the hole in m.
+    """
+
+    net: str
+    kind: Literal["via", "terminal"]
+    x: float
+    y: float
+    diameter: float
+    pad: float
+    layers: tuple[str, ...]
+    plating: float
+
+
+def copper_features(array: CoilArray) -> tuple[CopperFeature, ...]:
+    """Return every piece of copper: one trace a coil and layer, one pad a hole and pierced layer.
+
+    Parameters
+    ----------
+    array : CoilArray
+        The board.
+
+    Returns
+    -------
+    tuple of CopperFeature
+        First all traces, coil by coil, then all pads.
+
+    Examples
+    --------
+    >>> from coilarray.geometry import CoilArray, Placement, PlatedHole, Stackup, path_coil
+    >>> board = Stackup(("top", "bottom"), (35e-6, 35e-6), (0.2e-3,), (4.5,))
+    >>> coil = path_coil([[(0, 0), (1e-2, 0)], [(1e-2, 0), (0, 0)]], 0.2e-3, 0.2e-3, PlatedHole(0.3e-3, 0.6e-3))
+    >>> features = copper_features(CoilArray(board, (Placement("A", coil, ("top", "bottom"), 0.0, 0.0),)))
+    >>> [(feature.layer, feature.kind) for feature in features]
+    [('top', 'trace'), ('bottom', 'trace'), ('top', 'via'), ('bottom', 'via')]
+    """
+    traces = [
+        CopperFeature(
+            layer, placement.name, "trace", trace_outline(placement.to_board(line), placement.coil.trace_width)
+        )
+        for placement in array.placements
+        for line, layer in zip(placement.coil.lines, placement.layers, strict=True)
+    ]
+    pads = [
+        CopperFeature(layer, drill.net, drill.kind, disc(drill.x, drill.y, drill.pad))
+        for drill in drills(array)
+        for layer in drill.layers
+    ]
+    return (*traces, *pads)
+
+
+def drills(array: CoilArray) -> tuple[Drill, ...]:
+    """Return every hole, coil by coil: the vias along the path, then the two terminals."""
+    return tuple(drill for placement in array.placements for drill in _drills_of(array, placement))
+
+
+def _drills_of(array: CoilArray, placement: Placement) -> list[Drill]:
+    coil, stackup = placement.coil, array.stackup
+    holes = []
+    for (x, y), first, last in zip(
+        placement.to_board(coil.via_points), placement.layers, placement.layers[1:], strict=False
+    ):
+        layers = stackup.names if array.through_holes else stackup.between(first, last)
+        via = coil.via
+        holes.append(Drill(placement.name, "via", float(x), float(y), via.drill, via.pad, layers, via.plating))
+    terminal = coil.terminal
+    if terminal is not None:
+        ends = (placement.layers[0], placement.layers[-1])
+        for (x, y), layer in zip(placement.to_board(coil.terminal_points), ends, strict=True):
+            layers = stackup.names if array.through_holes else (layer,)
+            holes.append(
+                Drill(
+                    placement.name,
+                    "terminal",
+                    float(x),
+                    float(y),
+                    terminal.drill,
+                    terminal.pad,
+                    layers,
+                    terminal.plating,
+                )
+            )
+    return holes
+
+
+def layer_copper(array: CoilArray, layer: str) -> dict[str, BaseGeometry]:
+    """Union of the copper of every net on one layer, in m; nets without copper there are left out.
+
+    Parameters
+    ----------
+    array : CoilArray
+        The board.
+    layer : str
+        Name of the copper layer; GeometryError where there is none.
+    """
+    array.stackup.index(layer)
+    shapes: dict[str, list[shapely.Polygon]] = {}
+    for feature in copper_features(array):
+        if feature.layer == layer:
+            shapes.setdefault(feature.net, []).append(feature.shape)
+    return {net: shapely.union_all(pieces) for net, pieces in shapes.items()}
+
+
+def board_outline(array: CoilArray) -> shapely.Polygon:
+    """Edge of the board in m: the rectangle of `CoilArray.bounds`."""
+    return shapely.box(*array.bounds)
+
+
+def disc(x: float, y: float, diameter: float) -> shapely.Polygon:
+    """Polygon with 128 corners on the circle of the given centre and diameter, in m."""
+    return shapely.Point(x, y).buffer(diameter / 2, quad_segs=_QUADRANT)
+
+
+def trace_outline(line: FloatArray, width: float) -> shapely.Polygon:
+    """Outline of a trace: flat ends, mitred corners.
+
+    Parameters
+    ----------
+    line : ndarray, shape (n, 2)
+        Centre line in m.
+    width : float
+        In m.
+
+    Notes
+    -----
+    Built from the offset corners themselves: the general buffer of GEOS simplifies its input by up to 1 % of the
+    distance, which shows in the area of a finely divided circle.
+    """
+    half = width / 2
+    step = np.diff(line, axis=0)
+    length = np.hypot(*step.T)
+    along = step / length[:, None]
+    left = np.column_stack((-along[:, 1], along[:, 0]))
+    # the corner points of the ribbon lie at ±half·(n1 + n2)/(1 + n1·n2) from the vertex
+    cosine = (left[:-1] * left[1:]).sum(axis=1)
+    mitre = (left[:-1] + left[1:]) / np.maximum(1 + cosine, 1e-12)[:, None]
+    overlap = half * np.sqrt(np.maximum(1 - cosine, 0) / np.maximum(1 + cosine, 1e-12))
+    taken = np.concatenate(([0.0], overlap)) + np.concatenate((overlap, [0.0]))
+    sharp = np.hypot(*mitre.T) > _MITRE_LIMIT
+    if not sharp.any() and (taken < length).all():
+        offset = half * np.vstack((left[:1], mitre, left[-1:]))
+        ribbon = shapely.Polygon(np.vstack((line + offset, (line - offset)[::-1])))
+        if ribbon.is_valid:
+            return ribbon
+    return _pieced_outline(line, half, left, np.where(sharp[:, None], 0.0, mitre))
+
+
+def _pieced_outline(line: FloatArray, half: float, left: FloatArray, mitre: FloatArray) -> shapely.Polygon:
+    """Union of a rectangle a segment and a wedge a corner, for traces that overlap themselves."""
+    side = half * left
+    rectangles = np.stack((line[:-1] + side, line[1:] + side, line[1:] - side, line[:-1] - side), axis=1)
+    turn = np.sign(left[:-1, 0] * left[1:, 1] - left[:-1, 1] * left[1:, 0])[
+        :, None
+    ]  # +1: the corner opens on the right
+    corner, before, after = line[1:-1], -turn * side[:-1], -turn * side[1:]
+    tip = np.where((mitre == 0).all(axis=1, keepdims=True), 0.5 * (before + after), -turn * half * mitre)
+    # the wedge starts a little inside, so that the union leaves no slit between it and the rectangles
+    inside = -1e-3 * (before + after)
+    wedges = np.stack((corner + before, corner + tip, corner + after, corner + inside), axis=1)
+    pieces = [shapely.polygons(rectangles), shapely.polygons(wedges[turn[:, 0] != 0])]
+    # connected, as every piece overlaps the next
+    return cast(shapely.Polygon, shapely.union_all(np.concatenate(pieces)))

@@ -1,0 +1,411 @@
+"""Fabrication rules as continuous margins: how far each limit is kept or broken, and where."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from itertools import combinations
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+from shapely.geometry.base import BaseGeometry
+
+from coilarray.errors import GeometryError, RuleViolationError
+from coilarray.geometry.array import CoilArray, Placement
+from coilarray.geometry.copper import Drill, drills, layer_copper
+
+FloatArray = npt.NDArray[np.float64]
+
+# Margins above −1 µm count as kept. The sides of successive turns of a polygonal spiral are not quite parallel, as
+# every corner lies a fraction of a pitch further in than the one before: turns of nominal gap s come as close as
+# s − (w + s)·tan(π/N)·δ, with δ the difference of their tilts, 0.8 µm less than 0.1 mm for 30 hexagonal turns of
+# 23 mm. Fabricators state their limits to 10 µm. Floating-point noise is far below.
+KEPT_WITHIN = 1e-6
+
+# Pieces of copper further apart than this many limits are not listed.
+_HORIZON = 10.0
+# Two places of one trace count as separate pieces where the way along the copper is at least this many times the
+# distance across: a corner of 39° or more, an arc or a straight run never is, facing turns and hairpins are.
+_TRACE_DETOUR = 3.0
+# The same for a pad and the trace that leaves it; 1.42 is a right angle at the pad.
+_PAD_DETOUR = 1.5
+
+
+@dataclass(frozen=True)
+class FabRules:
+    """Limits of a fabricator; the defaults suit common four-layer prototype services.
+
+    Parameters
+    ----------
+    min_trace : float
+        Narrowest trace in m.
+    min_gap : float
+        Smallest distance of separate copper on one layer in m, within one net too.
+    min_drill : float
+        Smallest hole in m.
+    min_annular_ring : float
+        Narrowest copper ring around a hole in m.
+    min_edge_clearance : float
+        Smallest distance of copper to the edge of the board in m.
+    min_hole_spacing : float
+        Smallest distance of two holes, wall to wall, in m.
+
+    Raises
+    ------
+    GeometryError
+        A limit that is negative or not finite.
+    """
+
+    min_trace: float = 0.1e-3
+    min_gap: float = 0.1e-3
+    min_drill: float = 0.2e-3
+    min_annular_ring: float = 0.1e-3
+    min_edge_clearance: float = 0.3e-3
+    min_hole_spacing: float = 0.25e-3
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if not (math.isfinite(value) and value >= 0):
+                raise GeometryError(f"{field.name} must be finite and not negative; got {value} m.")
+
+
+@dataclass(frozen=True)
+class Margin:
+    """How far one rule is kept on one layer by one net or pair of nets, at the worst place.
+
+    Parameters
+    ----------
+    rule : str
+        "trace width", "spacing within net", "clearance", "annular ring", "drill", "hole spacing" or "edge clearance".
+    layer : str
+        Copper layer; for holes the topmost one they pierce.
+    feature : str
+        The net, or both nets joined by " – ".
+    margin : float
+        `value` − `limit` in m: positive kept with that much to spare, negative broken.
+    limit, value : float
+        Limit and measured value in m.
+    x, y : float
+        The place on the board in m.
+    """
+
+    rule: str
+    layer: str
+    feature: str
+    margin: float
+    limit: float
+    value: float
+    x: float
+    y: float
+
+    @property
+    def kept(self) -> bool:
+        """True where the limit is kept to within `KEPT_WITHIN`."""
+        return self.margin > -KEPT_WITHIN
+
+
+def check_rules(array: CoilArray, rules: FabRules) -> tuple[Margin, ...]:
+    """Measure every rule on every layer.
+
+    Parameters
+    ----------
+    array : CoilArray
+        The board.
+    rules : FabRules
+        The limits.
+
+    Returns
+    -------
+    tuple of Margin
+        One for each rule, layer and net or pair of nets, the smallest margin first. Distances beyond ten limits are
+        not listed.
+
+    Notes
+    -----
+    Pads count on every layer that their hole pierces, so that a hole through foreign copper shows as a clearance.
+
+    The spacing within one net is the smallest distance of two places of its copper on one layer that face each
+    other across a gap: the way between them along the copper is at least three times (from a pad: one and a half
+    times) the distance of their centre lines. Corners of 39° and more and the directly neighbouring segments of a
+    path are joined copper, not a gap. Pads that the trace of that layer does not end on always count.
+
+    Copper of two nets that overlap has the value −d, with d the diameter of the largest circle in the overlap. It is
+    continuous at contact and saturates at the width of the narrower trace.
+
+    Examples
+    --------
+    >>> from coilarray.geometry import CoilArray, Placement, PlatedHole, Stackup, path_coil
+    >>> coil = path_coil([[(0, 0), (1e-2, 0)]], 0.2e-3, 0.2e-3, PlatedHole(0.3e-3, 0.6e-3))
+    >>> board = CoilArray(
+    ...     Stackup(("top",), (35e-6,), (), ()),
+    ...     (Placement("A", coil, ("top",), 0, 0), Placement("B", coil, ("top",), 0, 0.35e-3)),
+    ... )
+    >>> worst = check_rules(board, FabRules())[0]
+    >>> worst.rule, worst.feature, round(worst.margin * 1e3, 6)
+    ('clearance', 'A – B', 0.05)
+    """
+    holes = drills(array)
+    margins = [*_trace_widths(array, rules), *_holes(array, holes, rules)]
+    for layer in array.stackup.names:
+        copper = layer_copper(array, layer)
+        margins += _edge_clearance(array, layer, copper, rules)
+        margins += _clearances(layer, copper, rules)
+        for placement in array.placements:
+            own = [hole for hole in holes if hole.net == placement.name and layer in hole.layers]
+            margins += _spacing_within(placement, layer, own, rules)
+    return tuple(sorted(margins, key=lambda margin: margin.margin))
+
+
+def require_rules(array: CoilArray, rules: FabRules) -> None:
+    """Raise where a rule is broken.
+
+    Parameters
+    ----------
+    array : CoilArray
+        The board.
+    rules : FabRules
+        The limits.
+
+    Raises
+    ------
+    RuleViolationError
+        Names the worst violation and how many more there are.
+    """
+    broken = [margin for margin in check_rules(array, rules) if not margin.kept]
+    if not broken:
+        return
+    worst = broken[0]
+    more = "" if len(broken) == 1 else f"; {len(broken) - 1} more {'is' if len(broken) == 2 else 'are'} broken"
+    raise RuleViolationError(
+        f"{worst.rule} of {worst.feature} on layer {worst.layer} is {worst.value * 1e3:.4g} mm at "
+        f"({worst.x * 1e3:.4g}, {worst.y * 1e3:.4g}) mm, margin {worst.margin * 1e3:.4g} mm to the limit of "
+        f"{worst.limit * 1e3:.4g} mm{more}."
+    )
+
+
+def _margin(rule: str, layer: str, feature: str, value: float, limit: float, place: npt.ArrayLike) -> Margin:
+    x, y = np.asarray(place, dtype=np.float64).tolist()
+    return Margin(rule, layer, feature, float(value) - limit, limit, float(value), x, y)
+
+
+def _trace_widths(array: CoilArray, rules: FabRules) -> Iterator[Margin]:
+    for placement in array.placements:
+        for line, layer in zip(placement.coil.lines, placement.layers, strict=True):
+            place = placement.to_board(line[:1])[0]
+            yield _margin("trace width", layer, placement.name, placement.coil.trace_width, rules.min_trace, place)
+
+
+def _holes(array: CoilArray, holes: tuple[Drill, ...], rules: FabRules) -> Iterator[Margin]:
+    """Drill, annular ring and distance of the holes, the worst of each net or pair of nets."""
+    if not holes:
+        return
+    for net in array.names:
+        own = [hole for hole in holes if hole.net == net]
+        if own:
+            thin = min(own, key=lambda hole: hole.diameter)
+            yield _margin("drill", thin.layers[0], net, thin.diameter, rules.min_drill, (thin.x, thin.y))
+            ring = min(own, key=lambda hole: hole.pad - hole.diameter)
+            width = (ring.pad - ring.diameter) / 2
+            yield _margin("annular ring", ring.layers[0], net, width, rules.min_annular_ring, (ring.x, ring.y))
+    centre = np.array([(hole.x, hole.y) for hole in holes])
+    radius = np.array([hole.diameter / 2 for hole in holes])
+    i, j = np.triu_indices(len(holes), 1)
+    wall = np.hypot(*(centre[i] - centre[j]).T) - radius[i] - radius[j]
+    seen: set[tuple[str, str]] = set()
+    for k in np.argsort(wall):
+        a, b = holes[i[k]], holes[j[k]]
+        if wall[k] > _HORIZON * rules.min_hole_spacing:
+            return
+        shared = [layer for layer in a.layers if layer in b.layers]
+        if shared and (a.net, b.net) not in seen:
+            seen.add((a.net, b.net))
+            feature = a.net if a.net == b.net else f"{a.net} – {b.net}"
+            place = 0.5 * (centre[i[k]] + centre[j[k]])
+            yield _margin("hole spacing", shared[0], feature, wall[k], rules.min_hole_spacing, place)
+
+
+def _edge_clearance(array: CoilArray, layer: str, copper: dict[str, BaseGeometry], rules: FabRules) -> Iterator[Margin]:
+    x_min, y_min, x_max, y_max = array.bounds
+    for net, shape in copper.items():
+        xy = shapely.get_coordinates(shape)
+        inside = np.column_stack((xy - (x_min, y_min), (x_max, y_max) - xy)).min(axis=1)
+        k = int(np.argmin(inside))
+        yield _margin("edge clearance", layer, net, inside[k], rules.min_edge_clearance, xy[k])
+
+
+def _clearances(layer: str, copper: dict[str, BaseGeometry], rules: FabRules) -> Iterator[Margin]:
+    nets = list(copper)
+    if len(nets) < 2:
+        return
+    shapes = np.array([copper[net] for net in nets])
+    shapely.prepare(shapes)
+    boxes = np.array([shapely.box(*shape.bounds) for shape in shapes])
+    i, j = shapely.STRtree(boxes).query(boxes, predicate="dwithin", distance=_HORIZON * rules.min_gap)
+    for a, b in zip(i[i < j].tolist(), j[i < j].tolist(), strict=True):
+        bridge = shapely.shortest_line(shapes[a], shapes[b])
+        value, place = shapely.length(bridge), shapely.get_coordinates(bridge).mean(axis=0)
+        if value == 0:
+            depth, centre = _penetration(shapes[a], shapes[b])
+            value, place = -depth, place if centre is None else centre
+        if value <= _HORIZON * rules.min_gap:
+            yield _margin("clearance", layer, f"{nets[a]} – {nets[b]}", value, rules.min_gap, place)
+
+
+def _penetration(a: BaseGeometry, b: BaseGeometry) -> tuple[float, FloatArray | None]:
+    """Diameter in m and centre of the largest circle in the overlap; 0 and None where they only touch."""
+    parts = shapely.get_parts(shapely.intersection(a, b))
+    parts = parts[shapely.area(parts) > 0]
+    if parts.size == 0:
+        return 0.0, None
+    radii = shapely.maximum_inscribed_circle(parts, tolerance=KEPT_WITHIN / 10)
+    k = int(np.argmax(shapely.length(radii)))
+    return 2 * float(shapely.length(radii[k])), shapely.get_coordinates(radii[k])[0]
+
+
+def _spacing_within(placement: Placement, layer: str, holes: list[Drill], rules: FabRules) -> Iterator[Margin]:
+    """Smallest distance of the separate pieces of one net on one layer."""
+    limit, half = rules.min_gap, placement.coil.trace_width / 2
+    line = np.zeros((0, 2))
+    if layer in placement.layers:
+        line = placement.to_board(placement.coil.lines[placement.layers.index(layer)])
+    found = [_pads_apart(line, half, holes, limit)]
+    if len(line):
+        found += [_pads_to_trace(line, half, holes, limit)]
+        near = _trace_to_trace(line, half, limit, reach=2 * limit)
+        found += [near if near is not None else _trace_to_trace(line, half, limit, reach=_HORIZON * limit)]
+    gaps = [gap for gap in found if gap is not None and gap[0] <= _HORIZON * limit]
+    if gaps:
+        value, place = min(gaps, key=lambda gap: gap[0])
+        yield _margin("spacing within net", layer, placement.name, value, limit, place)
+
+
+def _trace_to_trace(line: FloatArray, half: float, limit: float, reach: float) -> tuple[float, FloatArray] | None:
+    """Smallest gap in m of the trace to itself up to `reach`, and its place; None where there is none."""
+    segments = [shapely.LineString(ends) for ends in np.stack((line[:-1], line[1:]), axis=1)]
+    i, j = shapely.STRtree(segments).query(segments, predicate="dwithin", distance=2 * half + reach)
+    i, j = i[j > i + 1], j[j > i + 1]
+    step = np.diff(line, axis=0)
+    length = np.hypot(*step.T)
+    start = np.concatenate(([0.0], np.cumsum(length)))
+    between = start[j] - start[i + 1]  # way from the end of segment i to the beginning of segment j
+    joined = _TRACE_DETOUR * (2 * half + limit)
+    along = step / length[:, None]
+    a, b, distance = _nearest_beyond(line[j] - line[i + 1], along[i], along[j], length[i], length[j], joined - between)
+    counts = (between + a + b >= _TRACE_DETOUR * distance) & (distance <= 2 * half + reach)
+    if not counts.any():
+        return None
+    k = int(np.argmin(np.where(counts, distance, np.inf)))
+    place = 0.5 * (line[i[k] + 1] - a[k] * along[i[k]] + line[j[k]] + b[k] * along[j[k]])
+    return float(distance[k]) - 2 * half, place
+
+
+def _nearest_beyond(
+    apart: FloatArray,
+    along_i: FloatArray,
+    along_j: FloatArray,
+    length_i: FloatArray,
+    length_j: FloatArray,
+    way: FloatArray,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Nearest places of pairs of segments that are at least `way` apart along both.
+
+    Parameters
+    ----------
+    apart : ndarray, shape (n, 2)
+        From the end of segment i to the beginning of segment j in m.
+    along_i, along_j : ndarray, shape (n, 2)
+        Unit vectors.
+    length_i, length_j : ndarray, shape (n,)
+        In m.
+    way : ndarray, shape (n,)
+        Least a + b in m.
+
+    Returns
+    -------
+    a, b : ndarray, shape (n,)
+        The place on i, back from its end, and on j, onwards from its beginning, in m.
+    distance : ndarray, shape (n,)
+        In m; inf where the segments are too short for `way`.
+
+    Notes
+    -----
+    The difference apart + a·t_i + b·t_j is linear in (a, b), so its length is convex on the polygon
+    0 ≤ a ≤ l_i, 0 ≤ b ≤ l_j, a + b ≥ way: the minimum is zero inside, where the segments cross, or lies on one of
+    the polygon's five edges, each of which is the distance of a point to a segment.
+    """
+    zero, least = np.zeros_like(way), np.maximum(way, 0.0)
+    one = np.ones_like(way)
+    edges = (  # where t = 0, direction in (a, b), range of t
+        (length_i, zero, zero, one, np.maximum(way - length_i, 0), length_j),
+        (zero, length_j, one, zero, np.maximum(way - length_j, 0), length_i),
+        (zero, zero, zero, one, least, length_j),
+        (zero, zero, one, zero, least, length_i),
+        (zero, way, one, -one, np.maximum(way - length_j, 0), np.minimum(way, length_i)),
+    )
+    a0, b0, da, db, low, high = (np.array(column) for column in zip(*edges, strict=True))
+    offset = apart + a0[..., None] * along_i + b0[..., None] * along_j
+    direction = da[..., None] * along_i + db[..., None] * along_j
+    square = np.maximum((direction**2).sum(axis=-1), 1e-30)  # zero for a hairpin's last edge, where all t are alike
+    t = np.clip(-(offset * direction).sum(axis=-1) / square, low, np.maximum(low, high))
+    distance = np.where(low <= high, np.linalg.norm(offset + t[..., None] * direction, axis=-1), np.inf)
+    a, b = a0 + t * da, b0 + t * db
+    # of equally near places on parallel sides take the one furthest along
+    best = np.argmin(distance - 1e-9 * (a + b), axis=0), np.arange(len(way))
+    a, b, distance = a[best], b[best], distance[best]
+
+    cross = along_i[:, 0] * along_j[:, 1] - along_i[:, 1] * along_j[:, 0]
+    safe = np.where(cross == 0, 1.0, cross)
+    a_cross = -(apart[:, 0] * along_j[:, 1] - apart[:, 1] * along_j[:, 0]) / safe
+    b_cross = -(along_i[:, 0] * apart[:, 1] - along_i[:, 1] * apart[:, 0]) / safe
+    crosses = (cross != 0) & (a_cross >= 0) & (a_cross <= length_i) & (b_cross >= 0) & (b_cross <= length_j)
+    crosses &= a_cross + b_cross >= way
+    return np.where(crosses, a_cross, a), np.where(crosses, b_cross, b), np.where(crosses, 0.0, distance)
+
+
+def _end_at(line: FloatArray, hole: Drill) -> str | None:
+    """Which end of the line a pad stands on: "first", "last", or None."""
+    for end, point in (("first", line[:1]), ("last", line[-1:])):
+        if len(point) and np.hypot(point[0, 0] - hole.x, point[0, 1] - hole.y) < 1e-9:
+            return end
+    return None
+
+
+def _pads_to_trace(line: FloatArray, half: float, holes: list[Drill], limit: float) -> tuple[float, FloatArray] | None:
+    """Smallest gap in m of a pad and the part of the trace that does not lead into it, and its place."""
+    best: tuple[float, FloatArray] | None = None
+    for hole in holes:
+        end = _end_at(line, hole)
+        points = line[::-1] if end == "last" else line
+        step = np.diff(points, axis=0)
+        length = np.hypot(*step.T)
+        start = np.concatenate(([0.0], np.cumsum(length)[:-1]))
+        joined = 0.0 if end is None else _PAD_DETOUR * (hole.pad / 2 + half + limit)
+        low = np.clip(joined - start, 0, None)
+        along = step / length[:, None]
+        offset = points[:-1] - (hole.x, hole.y)
+        t = np.clip(-(offset * along).sum(axis=1), low, np.maximum(low, length))
+        distance = np.where(low <= length, np.hypot(*(offset + t[:, None] * along).T), np.inf)
+        if end is not None:
+            distance[start + t < _PAD_DETOUR * distance] = np.inf
+        k = int(np.argmin(distance))
+        value = float(distance[k]) - hole.pad / 2 - half
+        if best is None or value < best[0]:
+            best = value, points[k] + t[k] * along[k]
+    return best
+
+
+def _pads_apart(line: FloatArray, half: float, holes: list[Drill], limit: float) -> tuple[float, FloatArray] | None:
+    """Smallest gap in m of two pads of one net, and its place; pads joined by a short trace are one piece."""
+    length = float(np.hypot(*np.diff(line, axis=0).T).sum()) if len(line) else math.inf
+    best: tuple[float, FloatArray] | None = None
+    for a, b in combinations(holes, 2):
+        joined = None not in (_end_at(line, a), _end_at(line, b))
+        if joined and length <= _PAD_DETOUR * ((a.pad + b.pad) / 2 + limit):
+            continue
+        value = math.hypot(a.x - b.x, a.y - b.y) - (a.pad + b.pad) / 2
+        if best is None or value < best[0]:
+            best = value, np.array([0.5 * (a.x + b.x), 0.5 * (a.y + b.y)])
+    return best

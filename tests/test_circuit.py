@@ -1,0 +1,161 @@
+"""Terminations: closed forms for two coils, identities for any number."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from coilarray import active_coil, couple, couple_design, load_design, resonance
+
+pytestmark = pytest.mark.nojit
+
+F = 2e6
+OMEGA = 2 * np.pi * F
+
+
+def random_matrix(n, seed):
+    """Inductances of about 50 µH with couplings of random sign: positive definite by construction."""
+    rng = np.random.default_rng(seed)
+    factor = np.eye(n) + 0.15 * rng.standard_normal((n, n))
+    return 50e-6 * factor @ factor.T
+
+
+def test_two_coils_ideal_short():
+    L = np.array([[50e-6, -3e-6], [-3e-6, 40e-6]])
+    state = active_coil(L, 0.0, 0, F)
+    # L_eff = L1 (1 − k²), i2 = −M/L2
+    assert state.effective_inductance == pytest.approx(50e-6 - 9e-12 / 40e-6, rel=1e-14)
+    assert state.currents[1] == pytest.approx(3 / 40, rel=1e-14)
+    assert state.effective_resistance == pytest.approx(0, abs=1e-12)
+
+
+def test_two_coils_with_resistance():
+    L = np.array([[50e-6, -3e-6], [-3e-6, 40e-6]])
+    state = active_coil(L, [10.0, 12.0], 0, F, short_resistance=5.0)
+    # reflected impedance ω² M²/(R2 + jωL2), Terman 1943
+    Z = 10 + 1j * OMEGA * 50e-6 + (OMEGA * 3e-6) ** 2 / (17 + 1j * OMEGA * 40e-6)
+    assert state.impedance == pytest.approx(Z, rel=1e-14)
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.integers(2, 7), st.integers(0, 10**6), st.floats(0, 50), st.floats(0, 50))
+def test_identities(n, seed, resistance, short):
+    L = random_matrix(n, seed)
+    state = active_coil(L, resistance, 0, F, short_resistance=short)
+    # grounded neighbours take inductance and add loss
+    assert state.effective_inductance <= L[0, 0] * (1 + 1e-14)
+    assert state.effective_resistance >= resistance * (1 - 1e-12)
+    # the parts add up
+    assert L[0, 0] + state.contributions.sum() == pytest.approx(state.effective_inductance, rel=1e-12)
+    # power: what the source gives is what the resistances take
+    power = resistance * abs(state.currents[0]) ** 2 + (
+        (resistance + short) * np.abs(state.currents[1:]) ** 2
+    ).sum()
+    assert state.effective_resistance == pytest.approx(power, rel=1e-10, abs=1e-9)
+    # Kirchhoff in every passive loop
+    voltages = 1j * OMEGA * L @ state.currents + (resistance + short) * state.currents
+    assert np.abs(voltages[1:]).max() <= 1e-12 * np.abs(voltages[0])
+
+
+def test_ideal_shorts_of_many_coils():
+    L = random_matrix(6, 3)
+    state = active_coil(L, 0.0, 2, F)
+    p = [0, 1, 3, 4, 5]
+    expected = L[2, 2] - L[2, p] @ np.linalg.solve(L[np.ix_(p, p)], L[p, 2])
+    assert state.effective_inductance == pytest.approx(expected, rel=1e-12)
+    # the same by the inverse of the whole matrix
+    assert state.effective_inductance == pytest.approx(1 / np.linalg.inv(L)[2, 2], rel=1e-12)
+
+
+def test_open_coils_do_nothing():
+    L = random_matrix(4, 1)
+    state = active_coil(L, 3.0, 1, F, ["open"] * 4)
+    assert state.effective_inductance == pytest.approx(L[1, 1], rel=1e-15)
+    assert state.currents.tolist() == [0, 1, 0, 0]
+    # a short behind a huge resistance is as good as open
+    nearly = active_coil(L, 3.0, 1, F, short_resistance=1e12)
+    assert nearly.effective_inductance == pytest.approx(L[1, 1], rel=1e-9)
+    one = active_coil(L, 3.0, 1, F, ["short", "short", "open", "open"])
+    assert one.effective_inductance == pytest.approx(L[1, 1] - L[0, 1] ** 2 * (OMEGA**2 * L[0, 0]) / (
+        9 + (OMEGA * L[0, 0]) ** 2), rel=1e-13)  # fmt: skip
+
+
+def test_reciprocity_of_the_sensitivity():
+    # ∂L_eff = iᵀ ∂L i with i = (1, i_p), for ideal shorts
+    L = random_matrix(5, 7)
+    change = random_matrix(5, 8) * 1e-6
+    before = active_coil(L, 0.0, 0, F)
+    after = active_coil(L + change, 0.0, 0, F)
+    i = before.currents.real
+    # second order in the change: 1e-6 of it
+    assert after.effective_inductance - before.effective_inductance == pytest.approx(i @ change @ i, rel=1e-5)
+
+
+def test_resonance_is_self_consistent():
+    L = random_matrix(4, 5)
+    state = resonance(L, 15.0, 0, 120e-12, short_resistance=5.0)
+    expected = 1 / (2 * np.pi * np.sqrt(state.effective_inductance * 120e-12))
+    assert state.frequency == pytest.approx(expected, rel=1e-13)
+    again = active_coil(L, 15.0, 0, state.frequency, short_resistance=5.0)
+    assert again.impedance == state.impedance
+
+
+def test_couple_gives_one_dataset():
+    L = random_matrix(3, 2)
+    result = couple(["a", "b", "c"], L, 10.0, 120e-12, ["short", "open", "short"])
+    assert result.coil.values.tolist() == ["a", "b", "c"]
+    for name, variable in result.data_vars.items():
+        assert "units" in variable.attrs or name == "termination"
+    # b is open while passive: it carries nothing unless it is active
+    assert result.current_real.values[0, 1] == 0
+    assert result.current_real.values[1, 1] == 1
+    total = result.contribution.sum("other")
+    np.testing.assert_allclose(result.open_inductance + total, result.effective_inductance, rtol=1e-12)
+    np.testing.assert_allclose(
+        result.inductance_change, result.effective_inductance / result.open_inductance - 1, rtol=1e-15
+    )
+    assert (result.frequency >= result.open_frequency).all()
+
+
+def test_lossless_coil_has_no_quality_factor():
+    result = couple(["a"], [[50e-6]], 0.0, 120e-12)
+    assert result.quality_factor.values[0] == np.inf
+
+
+def test_the_board_of_the_paper():
+    design = load_design("gast2020")
+    result = couple_design(design)
+    # shared/physics.md: L ≈ 57 µH, f ≈ 1.9 MHz (the paper: about 2 MHz), k ≈ −0.05 and −0.014
+    assert float(result.open_inductance[0]) == pytest.approx(57e-6, rel=0.01)
+    assert float(result.frequency[0]) == pytest.approx(1.93e6, rel=0.01)
+    assert float(result.coupling[0, 1]) == pytest.approx(-0.05, abs=0.01)
+    assert float(result.coupling[0, 2]) == pytest.approx(-0.014, abs=0.001)
+    # grounded neighbours take inductance from every coil; end coils have one near neighbour, the others two
+    assert (result.effective_inductance < result.open_inductance).all()
+    change = -result.inductance_change.values
+    assert change[[0, 5]].max() < change[1:5].min()
+    assert result.attrs["design_hash"] == design.digest
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: active_coil([[1e-6, 0]], 0, 0, F), "must be square"),
+        (lambda: active_coil([[np.nan]], 0, 0, F), "finite with a positive diagonal"),
+        (lambda: active_coil([[-1e-6]], 0, 0, F), "finite with a positive diagonal"),
+        (lambda: active_coil([[1e-6]], -1, 0, F), "resistances must be finite and not negative"),
+        (lambda: active_coil([[1e-6]], [1, 2], 0, F), "resistance must be one number or 1"),
+        (lambda: active_coil([[1e-6]], 0, 1, F), "the active coil must be 0 to 0; got 1"),
+        (lambda: active_coil([[1e-6]], 0, 0, 0), "frequency must be positive and finite; got 0"),
+        (lambda: active_coil([[1e-6]], 0, 0, F, ["loose"]), "must be 1 of 'short' or 'open'"),
+        (lambda: active_coil([[1e-6]], 0, 0, F, short_resistance=-1), "short_resistance must be finite"),
+        (lambda: resonance([[1e-6]], 0, 0, -1e-12), "capacitance must be positive and finite"),
+        (lambda: resonance([[1e-6]], 0, 3, 1e-12), "the active coil must be 0 to 0; got 3"),
+        (lambda: couple(["a", "b"], [[1e-6]], 0, 1e-12), "2 names need an inductance matrix"),
+    ],
+)
+def test_bad_input(call, message):
+    with pytest.raises(ValueError, match=message):
+        call()

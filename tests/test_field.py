@@ -1,0 +1,260 @@
+"""The field of straight segments.
+
+Who checks whom: B on the axis and off it against closed forms (elliptic integrals), B and A against mpmath near the
+wire and far from it, B against the curl of A, both against a midpoint Biot-Savart sum, identities for all of them.
+"""
+
+from __future__ import annotations
+
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.special import ellipe, ellipk
+
+from coilarray import grid_points, magnetic_field, mutual_inductance, vector_potential
+from coilarray.constants import MU_0
+from coilarray.errors import GeometryError
+from coilarray.geometry import Conductor
+
+pytestmark = pytest.mark.nojit
+
+
+def loop(sides, radius=1.0, z=0.0):
+    angle = 2 * np.pi * np.arange(sides + 1) / sides
+    angle[-1] = 0
+    return np.column_stack((radius * np.cos(angle), radius * np.sin(angle), np.full(sides + 1, z)))
+
+
+TRIANGLE = np.array([[0, 0, 0], [1, 0, 0.2], [0.3, 0.8, -0.1], [0, 0, 0]])
+
+
+def test_finite_wire():
+    # B = µ0 I/(4πρ) (sin β − sin α), Jackson ch. 5
+    x, rho = np.linspace(-2, 3, 11), 0.37
+    B = magnetic_field([[[0, 0, 0], [1, 0, 0]]], np.column_stack((x, np.full(11, rho), np.zeros(11))))
+    expected = MU_0 / (4 * np.pi * rho) * (x / np.hypot(x, rho) - (x - 1) / np.hypot(x - 1, rho))
+    # 1e-13: a dozen roundings
+    np.testing.assert_allclose(B[:, 2], expected, rtol=1e-13)
+    assert (B[:, :2] == 0).all()
+
+
+def test_vector_potential_of_finite_wire():
+    x, rho = np.linspace(-2, 3, 11), 0.37
+    A = vector_potential([[[0, 0, 0], [1, 0, 0]]], np.column_stack((x, np.full(11, rho), np.zeros(11))))
+    expected = MU_0 / (4 * np.pi) * (np.arcsinh(x / rho) - np.arcsinh((x - 1) / rho))
+    # 1e-13: a dozen roundings
+    np.testing.assert_allclose(A[:, 0], expected, rtol=1e-13)
+
+
+def _loop_field(rho, z):
+    """Radial and axial B of a circle of radius 1 m and 1 A (Smythe, Static and Dynamic Electricity, 7.10)."""
+    alpha2, beta2 = (1 - rho) ** 2 + z**2, (1 + rho) ** 2 + z**2
+    m = 1 - alpha2 / beta2
+    K, E = ellipk(m), ellipe(m)
+    c = MU_0 / (2 * np.pi * np.sqrt(beta2))
+    return c * z / rho * (-K + (1 + rho**2 + z**2) / alpha2 * E), c * (K + (1 - rho**2 - z**2) / alpha2 * E)
+
+
+def test_circular_loop_converges_with_second_order():
+    points = np.array([[0.4, 0, 0.3], [1.3, 0, 0.1], [0.9, 0, -0.2], [0.2, 0, 2.0]])
+    exact = np.array([[radial, 0, axial] for radial, axial in (_loop_field(x, z) for x, _, z in points)])
+    errors = [np.abs(magnetic_field([loop(n)], points) - exact).max() for n in (128, 256, 512)]
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    # inscribed polygons: second order, nearly reached where sides are shorter than the distance to the wire
+    np.testing.assert_allclose(orders, 2, atol=0.02)
+
+
+def test_dipole_far_away():
+    points = 1e4 * np.array([[0.3, 0.2, 0.9], [1, 0, 0], [-0.5, 0.5, -0.1]])
+    r = np.linalg.norm(points, axis=1)[:, None]
+    square = np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0], [1, 1, 0]]) / 2
+    moment = np.array([0, 0, 1.0])  # A m²
+    along = (points @ moment)[:, None]
+    dipole = MU_0 / (4 * np.pi) * (3 * points * along / r**5 - moment / r**3)
+    # the quadrupole of a square vanishes: the correction is (size/distance)² = 1e-8; the sum of four nearly opposite
+    # segments keeps 1e-16 · (distance/size)² = 1e-8 of its value
+    np.testing.assert_allclose(magnetic_field([square], points), dipole, rtol=1e-7, atol=1e-7 * np.abs(dipole).max())
+    potential = MU_0 / (4 * np.pi) * np.cross(moment, points) / r**3
+    np.testing.assert_allclose(
+        vector_potential([square], points), potential, rtol=1e-7, atol=1e-7 * np.abs(potential).max()
+    )
+
+
+@pytest.mark.parametrize("distance", [1e-1, 1e-3, 1e-6, 1e-9])
+def test_near_the_wire(distance):
+    with mpmath.workdps(40):
+        p, q = mpmath.matrix([0, 0, 0]), mpmath.matrix([1.0, 0.2, 0.1])
+        point = [0.3, 0.06 + distance, 0.03]
+        x = mpmath.matrix(point)
+        u, v, d = x - p, x - q, q - p
+        nu, nv, nd = (mpmath.sqrt(sum(c * c for c in w)) for w in (u, v, d))
+        dot = sum(u[k] * v[k] for k in range(3))
+        cross = [d[1] * u[2] - d[2] * u[1], d[2] * u[0] - d[0] * u[2], d[0] * u[1] - d[1] * u[0]]
+        B = [float(c * (nu + nv) / (nu * nv * (nu * nv + dot))) * MU_0 / (4 * np.pi) for c in cross]
+        A = [float(c / nd * mpmath.log((nu + nv + nd) / (nu + nv - nd))) * MU_0 / (4 * np.pi) for c in d]
+    segment = [[[0, 0, 0], [1.0, 0.2, 0.1]]]
+    # the points' own rounding, 1e-16 of the length, is that part of the distance
+    rel = 1e-14 + 1e-15 / distance
+    np.testing.assert_allclose(magnetic_field(segment, point), B, rtol=rel)
+    np.testing.assert_allclose(vector_potential(segment, point), A, rtol=rel)
+
+
+def test_on_the_wire_a_segment_adds_nothing():
+    wire = np.array([[0, 0, 0], [1, 0, 0]], dtype=float)
+    points = np.array([[0, 0, 0], [0.5, 0, 0], [1, 0, 0], [0.5, 1e-14, 0]])
+    assert (magnetic_field([wire], points) == 0).all()
+    assert (vector_potential([wire], points) == 0).all()
+    # on the line but beyond the end: B is zero, A is not
+    beyond = np.array([2.0, 0, 0])
+    assert (magnetic_field([wire], beyond) == 0).all()
+    assert vector_potential([wire], beyond)[0] == pytest.approx(MU_0 / (4 * np.pi) * np.log(2), rel=1e-14)
+    # at a vertex the other segments still count
+    corner = magnetic_field([TRIANGLE], TRIANGLE[0])
+    opposite = magnetic_field([TRIANGLE[1:3]], TRIANGLE[0])
+    np.testing.assert_allclose(corner, opposite, rtol=1e-14)
+
+
+def _derivatives(field, points, step):
+    """d field_i/d x_j by the fourth-order central difference, shape (n, 3, 3)."""
+    out = np.empty((len(points), 3, 3))
+    for j in range(3):
+        e = np.zeros(3)
+        e[j] = step
+        f = [field([TRIANGLE], points + k * e) for k in (-2, -1, 1, 2)]
+        out[:, :, j] = (f[0] - 8 * f[1] + 8 * f[2] - f[3]) / (12 * step)
+    return out
+
+
+def test_divergence_and_curl():
+    points = np.random.default_rng(1).uniform(-1, 1.5, (40, 3)) + [0, 0, 0.9]
+    points = points[points[:, 2] > 0.4]  # away from the wire, where the differences converge
+    B = magnetic_field([TRIANGLE], points)
+    dB = _derivatives(magnetic_field, points, 1e-3)
+    dA = _derivatives(vector_potential, points, 1e-3)
+    curl = np.column_stack((dA[:, 2, 1] - dA[:, 1, 2], dA[:, 0, 2] - dA[:, 2, 0], dA[:, 1, 0] - dA[:, 0, 1]))
+    # truncation (step/distance)⁴ ≈ 4e-11 and rounding 1e-16 · distance/step ≈ 1e-13, times small factors
+    scale = np.abs(B).max()
+    np.testing.assert_allclose(np.trace(dB, axis1=1, axis2=2), 0, atol=1e-8 * scale)
+    np.testing.assert_allclose(curl, B, atol=1e-8 * scale)
+    # curl B = 0 where no current flows
+    np.testing.assert_allclose(dB, np.swapaxes(dB, 1, 2), atol=1e-8 * scale)
+
+
+def test_circulation_is_the_enclosed_current():
+    # a circle of 96 points around one side: the rule converges geometrically, 0.6^96 < 1e-20
+    angle = 2 * np.pi * np.arange(96) / 96
+    middle, direction = 0.5 * (TRIANGLE[0] + TRIANGLE[1]), TRIANGLE[1] - TRIANGLE[0]
+    direction = direction / np.linalg.norm(direction)
+    u = np.cross(direction, [0, 0, 1])
+    u /= np.linalg.norm(u)
+    v = np.cross(direction, u)
+    radius = 0.2
+    points = middle + radius * (np.outer(np.cos(angle), u) + np.outer(np.sin(angle), v))
+    tangent = -np.outer(np.sin(angle), u) + np.outer(np.cos(angle), v)
+    B = magnetic_field([TRIANGLE], points, currents=2.5)
+    circulation = (B * tangent).sum() * 2 * np.pi * radius / 96
+    assert circulation == pytest.approx(2.5 * MU_0, rel=1e-12)
+
+
+def test_flux_is_the_circulation_of_the_potential_and_the_mutual_inductance():
+    other = np.array([[0.1, 0.1, 0.5], [0.7, 0.1, 0.5], [0.7, 0.9, 0.6], [0.1, 0.9, 0.6], [0.1, 0.1, 0.5]])
+    nodes, weights = np.polynomial.legendre.leggauss(24)
+    total = 0.0
+    for start, end in zip(other, other[1:], strict=False):
+        points = start + np.outer(0.5 * (nodes + 1), end - start)
+        total += (vector_potential([TRIANGLE], points) @ (end - start) * weights).sum() / 2
+    # the sides are as far from the wire as they are long: 24 nodes leave nothing
+    assert mutual_inductance([TRIANGLE], [other])[0, 0] == pytest.approx(total, rel=1e-11)
+
+
+def test_against_a_midpoint_sum():
+    points = np.array([[0.5, 0.3, 0.7], [2, -1, 0.5], [0.3, 0.2, -0.8]])
+    n = 4000
+    B, A = np.zeros((3, 3)), np.zeros((3, 3))
+    for start, end in zip(TRIANGLE, TRIANGLE[1:], strict=False):
+        dl = (end - start) / n
+        middle = start + np.outer(np.arange(n) + 0.5, dl)
+        r = points[:, None] - middle[None]
+        B += (np.cross(dl, r) / np.linalg.norm(r, axis=2)[..., None] ** 3).sum(axis=1)
+        A += (dl / np.linalg.norm(r, axis=2)[..., None]).sum(axis=1)
+    # the midpoint rule errs by (step/distance)²/24 ≈ 1e-8
+    np.testing.assert_allclose(magnetic_field([TRIANGLE], points), MU_0 / (4 * np.pi) * B, rtol=1e-7)
+    np.testing.assert_allclose(vector_potential([TRIANGLE], points), MU_0 / (4 * np.pi) * A, rtol=1e-7)
+
+
+def _rotation(a, b, c):
+    def about(axis, angle):
+        i, j = [k for k in range(3) if k != axis]
+        R = np.eye(3)
+        R[i, i] = R[j, j] = np.cos(angle)
+        R[i, j], R[j, i] = -np.sin(angle), np.sin(angle)
+        return R
+
+    return about(0, a) @ about(1, b) @ about(2, c)
+
+
+angles = st.floats(0, 6.28)
+lengths = st.floats(-5, 5)
+
+
+@settings(deadline=None, max_examples=30)
+@given(angles, angles, angles, lengths, lengths, lengths, st.floats(1e-6, 1e6))
+def test_rotation_translation_and_scale(a, b, c, x, y, z, scale):
+    R, shift = _rotation(a, b, c), np.array([x, y, z])
+    points = np.array([[0.5, 0.3, 0.7], [2, -1, 0.5]])
+    B = magnetic_field([TRIANGLE], points)
+    moved = magnetic_field([scale * (TRIANGLE @ R.T + shift)], scale * (points @ R.T + shift))
+    # rounding of coordinates up to 9 lengths from the origin
+    np.testing.assert_allclose(moved * scale, B @ R.T, rtol=0, atol=1e-13 * np.abs(B).max())
+
+
+def test_many_conductors_currents_and_blocks():
+    paths = [loop(5, z=k * 0.3) for k in range(3)]
+    currents = np.array([1.0, -2.0, 0.0])
+    points = np.random.default_rng(0).uniform(-2, 2, (2000, 3))  # several blocks and a rest
+    together = magnetic_field(paths, points, currents)
+    apart = sum(i * magnetic_field([path], points) for i, path in zip(currents, paths, strict=True))
+    np.testing.assert_allclose(together, apart, rtol=0, atol=1e-13 * np.abs(apart).max())
+    np.testing.assert_array_equal(magnetic_field(paths, points[777], currents), together[777])
+    assert magnetic_field(paths, points.reshape(40, 50, 3), currents).shape == (40, 50, 3)
+    assert magnetic_field(paths, np.zeros((0, 3))).shape == (0, 3)
+
+
+def test_one_path_may_come_bare():
+    points = [0.2, 0.1, 0.4]
+    expected = magnetic_field([TRIANGLE], points)
+    for source in (TRIANGLE, TRIANGLE.tolist(), Conductor(TRIANGLE), [Conductor(TRIANGLE)]):
+        np.testing.assert_array_equal(magnetic_field(source, points), expected)
+
+
+def test_grid_points():
+    grid = grid_points([0, 1], [2, 3, 4], 5)
+    assert grid.shape == (2, 3, 1, 3)
+    assert grid[1, 2, 0].tolist() == [1, 4, 5]
+
+
+def test_progress_counts_up():
+    seen = []
+    magnetic_field([TRIANGLE], np.zeros((30000, 3)) + 1, progress=lambda done, total: seen.append((done, total)))
+    assert seen[-1][0] == seen[-1][1]
+    assert [done for done, _ in seen] == sorted(done for done, _ in seen)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (([TRIANGLE], [1, 2]), r"points must have shape \(\.\.\., 3\); got \(2,\)"),
+        (([TRIANGLE], [1, 2, np.nan]), "points must be finite"),
+        (([TRIANGLE], [1, 2, 3], [1, 2]), r"currents must be one number or 1, one a path; got shape \(2,\)"),
+        (([TRIANGLE], [1, 2, 3], np.inf), "currents must be finite"),
+        (([], [1, 2, 3]), "at least one current path"),
+        (([[[0, 0, 0]]], [1, 2, 3]), "vertices of path 1 must have shape"),
+        (([[[0, 0, 0], [0, 0, 0]]], [1, 2, 3]), "segment 0 of path 1 has length zero"),
+        (([[[0, 0, 0], [1, np.nan, 0]]], [1, 2, 3]), "vertex 1 is not"),
+    ],
+)
+def test_bad_input(arguments, message):
+    with pytest.raises(GeometryError, match=message):
+        magnetic_field(*arguments)

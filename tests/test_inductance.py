@@ -1,0 +1,209 @@
+"""Inductance matrices of bars and filaments.
+
+Who checks whom: closed forms and other programs in test_references.py; here the pair rules against a brute-force mean
+over both cross-sections, reuse against no reuse, and the identities that every inductance matrix obeys.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from coilarray import coupling_matrix, inductance_matrix, load_design, mutual_inductance, self_inductance
+from coilarray import inductance as module
+from coilarray.constants import MU_0
+from coilarray.errors import GeometryError
+from coilarray.geometry import Conductor, Spiral
+from coilarray.inductance import rectangular_bars, straight_filaments
+
+W, T = 0.15e-3, 35e-6
+
+
+def hexagon(radius=5e-3, z=0.0, centre=(0.0, 0.0), width=W, gap=1e-4):
+    angle = np.pi / 3 * np.arange(7)
+    x, y = centre[0] + radius * np.cos(angle), centre[1] + radius * np.sin(angle)
+    y[-1] -= gap  # an open loop
+    return Conductor(np.column_stack((x, y, np.full(7, z))), width, T)
+
+
+def _brute_force(first, second):
+    """Mean of the filament formula over both cross-sections, four Gauss rules, for single segments lying flat."""
+    (nodes_w, weights_w), (nodes_t, weights_t) = np.polynomial.legendre.leggauss(8), np.polynomial.legendre.leggauss(3)
+
+    def strands(bar):
+        start, end = bar.vertices
+        along = (end - start) / np.linalg.norm(end - start)
+        lateral = np.array([-along[1], along[0], 0])
+        for u, weight_u in zip(nodes_w, weights_w, strict=True):
+            for v, weight_v in zip(nodes_t, weights_t, strict=True):
+                offset = u / 2 * bar.widths[0] * lateral + np.array([0, 0, v / 2 * bar.thicknesses[0]])
+                yield weight_u * weight_v / 4, start + offset, end + offset
+
+    return sum(p * q * straight_filaments(*a, *b) for p, *a in strands(first) for q, *b in strands(second))
+
+
+@pytest.mark.parametrize(
+    ("start", "end"),
+    [
+        ([1e-3, 0.3e-3, 0], [9e-3, 0.3e-3, 0]),  # the next turn
+        ([1e-3, 0.3e-3, 0], [9e-3, 0.33e-3, 0]),  # the next turn of a spiral, slightly tilted
+        ([9e-3, 0.6e-3, 0], [1e-3, 0.62e-3, 0]),  # two turns on, the other way
+        ([0, 0, 0.25e-3], [10e-3, 0, 0.25e-3]),  # the layer below
+        ([2e-3, 3e-3, 0.25e-3], [4e-3, -3e-3, 0.25e-3]),  # a crossing on another layer
+        ([10.5e-3, 0.3e-3, 0], [14e-3, 6e-3, 0]),  # round the corner
+        ([0, 5e-3, 0], [10e-3, 5e-3, 0]),  # far
+    ],
+)
+def test_pairs_of_bars_against_a_mean_over_the_cross_sections(start, end):
+    first = Conductor([[0, 0, 0], [10e-3, 0, 0]], W, T)
+    second = Conductor([start, end], W, T)
+    M = mutual_inductance(first, second)[0, 0]
+    # the rules are set for 1e-7 across the width and 1e-5 of the thickness' own 1 %
+    assert pytest.approx(_brute_force(first, second), rel=1e-6) == M
+
+
+def test_parallel_bars_against_the_exact_integral():
+    first = Conductor([[0, 0, 0], [10e-3, 0, 0]], W, T)
+    for shift in (0.16e-3, 0.2e-3, 0.3e-3, 0.6e-3, 1.5e-3, 3e-3):
+        second = Conductor([[0, shift, 0], [10e-3, shift, 0]], W, T)
+        exact = rectangular_bars((10e-3, W, T), (10e-3, W, T), (0, shift, 0))
+        # the rules are set for 1e-7 across the width and 1e-5 of the thickness' own 1 %
+        assert mutual_inductance(first, second)[0, 0] == pytest.approx(exact, rel=3e-7)
+
+
+def test_bars_that_touch_use_the_exact_integral():
+    first = Conductor([[0, 0, 0], [10e-3, 0, 0]], W, T)
+    for shift, back in ((W, False), (W / 2, False), (W / 2, True), (0.0, False)):
+        ends = [[0, shift, 0], [10e-3, shift, 0]]
+        second = Conductor(ends[::-1] if back else ends, W, T)
+        exact = rectangular_bars((10e-3, W, T), (10e-3, W, T), (0, shift, 0)) * (-1 if back else 1)
+        assert mutual_inductance(first, second)[0, 0] == pytest.approx(exact, rel=1e-10)
+
+
+def test_a_cut_trace_has_the_inductance_of_the_whole():
+    whole = Conductor([[0, 0, 0], [10e-3, 0, 0]], W, T)
+    cut = Conductor([[0, 0, 0], [3e-3, 0, 0], [3.7e-3, 0, 0], [10e-3, 0, 0]], W, T)
+    # collinear pieces meet end to end: exact bars, to the quadrature's 1e-11
+    assert self_inductance(cut)[0] == pytest.approx(self_inductance(whole)[0], rel=1e-9)
+
+
+def test_reuse_of_equal_pairs_changes_nothing(monkeypatch):
+    array = load_design("starter").array
+    reused = inductance_matrix(array)
+    calls = []
+    original = module._block_sum
+    monkeypatch.setattr(module, "_block_sum", lambda *a: calls.append(a[2]) or original(*a))
+    inductance_matrix(array)
+    assert len(set(calls)) == 4  # one shape alone; neighbours downwards and upwards; next but one
+    # the same coils an offset of 1 nm away share nothing
+    paths = [
+        Conductor(c.vertices + [0, 0, 1e-9 * k * k], c.widths, c.thicknesses, c.areas, c.name)
+        for k, c in enumerate(array.conductors())
+    ]
+    apart = inductance_matrix(paths)
+    # a shift of 1 nm changes neighbours' M by about 1e-6
+    np.testing.assert_allclose(apart, reused, rtol=3e-6)
+
+
+def test_direction_and_order():
+    a, b = hexagon(), hexagon(4e-3, 1e-3, (3e-3, 1e-3))
+    M = mutual_inductance(a, b)[0, 0]
+    turned = Conductor(b.vertices[::-1], b.widths, b.thicknesses)
+    assert mutual_inductance(a, turned)[0, 0] == pytest.approx(-M, rel=1e-12)
+    # the two orders of one pair use the rules with the parts exchanged
+    assert mutual_inductance(b, a)[0, 0] == pytest.approx(M, rel=1e-9)
+    assert self_inductance(turned)[0] == pytest.approx(self_inductance(b)[0], rel=1e-9)
+
+
+shifts = st.floats(-0.02, 0.02)
+
+
+@settings(deadline=None, max_examples=25)
+@given(st.floats(0, 6.28), shifts, shifts, shifts)
+def test_rotation_and_translation(angle, x, y, z):
+    paths = [hexagon(), hexagon(4e-3, 1e-3, (3e-3, 1e-3)), hexagon(5e-3, -1e-3, (-7e-3, 2e-3))]
+    L = inductance_matrix(paths)
+    c, s = np.cos(angle), np.sin(angle)
+    R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    moved = [Conductor(p.vertices @ R.T + [x, y, z], p.widths, p.thicknesses) for p in paths]
+    # rounding of coordinates; the choice between rules may fall otherwise at its edge, where they agree to 1e-7
+    np.testing.assert_allclose(inductance_matrix(moved), L, rtol=1e-7, atol=1e-7 * L.max())
+
+
+@settings(deadline=None, max_examples=25)
+@given(st.floats(0.1, 10.0))
+def test_scales_with_length(scale):
+    small = hexagon()
+    large = Conductor(small.vertices * scale, small.widths * scale, small.thicknesses * scale)
+    assert self_inductance(large)[0] == pytest.approx(scale * self_inductance(small)[0], rel=1e-9)
+
+
+def test_the_matrix_of_the_board_is_symmetric_and_positive_definite():
+    L = inductance_matrix(load_design("gast2020").array)
+    np.testing.assert_array_equal(L, L.T)
+    assert (np.linalg.eigvalsh(L) > 0).all()
+    k = coupling_matrix(L)
+    assert (np.abs(k - np.eye(6)) < 1).all()
+    # the board is its own mirror image but for the winding: equal self-inductance to the last digits
+    np.testing.assert_allclose(np.diag(L), L[0, 0], rtol=1e-12)
+
+
+@settings(deadline=None, max_examples=20)
+@given(st.lists(st.tuples(shifts, shifts, st.floats(0.001, 0.02)), min_size=1, max_size=4))
+def test_positive_definite_for_any_placement(places):
+    paths = [hexagon(z=k * 5e-3 + z, centre=(x, y)) for k, (x, y, z) in enumerate(places)]
+    L = inductance_matrix(paths)
+    assert np.linalg.eigvalsh(L).min() > 0
+
+
+def test_series_connection_adds():
+    # one path of two layers against the sum over its pieces
+    spiral = Spiral(6, 5e-3, 4, W, W)
+    top, bottom = spiral.centre_line(0), spiral.centre_line(1)
+    upper = np.column_stack((top, np.zeros(len(top))))
+    lower = np.column_stack((bottom, np.full(len(bottom), -0.5e-3)))
+    pieces = [Conductor(upper, W, T), Conductor(np.vstack((upper[-1:], lower[:1])), W, W), Conductor(lower, W, T)]
+    whole = Conductor(
+        np.vstack((upper, lower)),
+        np.concatenate([piece.widths for piece in pieces]),
+        np.concatenate([piece.thicknesses for piece in pieces]),
+    )
+    # pairs within a path keep their cross-section further out than pairs of two paths
+    assert self_inductance(whole)[0] == pytest.approx(inductance_matrix(pieces).sum(), rel=2e-5)
+
+
+def test_wide_trace_against_the_current_sheet_limit():
+    # a long flat strip: L = µ0 l/2π (ln(2l/w) + 1/2), Terman 1943, to the order (w/l)
+    length, width = 1.0, 1e-3
+    L = self_inductance(Conductor([[0, 0, 0], [length, 0, 0]], width, 1e-9))[0]
+    expected = MU_0 * length / (2 * np.pi) * (np.log(2 * length / width) + 0.5)
+    assert pytest.approx(expected, rel=2 * width / length) == L
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: inductance_matrix([[[0, 0, 0], [1, 0, 0]]]), "the self-inductance of a thin filament is infinite"),
+        (lambda: self_inductance(np.array([[0, 0, 0], [1, 0, 0.0]])), "path 1 has segments without a cross-section"),
+        (lambda: straight_filaments([0, 0, 0], [1, 0, 0], [0.5, 0, 0], [2, 0, 0]), "run over each other"),
+        (lambda: straight_filaments([0, 0, 0], [0, 0, 0], [0.5, 0, 0], [2, 0, 0]), "the first filament has length"),
+        (lambda: mutual_inductance([[[0, 0, 0], [1, 0, 0]]], [[[0, 0, 0], [1, 0, 0]]]), "path 1 and path 1 run over"),
+        (lambda: rectangular_bars((1, 0, 1)), "length, width and thickness of a bar must be positive"),
+        (lambda: rectangular_bars((1, 1, 1), offset=(np.nan, 0, 0)), "offset between two bars must be finite"),
+        (lambda: Conductor([[0, 0, 0], [1, 0, 0]], -1.0, 1.0), "widths of path must be finite and not negative"),
+        (lambda: Conductor([[0, 0, 0], [1, 0, 0]], 1.0, 0.0), "both zero or both positive"),
+        (lambda: Conductor([[0, 0, 0], [1, 0, 0]], [1.0, 2.0], 1.0), "widths of path must be one number or 1"),
+        (lambda: coupling_matrix([[1.0, 0.0]]), "must be square"),
+        (lambda: coupling_matrix([[-1.0]]), "every self-inductance must be positive"),
+    ],
+)
+def test_bad_input(call, message):
+    with pytest.raises(ValueError, match=message):
+        call()
+
+
+def test_bad_input_is_a_geometry_error():
+    with pytest.raises(GeometryError):
+        inductance_matrix([[[0, 0, 0], [1, 0, 0]]])

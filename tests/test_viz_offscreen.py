@@ -1,0 +1,104 @@
+"""Whether the answer about rendering is right, cheap to ask again, and never fatal."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+from coilarray.viz import offscreen
+
+ASK = "from coilarray.viz import rendering_problem; print(rendering_problem())"
+
+
+@pytest.fixture
+def fresh(monkeypatch):
+    """A process that has not probed yet, with no screen and no choice of the user."""
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "VTK_DEFAULT_OPENGL_WINDOW", offscreen.NO_RENDERING):
+        monkeypatch.delenv(name, raising=False)
+    offscreen._probe.cache_clear()
+    yield monkeypatch
+    offscreen._probe.cache_clear()
+
+
+def test_the_environment_variable_switches_rendering_off_without_a_probe(fresh):
+    fresh.setattr(offscreen, "_run_probe", lambda environment: pytest.fail("probed"))
+    fresh.setenv(offscreen.NO_RENDERING, "1")
+    problem = offscreen.rendering_problem()
+    assert problem is not None
+    assert offscreen.NO_RENDERING in problem
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the packages are those of Linux")
+def test_a_machine_without_drivers_gets_one_line_that_names_the_packages():
+    # the EGL dispatcher finds no vendor's driver: what it does on a machine without Mesa
+    bare = {
+        **{k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY", offscreen.NO_RENDERING)},
+        "VTK_DEFAULT_OPENGL_WINDOW": "vtkEGLRenderWindow",
+        "__EGL_VENDOR_LIBRARY_FILENAMES": os.devnull,
+    }
+    child = subprocess.run([sys.executable, "-c", ASK], env=bare, capture_output=True, text=True, check=True)
+    if child.stdout.strip() == "None":
+        pytest.skip("VTK renders here without EGL, through OSMesa")
+    assert "apt-get install libegl1 libgl1-mesa-dri" in child.stdout
+    assert len(child.stdout.splitlines()) == 1
+
+
+def test_threads_share_one_probe(fresh):
+    probes = []
+    fresh.setattr(offscreen, "_run_probe", probes.append)  # returns None: rendering works
+    with ThreadPoolExecutor(8) as pool:
+        assert set(pool.map(lambda _: offscreen.rendering_problem(), range(8))) == {None}
+    assert len(probes) == 1
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only Linux has machines without a screen")
+@pytest.mark.parametrize(("works", "chosen"), [(True, "vtkEGLRenderWindow"), (False, None)])
+def test_without_a_screen_a_working_probe_chooses_egl_here_too(fresh, works, chosen):
+    fresh.setenv("VTK_DEFAULT_OPENGL_WINDOW", "")  # so that the fixture takes back what the probe sets
+    del os.environ["VTK_DEFAULT_OPENGL_WINDOW"]
+    tried = []
+    fresh.setattr(offscreen, "_run_probe", lambda environment: tried.append(environment) or (None if works else "no"))
+    offscreen.rendering_problem()
+    assert tried[0]["VTK_DEFAULT_OPENGL_WINDOW"] == "vtkEGLRenderWindow"
+    assert os.environ.get("VTK_DEFAULT_OPENGL_WINDOW") == chosen
+
+
+def test_the_choice_of_the_user_is_kept(fresh):
+    fresh.setenv("VTK_DEFAULT_OPENGL_WINDOW", "vtkOSOpenGLRenderWindow")
+    tried = []
+    fresh.setattr(offscreen, "_run_probe", tried.append)
+    offscreen.rendering_problem()
+    assert tried[0]["VTK_DEFAULT_OPENGL_WINDOW"] == "vtkOSOpenGLRenderWindow"
+
+
+@pytest.mark.parametrize(
+    ("probe", "reason"),
+    [
+        ("raise SystemExit('the picture is blank')", "failed: the picture is blank"),
+        ("raise SystemExit(3)", "exit code 3"),
+        ("import time; time.sleep(30)", "more than 1 s"),
+    ],
+)
+def test_every_way_a_probe_fails_is_told(fresh, probe, reason):
+    fresh.setattr(offscreen, "_PROBE", probe)
+    fresh.setattr(offscreen, "_TIMEOUT", 1.0)
+    assert reason in offscreen._run_probe(dict(os.environ))
+
+
+def test_importing_the_package_loads_neither_vtk_nor_matplotlib():
+    code = "import sys, coilarray.viz as v; print([m for m in sys.modules if m.split('.')[0] in %r])"
+    heavy = ("vtk", "vtkmodules", "pyvista", "matplotlib")
+    child = subprocess.run([sys.executable, "-c", code % (heavy,)], capture_output=True, text=True, check=True)
+    assert child.stdout.strip() == "[]"
+
+
+def test_every_public_name_is_there():
+    import coilarray.viz as viz
+
+    assert all(callable(getattr(viz, name)) for name in viz.__all__)
+    with pytest.raises(AttributeError, match="no attribute 'plot_nothing'"):
+        getattr(viz, "plot_" + "nothing")
