@@ -189,14 +189,15 @@ def inductance_matrix(source: Source, progress: Progress | None = None) -> Float
     Notes
     -----
     Neumann's integral averaged over the cross-sections. Pairs of equal shapes at equal offsets are computed once,
-    so identical coils on a lattice cost one evaluation a distinct offset. The rules are set for 1e-6 of L and of k; `tests/test_inductance_convergence.py` holds the study.
+    so identical coils on a lattice cost one evaluation a distinct offset. The rules are set for 1e-6 of L and of k;
+    `tests/test_inductance_convergence.py` holds the study.
 
     Examples
     --------
     >>> square = [[0, 0, 0], [1e-2, 0, 0], [1e-2, 1e-2, 0], [0, 1e-2, 0], [0, 1e-4, 0]]
     >>> loop = Conductor(square, 0.15e-3, 35e-6)
     >>> round(float(inductance_matrix(loop)[0, 0]) * 1e9, 2)
-    34.42
+    37.64
     """
     return _matrix(as_conductors(source), own=True, mutual=True, progress=progress)
 

@@ -37,6 +37,7 @@ _MM, _UM, _DEG = 1e-3, 1e-6, math.pi / 180
 
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
+Point = Annotated[list[float], Field(min_length=2, max_length=2)]
 Name = Annotated[str, Field(min_length=1, pattern=r"^[A-Za-z0-9_.+-]+$")]
 
 
@@ -174,7 +175,7 @@ class PathCoil(Table):
     """``[coils.NAME]`` with ``shape = "path"``: any centre lines, one a layer."""
 
     shape: Literal["path"]
-    lines_mm: list[list[tuple[float, float]]] = Field(min_length=1)
+    lines_mm: list[list[Point]] = Field(min_length=1)
     trace_width_mm: Positive
     gap_mm: Positive
     via: ViaTable = ViaTable()
@@ -377,5 +378,7 @@ def _describe(details: ErrorDetails, document: Mapping[str, Any]) -> str:
     message = details["msg"].removeprefix("Value error, ")
     if kind == "value_error":
         return f"{key} {message}."
+    if kind == "string_pattern_mismatch":
+        return f"{key} may have letters, digits, _ . + and - only; got {got!r}."
     message = message.removeprefix("Input ")
     return f"{key} {message[0].lower()}{message[1:]}; got {got!r}."

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -277,16 +277,15 @@ def path_coil(
     GeometryError
         As `Coil`, and for a line that crosses itself.
     """
-    arrays = tuple(np.array(line, dtype=np.float64) for line in lines)
+    try:
+        arrays = tuple(np.array(line, dtype=np.float64) for line in lines)
+    except (TypeError, ValueError):
+        raise GeometryError("the lines of a coil must be numbers of shape (n, 2).") from None
+    coil = Coil(arrays, trace_width, gap, via, terminal, outline=np.zeros((0, 2)))
     for layer, line in enumerate(arrays):
-        if line.ndim == 2 and line.shape[1:] == (2,) and len(line) > 1 and np.isfinite(line).all():
-            _refuse_self_crossing(line, layer)
-    if not arrays:
-        raise GeometryError("a coil must have at least one layer; got none.")
-    good = [line for line in arrays if line.ndim == 2 and line.shape[1:] == (2,) and np.isfinite(line).all()]
-    hull = shapely.MultiPoint(np.vstack(good)).convex_hull.buffer(trace_width / 2) if good else shapely.Point(0, 0)
-    outline = np.array(hull.exterior.coords)[:-1] if isinstance(hull, shapely.Polygon) else np.zeros((0, 2))
-    return Coil(lines=arrays, trace_width=trace_width, gap=gap, via=via, terminal=terminal, outline=outline)
+        _refuse_self_crossing(line, layer)
+    hull = shapely.MultiPoint(np.vstack(arrays)).convex_hull.buffer(trace_width / 2)
+    return replace(coil, outline=shapely.get_coordinates(hull)[:-1])
 
 
 def _refuse_self_crossing(line: FloatArray, layer: int) -> None:
@@ -423,6 +422,9 @@ def _fan(
         clear = ~np.column_stack(near)
         for centre, pad in fixed:
             clear &= np.hypot(*np.moveaxis(points - centre, -1, 0)) >= (pads + pad) / 2 + spiral.gap
+            ahead = np.clip(rays @ (centre - end), 0, reachable[:, None])  # where the stub comes closest
+            beside = np.hypot(*np.moveaxis(end + ahead[..., None] * rays - centre, -1, 0))
+            clear &= beside >= pad / 2 + spiral.gap + spiral.trace_width / 2
         free = clear.all(axis=1)
         for i in range(m - 1):  # neighbours in the fan: pad beside pad, and either pad beside the other's stub
             free &= 2 * reachable * math.sin(opening / 2) >= (pads[i] + pads[i + 1]) / 2 + spiral.gap

@@ -56,7 +56,7 @@ def solids(array: CoilArray, sheets: Sequence[Sheet] = ()) -> dict[str, trimesh.
     >>> coil = path_coil([[(0, 0), (1e-2, 0)]], 0.2e-3, 0.2e-3, PlatedHole(0.3e-3, 0.6e-3))
     >>> board = CoilArray(Stackup(("top",), (35e-6,), (), ()), (Placement("A", coil, ("top",), 0, 0),))
     >>> parts = solids(board, [Sheet("base", 6e-3)])
-    >>> sorted(parts), round(parts["copper/top/A"].volume * 1e9, 6)
+    >>> sorted(parts), round(float(parts["copper/top/A"].volume) * 1e9, 6)
     (['copper/top/A', 'sheet/base'], 0.07)
     """
     names = [sheet.name for sheet in sheets]

@@ -33,13 +33,24 @@ def apothem_from_size(size: float, sides: int, *, across: Literal["flats", "corn
     across : {"flats", "corners"}
         How `size` is measured.
 
+    Raises
+    ------
+    GeometryError
+        A size that is not positive and finite, fewer than 3 sides, or another word for `across`.
+
     Examples
     --------
     >>> round(apothem_from_size(23e-3, 6, across="corners") * 1e3, 4)
     9.9593
     """
+    if not (math.isfinite(size) and size > 0):
+        raise GeometryError(f"size must be positive and finite; got {size} m.")
+    if sides < 3:
+        raise GeometryError(f"sides must be at least 3; got {sides}.")
     if across == "flats":
         return size / 2
+    if across != "corners":
+        raise GeometryError(f"size must be measured across flats or corners; got {across!r}.")
     return size / 2 * math.cos(math.pi / sides)
 
 

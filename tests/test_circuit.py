@@ -50,9 +50,7 @@ def test_identities(n, seed, resistance, short):
     # the parts add up
     assert L[0, 0] + state.contributions.sum() == pytest.approx(state.effective_inductance, rel=1e-12)
     # power: what the source gives is what the resistances take
-    power = resistance * abs(state.currents[0]) ** 2 + (
-        (resistance + short) * np.abs(state.currents[1:]) ** 2
-    ).sum()
+    power = resistance * abs(state.currents[0]) ** 2 + ((resistance + short) * np.abs(state.currents[1:]) ** 2).sum()
     assert state.effective_resistance == pytest.approx(power, rel=1e-10, abs=1e-9)
     # Kirchhoff in every passive loop
     voltages = 1j * OMEGA * L @ state.currents + (resistance + short) * state.currents

@@ -6,6 +6,8 @@ wire and far from it, B against the curl of A, both against a midpoint Biot-Sava
 
 from __future__ import annotations
 
+import itertools
+
 import mpmath
 import numpy as np
 import pytest
@@ -128,7 +130,7 @@ def _derivatives(field, points, step):
 
 
 def test_divergence_and_curl():
-    points = np.random.default_rng(1).uniform(-1, 1.5, (40, 3)) + [0, 0, 0.9]
+    points = np.random.default_rng(1).uniform([-1, -1, -0.1], [1.5, 1.5, 2.4], (40, 3))
     points = points[points[:, 2] > 0.4]  # away from the wire, where the differences converge
     B = magnetic_field([TRIANGLE], points)
     dB = _derivatives(magnetic_field, points, 1e-3)
@@ -162,7 +164,7 @@ def test_flux_is_the_circulation_of_the_potential_and_the_mutual_inductance():
     other = np.array([[0.1, 0.1, 0.5], [0.7, 0.1, 0.5], [0.7, 0.9, 0.6], [0.1, 0.9, 0.6], [0.1, 0.1, 0.5]])
     nodes, weights = np.polynomial.legendre.leggauss(24)
     total = 0.0
-    for start, end in zip(other, other[1:], strict=False):
+    for start, end in itertools.pairwise(other):
         points = start + np.outer(0.5 * (nodes + 1), end - start)
         total += (vector_potential([TRIANGLE], points) @ (end - start) * weights).sum() / 2
     # the sides are as far from the wire as they are long: 24 nodes leave nothing
@@ -173,7 +175,7 @@ def test_against_a_midpoint_sum():
     points = np.array([[0.5, 0.3, 0.7], [2, -1, 0.5], [0.3, 0.2, -0.8]])
     n = 4000
     B, A = np.zeros((3, 3)), np.zeros((3, 3))
-    for start, end in zip(TRIANGLE, TRIANGLE[1:], strict=False):
+    for start, end in itertools.pairwise(TRIANGLE):
         dl = (end - start) / n
         middle = start + np.outer(np.arange(n) + 0.5, dl)
         r = points[:, None] - middle[None]

@@ -99,7 +99,7 @@ def test_reuse_of_equal_pairs_changes_nothing(monkeypatch):
     assert len(set(calls)) == 4  # one shape alone; neighbours downwards and upwards; next but one
     # the same coils an offset of 1 nm away share nothing
     paths = [
-        Conductor(c.vertices + [0, 0, 1e-9 * k * k], c.widths, c.thicknesses, c.areas, c.name)
+        Conductor(c.vertices + np.array([0, 0, 1e-9 * k * k]), c.widths, c.thicknesses, c.areas, c.name)
         for k, c in enumerate(array.conductors())
     ]
     apart = inductance_matrix(paths)

@@ -9,7 +9,7 @@ from coilarray import load_design, rectangular_bars
 from coilarray.constants import MU_0
 from coilarray.geometry import Conductor, Spiral
 from coilarray.inductance import MUTUAL_REACH, OWN_REACH, _segment_table
-from coilarray.kernels.paths import bar_pair, mutual_sum, own_mutual_sum
+from coilarray.kernels.paths import RULE_SIZE, bar_pair, mutual_sum, own_mutual_sum
 
 # W/G 0.1 mm and 0.15 mm, one and two layers, straight sides and arcs
 SPIRALS = {
@@ -46,7 +46,8 @@ def test_pair_converges_geometrically(gap):
     pitch = (1 + gap) * width
     row = _segment_table(Conductor([[0, 0, 0], [length, 0, 0]], width, thickness))[0]
     exact = rectangular_bars((length, width, thickness), (length, width, thickness), (0, pitch, 0)) * 4 * np.pi / MU_0
-    errors = [abs(bar_pair(row, row, np.array([0, pitch, 0]), OWN_REACH, extra) / exact - 1) for extra in range(3)]
+    shift, rule = np.array([0, pitch, 0]), np.empty((RULE_SIZE, 4))
+    errors = [abs(bar_pair(row, row, shift, OWN_REACH, extra, rule) / exact - 1) for extra in range(3)]
     # one node more in each rule takes at least nine tenths, down to rounding
     assert errors[0] < 1e-7
     assert errors[1] < errors[0] / 10

@@ -6,6 +6,8 @@ none of them shares code with this package.
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from references import rows
@@ -79,7 +81,7 @@ def test_circular_filaments(row):
     M = [mutual_inductance([_circle(n, a, [0, 0, 0], [0, 0, 1])], [_circle(n, b, centre, normal)])[0, 0] for n in sides]
     order = np.log2(abs((M[1] - M[0]) / (M[2] - M[1])))
     assert order == pytest.approx(2, abs=0.1)  # second order; the next term of the series moves it by less
-    first = [(4 * fine - coarse) / 3 for coarse, fine in zip(M, M[1:], strict=False)]
+    first = [(4 * fine - coarse) / 3 for coarse, fine in itertools.pairwise(M)]
     extrapolated = (16 * first[1] - first[0]) / 15
     # 1e-8: the third term of the series, with sides half as long as the distance of the wires; what the table gives
     # for inclined circles has 13 digits
@@ -118,11 +120,11 @@ def _zero_coupling(sides, direction, height, unit, guess):
     """Shift over `unit` at which two equal polygons of circumradius one do not couple."""
     first = _polygon(sides, 1.0)
 
-    def M(d):
+    def mutual(d):
         centre = (d * unit * np.cos(direction), d * unit * np.sin(direction))
         return mutual_inductance([first], [_polygon(sides, 1.0, height, centre=centre)])[0, 0]
 
-    return brentq(M, guess - 0.05, guess + 0.05, xtol=1e-12)
+    return brentq(mutual, guess - 0.05, guess + 0.05, xtol=1e-12)
 
 
 @pytest.mark.parametrize("row", rows("geometric_decoupling_loops"), ids=lambda row: "-".join(list(row.values())[:2]))

@@ -36,7 +36,9 @@ def field(
     as_json: AsJson = False,
     allow_violations: AllowViolations = False,
 ) -> None:
-    """Compute B over the board on a plane or in a volume and write it as netCDF or VTK.
+    """Write the field over the board.
+
+    B on a plane or in a volume while one coil is measured, as netCDF or VTK, in free space.
 
     Example: coilarray field gast2020 --coil coil3 --z-mm 1:9 --out field.vtr
     """

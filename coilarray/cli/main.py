@@ -16,7 +16,6 @@ _INTERRUPTED = 130
 app = typer.Typer(
     name="coilarray",
     help="Planar coil arrays: from a design file to geometry, coupling and a report.\n\nStart with: coilarray report",
-    no_args_is_help=True,
     add_completion=False,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
@@ -52,7 +51,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         0 done; 2 bad input, with one line on standard error; 130 interrupted. An error that is ours, not the
         user's, keeps its traceback.
     """
-    arguments = list(sys.argv[1:] if argv is None else argv)
+    arguments = list(sys.argv[1:] if argv is None else argv) or ["--help"]
     try:
         code = app(arguments, prog_name="coilarray", standalone_mode=False)
     except CoilarrayError as error:
@@ -65,8 +64,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         format_message = getattr(error, "format_message", None)
         if format_message is None:
             raise
-        hint = f" (try: coilarray {arguments[0]} --help)" if arguments[:1] and arguments[0][:1] != "-" else ""
-        return _refuse(f"{' '.join(format_message().split())}{hint}") if format_message() else _BAD_INPUT
+        commands = [command.name for command in app.registered_commands]
+        help_for = f" {arguments[0]}" if arguments[0] in commands else ""
+        return _refuse(f"{' '.join(format_message().split())} (try: coilarray{help_for} --help)")
     return code if isinstance(code, int) else 0
 
 

@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from coilarray.cli.shared import AllowViolations, AsJson, DesignArgument, open_design, print_json, progress_bar
+from coilarray.cli.shared import (
+    AllowViolations,
+    AsJson,
+    DesignArgument,
+    open_design,
+    print_json,
+    print_table,
+    progress_bar,
+)
 from coilarray.errors import OutputError
 
 if TYPE_CHECKING:
@@ -23,7 +31,7 @@ def matrix(
     as_json: AsJson = False,
     allow_violations: AllowViolations = False,
 ) -> None:
-    """Print the inductance matrix and the coupling coefficients of a design.
+    """Print the inductance and coupling matrices.
 
     Example: coilarray matrix gast2020 --json
     """
@@ -57,18 +65,12 @@ def matrix(
         return
     names = coupling.coil.values.tolist()
     _print("L and M (µH)", names, coupling.inductance.values * 1e6, 4)
+    typer.echo()
     _print("k", names, coupling.coupling.values, 5)
     if out is not None:
         typer.echo(f"wrote {out}")
 
 
 def _print(title: str, names: list[str], values: npt.NDArray[np.float64], digits: int) -> None:
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table(title=title, title_justify="left", show_edge=False, pad_edge=False)
-    for header in ("", *names):
-        table.add_column(header, justify="right")
-    for name, row in zip(names, values.tolist(), strict=True):
-        table.add_row(name, *(f"{value:.{digits}f}" for value in row))
-    Console(soft_wrap=True, highlight=False).print(table)
+    rows = [[name, *(f"{value:.{digits}f}" for value in row)] for name, row in zip(names, values.tolist(), strict=True)]
+    print_table(("", *names), rows, title)

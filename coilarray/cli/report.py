@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from coilarray.cli.shared import AllowViolations, AsJson, DesignArgument, open_design, print_json, progress_bar
+from coilarray.cli.shared import (
+    AllowViolations,
+    AsJson,
+    DesignArgument,
+    open_design,
+    print_json,
+    print_table,
+    progress_bar,
+)
 
 if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
     import xarray as xr
-    from rich.table import Table
 
 
 def report(
@@ -20,7 +30,9 @@ def report(
     as_json: AsJson = False,
     allow_violations: AllowViolations = False,
 ) -> None:
-    """Write the coupling report of a design: report.html and the folder report (CSV, JSON, netCDF).
+    """Write the coupling report of a design.
+
+    Makes report.html and the folder report with its numbers as CSV, JSON and netCDF.
 
     Example: coilarray report gast2020 --out results
     """
@@ -34,39 +46,28 @@ def report(
     if as_json:
         print_json(made.data)
         return
-    from rich.console import Console
-
-    console = Console(soft_wrap=True, highlight=False)
-    console.print(f"wrote {made.page} and the data in {made.folder}{_separator()}", markup=False)
-    console.print(_summary(opened.array.centres, made.coupling))
+    typer.echo(f"wrote {made.page} and the data in {made.folder}{os.sep}")
+    print_table(*_summary(opened.array.centres, made.coupling))
 
 
-def _separator() -> str:
-    import os
-
-    return os.sep
-
-
-def _summary(centres: object, coupling: xr.Dataset) -> Table:
+def _summary(centres: npt.NDArray[np.float64], coupling: xr.Dataset) -> tuple[list[str], list[list[str]]]:
+    """Headers and rows of the short table on the terminal."""
     import numpy as np
-    from rich.table import Table
 
     names = coupling.coil.values.tolist()
-    at = np.asarray(centres)
-    distance = np.hypot(*(at[:, None] - at[None, :]).transpose(2, 0, 1))
+    distance = np.hypot(*(centres[:, None] - centres[None, :]).transpose(2, 0, 1))
     np.fill_diagonal(distance, np.inf)
-    table = Table(show_edge=False, pad_edge=False)
-    for header in ("coil", "L (µH)", "L_eff (µH)", "f (MHz)"):
-        table.add_column(header, justify="left" if header == "coil" else "right")
-    table.add_column("k to the neighbours")
+    rows = []
     for a, name in enumerate(names):
         # neighbours: the coils at the least distance, to a twentieth
         near = np.flatnonzero(np.isfinite(distance[a]) & (distance[a] <= 1.05 * distance[a].min()))
-        table.add_row(
-            name,
-            f"{float(coupling.open_inductance[a]) * 1e6:.3f}",
-            f"{float(coupling.effective_inductance[a]) * 1e6:.3f}",
-            f"{float(coupling.frequency[a]) / 1e6:.4f}",
-            ", ".join(f"{names[b]} {float(coupling.coupling[a, b]):+.4f}" for b in near) or "none",
+        rows.append(
+            [
+                name,
+                f"{float(coupling.open_inductance[a]) * 1e6:.3f}",
+                f"{float(coupling.effective_inductance[a]) * 1e6:.3f}",
+                f"{float(coupling.frequency[a]) / 1e6:.4f}",
+                ", ".join(f"{names[b]} {float(coupling.coupling[a, b]):+.4f}" for b in near) or "none",
+            ]
         )
-    return table
+    return ["coil", "L (µH)", "L_eff (µH)", "f (MHz)", "k to the neighbours"], rows

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,12 +15,15 @@ if TYPE_CHECKING:
 
 DesignArgument = Annotated[
     str | None,
-    typer.Argument(metavar="[DESIGN]", help="Design file (TOML) or name of a bundled design; gast2020 by default."),
+    typer.Argument(metavar="DESIGN", help="Design file (TOML) or name of a bundled design; gast2020 by default."),
 ]
 AllowViolations = Annotated[
     bool, typer.Option("--allow-violations", help="Go on with a design that breaks a fabrication rule.")
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the numbers as JSON in SI units, and nothing else.")]
+
+
+_PIPE_WIDTH = 1000  # characters; output that is read by a program is never cut
 
 
 def open_design(name: str | None, *, allow_violations: bool) -> Design:
@@ -43,6 +46,35 @@ def open_design(name: str | None, *, allow_violations: bool) -> Design:
 def print_json(data: Any) -> None:
     """Print a value as JSON; a number that is not finite is an error of ours, never NaN in the output."""
     typer.echo(json.dumps(data, indent=1, allow_nan=False))
+
+
+def print_table(
+    headers: Sequence[str], rows: Sequence[Sequence[str]], title: str = "", marked: Sequence[int] = ()
+) -> None:
+    """Print a table of text, numbers to the right; rows whose index is in `marked` are red."""
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(title=title or None, title_justify="left", box=None, pad_edge=False, padding=(0, 2, 0, 0))
+    for k, header in enumerate(headers):
+        numeric = all(_is_number(row[k]) for row in rows)
+        table.add_column(header, justify="right" if numeric else "left", no_wrap=True)
+    for k, row in enumerate(rows):
+        table.add_row(*row, style="bold red" if k in marked else None)
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        console.width = _PIPE_WIDTH
+    with console.capture() as captured:
+        console.print(table)
+    typer.echo("\n".join(line.rstrip() for line in captured.get().splitlines()))
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text.replace("−", "-"))
+    except ValueError:
+        return False
+    return True
 
 
 @contextmanager

@@ -19,7 +19,9 @@ def view(
     no_sheets: Annotated[bool, typer.Option("--no-sheets", help="Leave the elastomer out.")] = False,
     allow_violations: AllowViolations = False,
 ) -> None:
-    """Show the board in three dimensions, in a window or as a picture.
+    """Show the board in three dimensions.
+
+    In a window, or as a picture with --screenshot.
 
     Example: coilarray view gast2020 --screenshot board.png
     """

@@ -60,50 +60,52 @@ def _distance(ax: float, ay: float, az: float, bx: float, by: float, bz: float) 
 
 
 @kernel
+def _graded(
+    p0: FloatArray, p1: FloatArray, length_1: float, q0: FloatArray, v: FloatArray, start: float, end: float,
+    finest: float,
+) -> float:  # fmt: skip
+    """Integrate the potential of the filament p0 p1 over q0 + t v, t from `start` to `end`, panels halving to `start`.
+
+    The panel at `start` is not longer than `finest`.
+    """
+    total = 0.0
+    far = end
+    while far != start:
+        near = start + 0.5 * (far - start)
+        if abs(near - start) < finest:
+            near = start
+        half, middle = 0.5 * (far - near), 0.5 * (far + near)
+        for g in range(_NODES.shape[0]):
+            t = middle + half * _NODES[g]
+            x, y, z = q0[0] + t * v[0], q0[1] + t * v[1], q0[2] + t * v[2]
+            r1 = _distance(x, y, z, p0[0], p0[1], p0[2])
+            r2 = _distance(x, y, z, p1[0], p1[1], p1[2])
+            total += abs(half) * _WEIGHTS[g] * _line_potential(r1, r2, length_1)
+        far = near
+    return total
+
+
+@kernel
 def _panels(p0: FloatArray, p1: FloatArray, length_1: float, q0: FloatArray, v: FloatArray, length_2: float) -> float:
     """∬ dl dl'/R for nearly parallel filaments: closed inner integral, outer Gauss rule on graded panels.
 
     The inner integral varies on the scale of the distance where the outer point passes an end of the inner filament;
     the panels halve towards these two places.
     """
-    edges = np.empty(260)
-    count = 0
-    edges[count] = 0.0
-    count += 1
-    edges[count] = length_2
-    count += 1
-    for end in range(2):
-        ex = p0[0] if end == 0 else p1[0]
-        ey = p0[1] if end == 0 else p1[1]
-        ez = p0[2] if end == 0 else p1[2]
-        at = (ex - q0[0]) * v[0] + (ey - q0[1]) * v[1] + (ez - q0[2]) * v[2]
-        at = min(max(at, 0.0), length_2)
-        rho = _distance(ex, ey, ez, q0[0] + at * v[0], q0[1] + at * v[1], q0[2] + at * v[2])
-        edges[count] = at
-        count += 1
-        step = max(rho, 1e-15 * length_2)
-        while step < length_2:
-            if at - step > 0.0:
-                edges[count] = at - step
-                count += 1
-            if at + step < length_2:
-                edges[count] = at + step
-                count += 1
-            step *= 2.0
-    ordered = np.sort(edges[:count])
-    total = 0.0
-    for k in range(count - 1):
-        half = 0.5 * (ordered[k + 1] - ordered[k])
-        if half <= 0.0:
-            continue
-        middle = 0.5 * (ordered[k + 1] + ordered[k])
-        for g in range(_NODES.shape[0]):
-            t = middle + half * _NODES[g]
-            x, y, z = q0[0] + t * v[0], q0[1] + t * v[1], q0[2] + t * v[2]
-            r1 = _distance(x, y, z, p0[0], p0[1], p0[2])
-            r2 = _distance(x, y, z, p1[0], p1[1], p1[2])
-            total += half * _WEIGHTS[g] * _line_potential(r1, r2, length_1)
-    return total
+    at_0 = (p0[0] - q0[0]) * v[0] + (p0[1] - q0[1]) * v[1] + (p0[2] - q0[2]) * v[2]
+    at_1 = (p1[0] - q0[0]) * v[0] + (p1[1] - q0[1]) * v[1] + (p1[2] - q0[2]) * v[2]
+    first = min(max(min(at_0, at_1), 0.0), length_2)
+    second = min(max(max(at_0, at_1), 0.0), length_2)
+    rho_0 = _distance(p0[0], p0[1], p0[2], q0[0] + at_0 * v[0], q0[1] + at_0 * v[1], q0[2] + at_0 * v[2])
+    rho_1 = _distance(p1[0], p1[1], p1[2], q0[0] + at_1 * v[0], q0[1] + at_1 * v[1], q0[2] + at_1 * v[2])
+    finest = max(min(rho_0, rho_1), 1e-15 * length_2)
+    between = 0.5 * (first + second)
+    return (
+        _graded(p0, p1, length_1, q0, v, first, 0.0, finest)
+        + _graded(p0, p1, length_1, q0, v, first, between, finest)
+        + _graded(p0, p1, length_1, q0, v, second, between, finest)
+        + _graded(p0, p1, length_1, q0, v, second, length_2, finest)
+    )
 
 
 @kernel

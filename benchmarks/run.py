@@ -1,0 +1,71 @@
+"""Measure accuracy and speed, print two tables, keep the figures, and renew the README's tables on request.
+
+    python benchmarks/run.py [--readme]
+
+Figures go to benchmarks/results.json. Speeds are of this machine in this run; compare ratios, not seconds.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import re
+import sys
+from dataclasses import asdict
+from datetime import UTC, datetime
+from importlib import metadata
+from pathlib import Path
+
+import accuracy
+import speed
+
+HERE = Path(__file__).parent
+README = HERE.parent / "README.md"
+
+
+def _accuracy_table(results: list[accuracy.Accuracy]) -> str:
+    lines = ["| quantity | reference (tests/reference) | rows | largest deviation |", "| --- | --- | --- | --- |"]
+    lines += [f"| {r.quantity} | `{r.table}.csv` | {r.rows} | {r.worst:.0e} |" for r in results]
+    return "\n".join(lines)
+
+
+def _speed_table(results: list[speed.Speed]) -> str:
+    lines = ["| figure | value | in the same run |", "| --- | --- | --- |"]
+    lines += [f"| {r.what} | {r.value:.3g} {r.unit} | {r.ratio} |" for r in results]
+    return "\n".join(lines)
+
+
+def _renew(text: str, name: str, table: str) -> str:
+    """Replace what stands between the markers of one table."""
+    pattern = re.compile(rf"(<!-- {name}: [^>]*-->\n).*?(\n<!-- end {name} -->)", re.DOTALL)
+    renewed, count = pattern.subn(lambda match: match.group(1) + table + match.group(2), text)
+    if count != 1:
+        raise SystemExit(f"README.md must have one place for the {name} table; it has {count}")
+    return renewed
+
+
+def main() -> None:
+    """Measure, print, keep."""
+    accuracies, speeds = accuracy.measure(), speed.measure()
+    tables = {"accuracy": _accuracy_table(accuracies), "speed": _speed_table(speeds)}
+    for table in tables.values():
+        print(table, end="\n\n")
+    results = {
+        "date": datetime.now(UTC).isoformat(timespec="seconds"),
+        "coilarray": metadata.version("coilarray"),
+        "python": platform.python_version(),
+        "processor_cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
+        "accuracy": [asdict(result) for result in accuracies],
+        "speed": [asdict(result) for result in speeds],
+    }
+    (HERE / "results.json").write_text(json.dumps(results, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    if "--readme" in sys.argv[1:]:
+        text = README.read_text(encoding="utf-8")
+        for name, table in tables.items():
+            text = _renew(text, name, table)
+        README.write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,95 @@
+"""Speed and memory: ratios in one run, on the six coils of the bundled gast2020 board."""
+
+from __future__ import annotations
+
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from coilarray import inductance_matrix, load_design, magnetic_field, vector_potential
+
+
+@dataclass(frozen=True)
+class Speed:
+    """One figure; `ratio` against the peer in the same run, where there is one."""
+
+    what: str
+    value: float
+    unit: str
+    ratio: str = ""
+
+
+def _median_time(call: Callable[[], object], repeats: int) -> float:
+    times = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        call()
+        times.append(time.perf_counter() - start)
+    return statistics.median(times)
+
+
+def _fresh(code: str, **environment: str) -> tuple[float, str]:
+    """Wall time in s and output of a Python process of its own."""
+    start = time.perf_counter()
+    done = subprocess.run(
+        [sys.executable, "-c", code], check=True, capture_output=True, text=True, env={**os.environ, **environment}
+    )
+    return time.perf_counter() - start, done.stdout.strip()
+
+
+_MEMORY = """
+import resource, sys
+import numpy as np
+from coilarray import load_design, magnetic_field
+array = load_design("gast2020").array
+points = np.random.default_rng(0).uniform([-0.04, -0.012, 0.002], [0.04, 0.012, 0.01], (1_000_000, 3))
+B = magnetic_field(array, points)
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+"""
+
+
+def measure() -> list[Speed]:
+    """Take all figures; about a minute."""
+    conductors = load_design("gast2020").array.conductors()
+    segments = sum(len(conductor.lengths) for conductor in conductors)
+    points = np.random.default_rng(0).uniform([-0.04, -0.012, 0.002], [0.04, 0.012, 0.01], (200_000, 3))
+    magnetic_field(conductors, points[:10])
+    vector_potential(conductors, points[:10])
+    b_rate = segments * len(points) / _median_time(lambda: magnetic_field(conductors, points), 5) / 1e6
+    a_rate = segments * len(points) / _median_time(lambda: vector_potential(conductors, points), 5) / 1e6
+    figures = []
+    try:
+        import magpylib
+    except ImportError:
+        figures.append(Speed("B, exact segments (magpylib is not installed: no ratio)", b_rate, "M pairs/s"))
+    else:
+        peer = magpylib.Collection(
+            *(magpylib.current.Polyline(vertices=conductor.vertices, current=1.0) for conductor in conductors)
+        )
+        few = points[:2000]
+        difference = np.abs(peer.getB(few) - magnetic_field(conductors, few)).max() / np.abs(peer.getB(few)).max()
+        peer_rate = segments * len(few) / _median_time(lambda: peer.getB(few), 5) / 1e6
+        ratio = f"{b_rate / peer_rate:.0f} × magpylib {magpylib.__version__}, which differs by {difference:.0e}"
+        figures.append(Speed("B, exact segments", b_rate, "M pairs/s", ratio))
+    figures.append(Speed("A, exact segments", a_rate, "M pairs/s"))
+    inductance_matrix(conductors)
+    figures.append(Speed("L matrix of six coils, warm", _median_time(lambda: inductance_matrix(conductors), 7), "s"))
+    with tempfile.TemporaryDirectory() as cache, tempfile.TemporaryDirectory() as out:
+        report = f"from coilarray.cli.main import main; raise SystemExit(main(['report', '--out', {out!r}]))"
+        cold, _ = _fresh(report, NUMBA_CACHE_DIR=cache)
+        warm, _ = _fresh(report, NUMBA_CACHE_DIR=cache)
+    figures.append(Speed("coilarray report, first run with compilation", cold, "s"))
+    figures.append(Speed("coilarray report, kernels cached", warm, "s", f"{cold / warm:.1f} × faster than the first"))
+    _, peak = _fresh(_MEMORY)
+    figures.append(Speed("peak memory, B of six coils at 1 000 000 points", float(peak), "MB"))
+    plain, _ = _fresh("import numpy, scipy, numba")
+    ours, _ = _fresh("import coilarray")
+    figures.append(Speed("import coilarray", ours, "s", f"numpy, scipy and numba alone: {plain:.2f} s"))
+    return figures

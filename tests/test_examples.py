@@ -1,0 +1,55 @@
+"""Every example runs: docstrings of all modules, and the README with its output."""
+
+from __future__ import annotations
+
+import contextlib
+import doctest
+import importlib
+import io
+import pkgutil
+import re
+from pathlib import Path
+
+import pytest
+
+import coilarray
+
+README = Path(__file__).parent.parent / "README.md"
+MODULES = sorted({module.name for module in pkgutil.walk_packages(coilarray.__path__, "coilarray.")} | {"coilarray"})
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_docstrings(name):
+    result = doctest.testmod(importlib.import_module(name), optionflags=doctest.NORMALIZE_WHITESPACE)
+    assert result.failed == 0
+
+
+def test_all_names_exist():
+    for name in coilarray.__all__:
+        assert getattr(coilarray, name).__doc__, name
+    assert dir(coilarray) == sorted(coilarray.__all__)
+    with pytest.raises(AttributeError, match="has no attribute 'nothing'"):
+        _ = coilarray.nothing
+
+
+def _blocks(language):
+    return re.findall(rf"```{language}\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
+
+
+def test_readme_example():
+    (code,) = _blocks("python")
+    assert len([line for line in code.splitlines() if line]) <= 11  # ten lines and an import
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        exec(code, {})
+    assert printed.getvalue() == _blocks("text")[1]
+
+
+def test_readme_report(tmp_path, monkeypatch, capsys):
+    from coilarray.cli.main import main
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("coilarray.report.write.rendering_problem", lambda: "not here")
+    monkeypatch.setattr("coilarray.report.figures.rendering_problem", lambda: "not here")
+    assert main(["report"]) == 0
+    assert capsys.readouterr().out == _blocks("text")[0]

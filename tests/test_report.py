@@ -1,0 +1,199 @@
+"""The report: complete, self-contained, and every number of the page also in the files."""
+
+from __future__ import annotations
+
+import csv
+import html.parser
+import json
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from coilarray import active_coil, load_design, magnetic_field, write_report
+from coilarray.report.tables import Column
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """The report of the paper's board, drawn without 3-D rendering (tests/test_viz_scenes.py renders)."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("coilarray.report.write.rendering_problem", lambda: "no rendering in this test")
+        patch.setattr("coilarray.report.figures.rendering_problem", lambda: "no rendering in this test")
+        return write_report(load_design("gast2020"), tmp_path_factory.mktemp("report"))
+
+
+def table(made, name):
+    with (made.folder / f"{name}.csv").open(encoding="utf-8", newline="") as lines:
+        return list(csv.DictReader(lines))
+
+
+class _Links(html.parser.HTMLParser):
+    def __init__(self):
+        super().__init__()
+        self.sources, self.tags, self.text, self.cells = [], [], [], []
+        self._cell = False
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self.sources += [value for key, value in attrs if key in ("src", "href", "srcset", "action")]
+        if tag == "td":
+            self.cells.append("")
+            self._cell = True
+
+    def handle_endtag(self, tag):
+        self._cell = self._cell and tag != "td"
+
+    def handle_data(self, data):
+        self.text.append(data)
+        if self._cell:
+            self.cells[-1] += data
+
+
+@pytest.fixture(scope="module")
+def page(made):
+    parser = _Links()
+    parser.feed(made.page.read_text(encoding="utf-8"))
+    return parser
+
+
+def test_files(made):
+    assert made.page.name == "report.html"
+    assert sorted(path.name for path in made.folder.iterdir()) == [
+        "coils.csv", "coupling.nc", "design.csv", "field.nc", "field_line.csv", "pairs.csv", "report.json", "rules.csv",
+    ]  # fmt: skip
+
+
+def test_page_needs_no_other_file(page, made):
+    assert "script" not in page.tags
+    assert "link" not in page.tags
+    assert page.sources
+    assert all(source.startswith("data:image/png;base64,") for source in page.sources)
+    text = made.page.read_text(encoding="utf-8")
+    assert "@import" not in text
+    assert "url(" not in text
+
+
+def test_page_has_every_part(page):
+    text = " ".join(page.text)
+    for part in ("Coils", "Coupling", "Field", "Copper", "Fabrication rules", "Design", "Provenance", "assumed"):
+        assert part in text
+    # board, 4 layers of copper, L, k, L_eff, currents, line, two maps
+    assert page.tags.count("img") == 12
+    assert "no rendering in this test" in text
+
+
+def test_every_number_of_the_page_stands_in_the_files(page, made):
+    numbers = set()
+    for name in ("coils", "pairs", "design", "rules", "field_line"):
+        for row in table(made, name):
+            numbers.update(value for value in row.values() if value)
+    values = np.array([float(v) for v in numbers if re.fullmatch(r"[-+]?\d+(\.\d+)?(e[-+]?\d+)?", v)])
+    for cell in page.cells:
+        if not re.fullmatch("−?\\d+\\.\\d+", cell):
+            continue
+        shown = float(cell.replace("−", "-"))
+        half = 0.5 * 10.0 ** -len(cell.split(".")[1]) * (1 + 1e-9)
+        scales = np.array([1, 100, 1e3, 1e6, 1e-6])
+        assert (np.abs(np.outer(scales, values) - shown) <= half).any(), cell
+
+
+def test_json_repeats_the_tables(made):
+    data = json.loads((made.folder / "report.json").read_text(encoding="utf-8"))
+    for name in ("coils", "pairs", "design", "rules", "field_line"):
+        rows = table(made, name)
+        assert len(rows) == len(data[name])
+        for row, record in zip(rows, data[name], strict=True):
+            assert {key: str(value) for key, value in record.items()} == row
+    assert data["provenance"]["design_hash"] == load_design("gast2020").digest
+    assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\+00:00", data["provenance"]["date"])
+    assert data == json.loads(json.dumps(made.data))
+
+
+def test_netcdf_gives_the_same_matrix(made):
+    with xr.open_dataset(made.folder / "coupling.nc", engine="h5netcdf") as saved:
+        rows = table(made, "coils")
+        np.testing.assert_array_equal(saved.effective_inductance, [float(r["effective_inductance_H"]) for r in rows])
+        assert saved.attrs["design_hash"] == load_design("gast2020").digest
+        state = active_coil(
+            saved.inductance.values, saved.resistance.values, 2, float(saved.frequency[2]),
+            short_resistance=saved.attrs["short_resistance_ohm"],
+        )  # fmt: skip
+    assert state.effective_inductance == pytest.approx(float(rows[2]["effective_inductance_H"]), rel=1e-12)
+
+
+def test_field_line_is_the_bell_of_the_paper(made):
+    rows = table(made, "field_line")
+    x = np.array([float(row["x_m"]) for row in rows])
+    alone = np.array([float(row["Bz_others_open_T_per_A"]) for row in rows])
+    operating = np.array([float(row["Bz_as_terminated_T_per_A"]) for row in rows])
+    centre = float(table(made, "coils")[2]["x_m"])
+    # highest over the coil's centre, to the step of the line
+    assert x[alone.argmax()] == pytest.approx(centre, abs=x[1] - x[0])
+    # passive neighbours take little from the peak but most of the field over themselves
+    assert operating.max() == pytest.approx(alone.max(), rel=0.02)
+    outside = np.abs(x - centre) > 12e-3
+    assert np.sqrt((operating[outside] ** 2).mean()) < 0.5 * np.sqrt((alone[outside] ** 2).mean())
+    # the same field from the public function
+    design = load_design("gast2020")
+    points = np.column_stack((x, np.zeros_like(x), np.full_like(x, 6e-3)))
+    B = magnetic_field(design.array, points, [0, 0, 1, 0, 0, 0])[:, 2]
+    np.testing.assert_allclose(alone, B, rtol=0, atol=1e-12 * B.max())
+
+
+def test_assumed_values_are_marked(made):
+    design = load_design("gast2020")
+    rows = {row["key"]: row for row in table(made, "design")}
+    for key, reason in design.assumed.items():
+        assert rows[key]["origin"] == "assumed"
+        assert rows[key]["reason"] == reason
+    assert made.page.read_text(encoding="utf-8").count('<tr class="mark">') == len(design.assumed)
+
+
+def test_single_coil_report(tmp_path):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("COILARRAY_NO_RENDERING", "1")
+        patch.setattr("coilarray.report.write.rendering_problem", lambda: "none here")
+        patch.setattr("coilarray.report.figures.rendering_problem", lambda: "none here")
+        made = write_report(load_design("gast_fem"), tmp_path)
+    (row,) = table(made, "coils")
+    # nothing couples: terminated and open are the same
+    assert float(row["effective_inductance_H"]) == float(row["inductance_H"])
+    assert table(made, "pairs") == []
+
+
+def test_progress_reaches_its_total(tmp_path):
+    seen = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("coilarray.report.write.rendering_problem", lambda: "none here")
+        patch.setattr("coilarray.report.figures.rendering_problem", lambda: "none here")
+        write_report(load_design("starter"), tmp_path, lambda done, total: seen.append((done, total)))
+    assert [done for done, _ in seen] == list(range(1, seen[-1][1] + 1))
+
+
+def test_column_text():
+    assert Column("a_m", "a (mm)", 1e3, 2).text(-0.0123) == "−12.30"
+    assert Column("a", "a").text("x") == "x"
+    assert Column("a", "a").text(True) == "yes"
+
+
+@pytest.mark.skipif(shutil.which("chromium") is None, reason="Chromium is not installed")
+def test_page_opens_in_a_browser_without_a_network(made, tmp_path):
+    picture = tmp_path / "page.png"
+    subprocess.run(
+        [
+            "chromium", "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-sync",
+            "--disable-background-networking", "--disable-component-update", "--host-resolver-rules=MAP * ~NOTFOUND",
+            f"--user-data-dir={tmp_path / 'profile'}", "--window-size=1150,1600", f"--screenshot={picture}",
+            Path(made.page).as_uri(),
+        ],
+        check=True, capture_output=True, timeout=120,
+    )  # fmt: skip
+    from matplotlib.image import imread
+
+    pixels = imread(picture)
+    assert pixels[..., :3].std() > 0.05  # not a blank page
