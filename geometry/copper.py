@@ -145,7 +145,7 @@ def _drills_of(array: CoilArray, placement: Placement) -> list[Drill]:
 
 
 def layer_copper(array: CoilArray, layer: str) -> dict[str, BaseGeometry]:
-    """Union of the copper of every net on one layer, in m; nets without copper there are left out.
+    """Unite the copper of every net on one layer.
 
     Parameters
     ----------
@@ -153,13 +153,18 @@ def layer_copper(array: CoilArray, layer: str) -> dict[str, BaseGeometry]:
         The board.
     layer : str
         Name of the copper layer; GeometryError where there is none.
+
+    Returns
+    -------
+    dict of str to Polygon or MultiPolygon
+        In m, in the order of the coils; nets without copper on the layer are left out.
     """
     array.stackup.index(layer)
     shapes: dict[str, list[shapely.Polygon]] = {}
     for feature in copper_features(array):
         if feature.layer == layer:
             shapes.setdefault(feature.net, []).append(feature.shape)
-    return {net: shapely.union_all(pieces) for net, pieces in shapes.items()}
+    return {net: shapely.union_all(shapes[net]) for net in array.names if net in shapes}
 
 
 def board_outline(array: CoilArray) -> shapely.Polygon:

@@ -21,6 +21,7 @@ def _point(text):
     return [float(part) for part in text.split(";")]
 
 
+@pytest.mark.nojit
 @pytest.mark.parametrize("row", rows("straight_filaments"), ids=lambda row: row["case"])
 def test_straight_filaments(row):
     M = straight_filaments(*(_point(row[key]) for key in ("p1", "p2", "q1", "q2")))
@@ -28,6 +29,7 @@ def test_straight_filaments(row):
     assert M * 1e9 == pytest.approx(float(row["M_quad_nH"]), rel=1e-9)
 
 
+@pytest.mark.nojit
 @pytest.mark.parametrize("row", rows("hoer_love_bars"), ids=lambda row: row["case"])
 def test_rectangular_bars(row):
     size = {key: float(value) for key, value in row.items() if key != "case"}

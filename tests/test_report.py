@@ -156,7 +156,6 @@ def test_assumed_values_are_marked(made):
 
 def test_single_coil_report(tmp_path):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("COILARRAY_NO_RENDERING", "1")
         patch.setattr("coilarray.report.write.rendering_problem", lambda: "none here")
         patch.setattr("coilarray.report.figures.rendering_problem", lambda: "none here")
         made = write_report(load_design("gast_fem"), tmp_path)
@@ -164,6 +163,9 @@ def test_single_coil_report(tmp_path):
     # nothing couples: terminated and open are the same
     assert float(row["effective_inductance_H"]) == float(row["inductance_H"])
     assert table(made, "pairs") == []
+    text = made.page.read_text(encoding="utf-8")
+    assert "Coupling coefficient" not in text
+    assert text.count("<img") == 6  # board, two layers, line, two maps
 
 
 def test_progress_reaches_its_total(tmp_path):

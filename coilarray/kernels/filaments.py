@@ -95,7 +95,7 @@ def _panels(p0: FloatArray, p1: FloatArray, length_1: float, q0: FloatArray, v: 
     at_0 = (p0[0] - q0[0]) * v[0] + (p0[1] - q0[1]) * v[1] + (p0[2] - q0[2]) * v[2]
     at_1 = (p1[0] - q0[0]) * v[0] + (p1[1] - q0[1]) * v[1] + (p1[2] - q0[2]) * v[2]
     first = min(max(min(at_0, at_1), 0.0), length_2)
-    second = min(max(max(at_0, at_1), 0.0), length_2)
+    second = min(max(at_0, at_1, 0.0), length_2)
     rho_0 = _distance(p0[0], p0[1], p0[2], q0[0] + at_0 * v[0], q0[1] + at_0 * v[1], q0[2] + at_0 * v[2])
     rho_1 = _distance(p1[0], p1[1], p1[2], q0[0] + at_1 * v[0], q0[1] + at_1 * v[1], q0[2] + at_1 * v[2])
     finest = max(min(rho_0, rho_1), 1e-15 * length_2)

@@ -101,7 +101,7 @@ def write_report(design: Design, where: str | Path = ".", progress: Progress | N
         steps.next()
         pictures = [
             *figures.copper_pictures(design),
-            *figures.coupling_pictures(coupling),
+            *(figures.coupling_pictures(coupling) if len(design.array.names) > 1 else []),
             *figures.field_pictures(design, active, line, plane),
         ]
         steps.next()

@@ -1,0 +1,54 @@
+"""The published board: what the model says of it, against what the paper and the project's own estimates say."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from coilarray import couple_design, load_design, operating_currents, operating_field
+from coilarray.errors import GeometryError
+
+
+def test_the_board_of_the_paper():
+    design = load_design("gast2020")
+    result = couple_design(design)
+    # shared/physics.md: L ≈ 57 µH, f ≈ 1.9 MHz (the paper: about 2 MHz), k ≈ −0.05 and −0.014
+    assert float(result.open_inductance[0]) == pytest.approx(57e-6, rel=0.01)
+    assert float(result.frequency[0]) == pytest.approx(1.93e6, rel=0.01)
+    assert float(result.coupling[0, 1]) == pytest.approx(-0.05, abs=0.01)
+    assert float(result.coupling[0, 2]) == pytest.approx(-0.014, abs=0.001)
+    # grounded neighbours take inductance from every coil; end coils have one near neighbour, the others two
+    assert (result.effective_inductance < result.open_inductance).all()
+    change = -result.inductance_change.values
+    assert change[[0, 5]].max() < change[1:5].min()
+    assert result.attrs["design_hash"] == design.digest
+
+
+def test_operating_currents_and_field():
+    design = load_design("starter")
+    coupling = couple_design(design)
+    currents = operating_currents(design, coupling, "coil2")
+    np.testing.assert_allclose(currents.real, coupling.current_real[1], rtol=1e-12)
+    np.testing.assert_allclose(currents.imag, coupling.current_imag[1], rtol=1e-12)
+    assert operating_currents(design, coupling, "coil2", terminated=False).tolist() == [0, 1, 0]
+    x = np.linspace(-20e-3, 20e-3, 5)
+    field = operating_field(design, coupling, "coil2", x, 0.0, 3e-3, current=2e-3)
+    assert field.B.shape == (5, 1, 1, 3)
+    assert field.attrs["active_current_A"] == 2e-3
+    half = operating_field(design, coupling, "coil2", x, 0.0, 3e-3, current=1e-3)
+    np.testing.assert_allclose(field.B, 2 * half.B, rtol=1e-12)
+    with pytest.raises(GeometryError, match="there is no coil 'coil7'; there are coil1, coil2, coil3"):
+        operating_currents(design, coupling, "coil7")
+
+
+def test_grounded_coils_carry_no_flux():
+    """An ideally shorted coil links no flux: the flux through its turns from all currents is zero."""
+    design = load_design("starter")
+    coupling = couple_design(design)
+    L = coupling.inductance.values
+    current = coupling.current_real.values[0] + 1j * coupling.current_imag.values[0]
+    flux = L @ current
+    # a resistance of R lets the flux R i/(jω) through
+    ohmic = (coupling.resistance.values + design.circuit.short_resistance) * np.abs(current)
+    omega = 2 * np.pi * float(coupling.frequency[0])
+    np.testing.assert_allclose(np.abs(flux[1:]), ohmic[1:] / omega, rtol=1e-9)
