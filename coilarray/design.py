@@ -6,7 +6,7 @@ import difflib
 import hashlib
 import json
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -14,9 +14,10 @@ from typing import Any, Literal
 from pydantic import ValidationError
 
 from coilarray import designs
-from coilarray.errors import DesignError, GeometryError
+from coilarray.errors import DesignError, GeometryError, NetworkError
 from coilarray.geometry import Coil, CoilArray, FabRules, Sheet
 from coilarray.schema import Document, first_error
+from coilarray.terminations import Passive, ScanState, Switches, check_state
 
 
 @dataclass(frozen=True)
@@ -33,12 +34,19 @@ class Circuit:
         Of the copper in Ω·m.
     terminations : tuple of {"short", "open"}
         State of each coil while another one is measured.
+    switches : Switches
+        The same with every parasitic part, for the network: each end of a coil goes through a switch of half the
+        short resistance.
+    plan : tuple of ScanState
+        The states of a scan; each coil in turn with the others as in `terminations` where the file names none.
     """
 
     capacitance: float
     short_resistance: float
     resistivity: float
     terminations: tuple[Literal["short", "open"], ...]
+    switches: Switches
+    plan: tuple[ScanState, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,9 +143,7 @@ def parse_design(text: str, origin: str = "design") -> Design:
         raise DesignError(f"{origin}: {first_error(error, document)}") from None
     try:
         return _build(parsed, document)
-    except GeometryError as error:
-        raise DesignError(f"{origin}: {error}") from None
-    except DesignError as error:
+    except (DesignError, GeometryError, NetworkError) as error:
         raise DesignError(f"{origin}: {error}") from None
 
 
@@ -162,6 +168,12 @@ def _build(parsed: Document, document: Mapping[str, Any]) -> Design:
     for coil in circuit.terminations:
         if coil not in array.names:
             raise DesignError(f"circuit.terminations.{coil} names no coil; there are {', '.join(array.names)}.")
+    terminations = tuple(circuit.terminations.get(name, circuit.default_termination) for name in array.names)
+    plan = tuple(state.build() for state in parsed.scan) or _plan(array.names, terminations)
+    for state in plan:
+        check_state(state, array.names)
+    if len({state.name for state in plan}) != len(plan):
+        raise DesignError(f"scan must name each state differently; got {', '.join(state.name for state in plan)}.")
     entering = {key: value for key, value in values.items() if key not in ("title", "source")}
     return Design(
         name=parsed.name,
@@ -173,7 +185,16 @@ def _build(parsed: Document, document: Mapping[str, Any]) -> Design:
             circuit.capacitance_pF * 1e-12,
             circuit.short_resistance_ohm,
             circuit.resistivity_ohm_m,
-            tuple(circuit.terminations.get(name, circuit.default_termination) for name in array.names),
+            terminations,
+            Switches(
+                on_resistance=circuit.short_resistance_ohm / 2,
+                off_capacitance=circuit.switch_off_capacitance_pF * 1e-12,
+                bus_capacitance=circuit.bus_capacitance_pF * 1e-12,
+                lead_inductance=circuit.lead_inductance_nH * 1e-9,
+                tank_capacitance=circuit.capacitance_pF * 1e-12,
+                tank_at=circuit.tank,
+            ),
+            plan,
         ),
         rules=parsed.rules.build(),
         field_height=parsed.field.height_mm * 1e-3,
@@ -182,6 +203,17 @@ def _build(parsed: Document, document: Mapping[str, Any]) -> Design:
         assumed=dict(parsed.assumed),
         digest=hashlib.sha256(json.dumps(entering, sort_keys=True).encode()).hexdigest(),
     )
+
+
+def _plan(names: Sequence[str], terminations: Sequence[Literal["short", "open"]]) -> tuple[ScanState, ...]:
+    """Each coil in turn, the others as terminated."""
+    passive: dict[str, Passive] = {"short": "ground", "open": "open"}
+    states = []
+    for name in names:
+        others = {other: passive[t] for other, t in zip(names, terminations, strict=True) if other != name}
+        differing = {other: state for other, state in others.items() if state != "ground"}
+        states.append(ScanState(name, ((name, 1),), exceptions=differing))
+    return tuple(states)
 
 
 def _flatten(table: Mapping[str, Any], prefix: str = "") -> dict[str, object]:

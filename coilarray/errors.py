@@ -19,6 +19,10 @@ class RuleViolationError(CoilarrayError):
     """A design that breaks a fabrication rule: layer, feature and margin."""
 
 
+class NetworkError(CoilarrayError, ValueError):
+    """A circuit that has no solution, or a state that names what is not there: which state, which coil."""
+
+
 class OutputError(CoilarrayError):
     """A result that cannot be written: the path and the reason."""
 

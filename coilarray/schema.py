@@ -29,6 +29,7 @@ from coilarray.geometry import (
     path_coil,
     spiral_coil,
 )
+from coilarray.terminations import Passive, ScanState
 
 SCHEMA = 1
 """Version of the design file format."""
@@ -290,8 +291,28 @@ class CircuitTable(Table):
     capacitance_pF: Positive = 120  # noqa: N815 - the unit
     short_resistance_ohm: NotNegative = 0.0
     resistivity_ohm_m: Positive = RESISTIVITY_COPPER
+    switch_off_capacitance_pF: NotNegative = 0.0  # noqa: N815 - the unit
+    bus_capacitance_pF: NotNegative = 0.0  # noqa: N815 - the unit
+    lead_inductance_nH: NotNegative = 0.0  # noqa: N815 - the unit
+    tank: Literal["converter", "coil"] = "converter"
     default_termination: Literal["short", "open"] = "short"
     terminations: dict[str, Literal["short", "open"]] = {}
+
+
+class StateTable(Table):
+    """``[[scan]]``: one state of the multiplexer; a minus before a measured coil turns its terminals round."""
+
+    name: Name
+    measure: list[str] = Field(min_length=1)
+    connection: Literal["series", "parallel"] = "series"
+    others: Passive = "ground"
+    exceptions: dict[str, Passive] = {}
+    load_ohm: Positive = 50.0
+
+    def build(self) -> ScanState:
+        """Return the state."""
+        measured = tuple((name.removeprefix("-"), -1 if name.startswith("-") else 1) for name in self.measure)
+        return ScanState(self.name, measured, self.connection, self.others, dict(self.exceptions), self.load_ohm)
 
 
 class FieldTable(Table):
@@ -335,6 +356,7 @@ class Document(Table):
     board: BoardTable = BoardTable()
     elastomer: list[SheetTable] = []
     circuit: CircuitTable = CircuitTable()
+    scan: list[StateTable] = []
     field: FieldTable = FieldTable()
     rules: RulesTable = RulesTable()
     assumed: dict[str, str] = {}

@@ -1,0 +1,304 @@
+"""The array behind its switches: nodal analysis of any termination of every coil.
+
+Each coil is a branch of the coupled impedance Z(ω) = R(ω) + jωL between its two terminals, with its winding
+capacitance across. A terminal goes through a closed switch to one net (converter side A or B, ground, or a link
+between coils in series) and through open switches, as capacitors, to the others. With the node voltages v and the
+branch currents i, modified nodal analysis (Ho, Ruehli & Brennan, IEEE Trans. Circuits Syst. 22, 504, 1975) is
+
+    [ Y   A ] [v]   [j]
+    [ Aᵀ −Z ] [i] = [0].
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import brentq
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from coilarray.errors import NetworkError
+from coilarray.terminations import Passive, ScanState, Switches, check_state
+
+FloatArray = npt.NDArray[np.float64]
+ComplexArray = npt.NDArray[np.complex128]
+
+_GROUND, _SIDE_A, _SIDE_B = "ground", "A", "B"
+
+
+@dataclass(frozen=True, eq=False)
+class Network:
+    """Coils and switches, to be solved in any state at any frequency.
+
+    Parameters
+    ----------
+    names : tuple of str, length n
+        Of the coils.
+    inductance : ndarray, shape (n, n)
+        In H.
+    resistance : callable
+        Takes a frequency in Hz and returns the resistance matrix, shape (n, n), in Ω.
+    winding_capacitance : ndarray, shape (n,)
+        Lumped capacitance across each coil in F.
+    switches : Switches
+        The rest of the circuit.
+
+    Raises
+    ------
+    NetworkError
+        Shapes that do not fit, or a capacitance that is negative or not finite.
+    """
+
+    names: tuple[str, ...]
+    inductance: FloatArray
+    resistance: Callable[[float], FloatArray]
+    winding_capacitance: FloatArray
+    switches: Switches
+
+    def __post_init__(self) -> None:
+        n = len(self.names)
+        if self.inductance.shape != (n, n):
+            raise NetworkError(f"{n} coils need an inductance matrix ({n}, {n}); got {self.inductance.shape}.")
+        capacitance = self.winding_capacitance
+        if capacitance.shape != (n,) or not (np.isfinite(capacitance).all() and (capacitance >= 0).all()):
+            raise NetworkError(f"{n} coils need {n} winding capacitances, finite and not negative; got {capacitance}.")
+
+
+@dataclass(frozen=True, eq=False)
+class StateResult:
+    """What the converter sees in one state at one frequency.
+
+    Parameters
+    ----------
+    state : ScanState
+        The state.
+    frequency : float
+        In Hz.
+    impedance : complex
+        In Ω, between the sides of the converter without the tank's capacitor.
+    admittance : complex
+        In S, with the tank's capacitor.
+    currents : ndarray of complex, shape (n,)
+        Through every coil in A per A in the first measured one.
+    """
+
+    state: ScanState
+    frequency: float
+    impedance: complex
+    admittance: complex
+    currents: ComplexArray
+
+    @property
+    def effective_inductance(self) -> float:
+        """L_eff = Im Z/ω in H."""
+        return self.impedance.imag / (2 * math.pi * self.frequency)
+
+    @property
+    def effective_resistance(self) -> float:
+        """R_eff = Re Z in Ω."""
+        return self.impedance.real
+
+    @property
+    def quality_factor(self) -> float:
+        """Q = Im Z/Re Z; infinite without losses."""
+        return self.impedance.imag / self.impedance.real if self.impedance.real > 0 else math.inf
+
+    @property
+    def parallel_resistance(self) -> float:
+        """R_p = 1/Re Y in Ω, what the converter must replace at resonance; infinite without losses."""
+        return 1 / self.admittance.real if self.admittance.real > 0 else math.inf
+
+
+def solve_state(network: Network, state: ScanState, frequency: float) -> StateResult:
+    """Solve one state at one frequency.
+
+    Parameters
+    ----------
+    network : Network
+        Coils and switches.
+    state : ScanState
+        The multiplexer's state.
+    frequency : float
+        In Hz.
+
+    Returns
+    -------
+    StateResult
+
+    Raises
+    ------
+    NetworkError
+        A coil that is not there or stands twice in the state, a frequency that is not positive and finite, a state
+        that leaves the converter open, or a singular network.
+
+    Examples
+    --------
+    >>> from coilarray.terminations import ScanState, Switches
+    >>> one = Network(("a",), np.array([[50e-6]]), lambda f: np.array([[10.0]]), np.zeros(1), Switches(2.5))
+    >>> result = solve_state(one, ScanState("a", (("a", 1),)), 2e6)
+    >>> round(result.effective_inductance * 1e6, 6), round(result.effective_resistance, 6)
+    (50.0, 15.0)
+    """
+    check_state(state, network.names)
+    if not (math.isfinite(frequency) and frequency > 0):
+        raise NetworkError(f"frequency must be positive and finite; got {frequency} Hz.")
+    switches = network.switches
+    measured = {name for name, _ in state.measured}
+    winding = network.winding_capacitance.copy()
+    at_coil = np.array([switches.tank_capacitance if switches.tank_at == "coil" else 0.0] * len(winding))
+    bare_tank = np.array([0.0 if name in measured else c for name, c in zip(network.names, at_coil, strict=True)])
+    impedance, currents = _solve(network, state, frequency, winding + bare_tank)
+    if switches.tank_at == "converter":
+        admittance = 1 / impedance + 2j * math.pi * frequency * switches.tank_capacitance
+    else:
+        admittance = 1 / _solve(network, state, frequency, winding + at_coil)[0]
+    first = network.names.index(state.measured[0][0])
+    return StateResult(state, frequency, impedance, admittance, currents / (currents[first] * state.measured[0][1]))
+
+
+def resonate(network: Network, state: ScanState) -> StateResult:
+    """Solve one state where the converter oscillates, Im Y = 0.
+
+    Parameters
+    ----------
+    network, state
+        As in `solve_state`.
+
+    Returns
+    -------
+    StateResult
+        At the resonance that continues the one of the measured coils alone with the tank.
+
+    Raises
+    ------
+    NetworkError
+        As `solve_state`; also where there is no resonance within a factor of two.
+    """
+    check_state(state, network.names)
+    start = 1 / (2 * math.pi * math.sqrt(_bare_inductance(network, state) * network.switches.tank_capacitance))
+
+    def susceptance(frequency: float) -> float:
+        return solve_state(network, state, frequency).admittance.imag
+
+    # Im Y grows with frequency through a parallel resonance: widen a bracket about the start until it does
+    for width in (1.02, 1.1, 1.3, 1.6, 2.0):
+        low, high = start / width, start * width
+        if susceptance(low) < 0 < susceptance(high):
+            return solve_state(network, state, brentq(susceptance, low, high, xtol=1e-12 * start, rtol=1e-14))
+    raise NetworkError(f"state {state.name} has no resonance between {start / 2:.4g} and {start * 2:.4g} Hz.")
+
+
+def _bare_inductance(network: Network, state: ScanState) -> float:
+    """Inductance of the measured coils joined as in the state, all else left out."""
+    chosen = [network.names.index(name) for name, _ in state.measured]
+    sense = np.array([sense for _, sense in state.measured], dtype=np.float64)
+    L = network.inductance[np.ix_(chosen, chosen)] * np.outer(sense, sense)
+    if state.connection == "series":
+        return float(L.sum())
+    return float(1 / np.linalg.inv(L).sum())
+
+
+@dataclass(frozen=True)
+class _Circuit:
+    """Everything but the coils: branches of an impedance, which may be zero, and capacitors, by names of nodes."""
+
+    branches: list[tuple[str, str, complex]]
+    capacitors: list[tuple[str, str, float]]
+
+
+def _solve(network: Network, state: ScanState, frequency: float, across: FloatArray) -> tuple[complex, ComplexArray]:
+    """Impedance between the converter's sides in Ω and the coils' currents in A per A fed in there."""
+    omega = 2 * math.pi * frequency
+    circuit = _wire(network, state, omega, across)
+    coils = [(f"{name}.1", f"{name}.2") for name in network.names]
+    pairs = [*coils, *((a, b) for a, b, _ in circuit.branches), *((a, b) for a, b, _ in circuit.capacitors)]
+    number: dict[str, int] = {_GROUND: 0, "converter A": 1, "converter B": 2}
+    ends = np.array([[number.setdefault(name, len(number)) for name in pair] for pair in pairs])
+    reference = _references(ends, state)
+    # in units of the first coil's reactance all entries are of order one
+    unit = omega * network.inductance[0, 0]
+    nodes, n, branches = len(number), len(coils), len(coils) + len(circuit.branches)
+    matrix = np.zeros((nodes + branches, nodes + branches), dtype=np.complex128)
+    for k, (a, b) in enumerate(ends[:branches].tolist()):
+        matrix[[a, nodes + k], [nodes + k, a]] += 1
+        matrix[[b, nodes + k], [nodes + k, b]] -= 1
+    for (a, b), (_, _, farads) in zip(ends[branches:].tolist(), circuit.capacitors, strict=True):
+        admittance = 1j * omega * farads * unit
+        matrix[[a, b], [a, b]] += admittance
+        matrix[[a, b], [b, a]] -= admittance
+    matrix[nodes : nodes + n, nodes : nodes + n] = (
+        -(network.resistance(frequency) + 1j * omega * network.inductance) / unit
+    )
+    for k, (_, _, impedance) in enumerate(circuit.branches):
+        matrix[nodes + n + k, nodes + n + k] = -impedance / unit
+    source = np.zeros(len(matrix), dtype=np.complex128)
+    source[1], source[2] = 1, -1
+    keep = np.setdiff1d(np.arange(len(matrix)), reference)
+    solution = np.zeros(len(matrix), dtype=np.complex128)
+    try:
+        solution[keep] = np.linalg.solve(matrix[np.ix_(keep, keep)], source[keep])
+    except np.linalg.LinAlgError:
+        raise NetworkError(f"state {state.name} makes a singular network at {frequency:.6g} Hz.") from None
+    return complex(solution[1] - solution[2]) * unit, solution[nodes : nodes + n]
+
+
+def _wire(network: Network, state: ScanState, omega: float, across: FloatArray) -> _Circuit:
+    """Connect every element of the circuit but the coils."""
+    switches = network.switches
+    branches: list[tuple[str, str, complex]] = []
+    capacitors: list[tuple[str, str, float]] = []
+    for (name, nets), farads in zip(_nets(network.names, state).items(), across.tolist(), strict=True):
+        for end, closed in enumerate(nets, start=1):
+            terminal = f"{name}.{end}"
+            if closed:
+                branches.append((terminal, closed, switches.on_resistance))
+            capacitors += [
+                (terminal, net, switches.off_capacitance) for net in (_SIDE_A, _SIDE_B, _GROUND) if net != closed
+            ]
+        if _passive(state, name) == "load":
+            branches.append((f"{name}.1", f"{name}.2", state.load_resistance))
+        capacitors.append((f"{name}.1", f"{name}.2", farads))
+    for side in (_SIDE_A, _SIDE_B):
+        branches.append((f"converter {side}", side, 1j * omega * switches.lead_inductance))
+        capacitors.append((side, _GROUND, switches.bus_capacitance))
+    return _Circuit(branches, [capacitor for capacitor in capacitors if capacitor[2] > 0])
+
+
+def _passive(state: ScanState, name: str) -> Passive | None:
+    """Say what closes a coil; None where it is measured."""
+    if any(name == measured for measured, _ in state.measured):
+        return None
+    return state.exceptions.get(name, state.others)
+
+
+def _nets(names: Sequence[str], state: ScanState) -> dict[str, tuple[str, str]]:
+    """Net of both terminals of every coil in the order of `names`; empty where the terminal is open."""
+    nets: dict[str, tuple[str, str]] = {}
+    closed: dict[Passive, tuple[str, str]] = {
+        "ground": (_GROUND, _GROUND), "ground one end": (_GROUND, ""), "open": ("", ""), "load": ("", ""),
+    }  # fmt: skip
+    for name in names:
+        passive = _passive(state, name)
+        if passive is not None:
+            nets[name] = closed[passive]
+    last = len(state.measured) - 1
+    for k, (name, sense) in enumerate(state.measured):
+        series = state.connection == "series"
+        first = _SIDE_A if k == 0 or not series else f"link {k}"
+        second = _SIDE_B if k == last or not series else f"link {k + 1}"
+        nets[name] = (first, second) if sense == 1 else (second, first)
+    return {name: nets[name] for name in names}
+
+
+def _references(ends: npt.NDArray[np.int64], state: ScanState) -> list[int]:
+    """One node of every part of the circuit that nothing joins to the others: no current can leave there."""
+    count = int(ends.max()) + 1
+    graph = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(count, count))
+    parts, label = connected_components(graph, directed=False)
+    if label[1] != label[2]:
+        raise NetworkError(f"state {state.name} leaves the converter open: no path joins its two sides.")
+    return [int(np.flatnonzero(label == part)[0]) for part in range(parts)]

@@ -1,0 +1,129 @@
+"""What the coils are connected to: switches, bus and tank, and the states of a scan. Values only; no arithmetic."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+from coilarray.errors import NetworkError
+
+Passive = Literal["ground", "ground one end", "open", "load"]
+"""What closes a coil that is not measured: both ends to ground, its first end only, nothing, or a load resistor."""
+
+
+@dataclass(frozen=True)
+class Switches:
+    """The multiplexer, the bus and the tank.
+
+    Parameters
+    ----------
+    on_resistance : float
+        Of a closed switch in Ω.
+    off_capacitance : float
+        Of an open switch in F; every terminal has one switch to each of A, B and ground.
+    bus_capacitance : float
+        From each side of the measuring bus to ground in F.
+    lead_inductance : float
+        Of each lead from the bus to the converter in H.
+    tank_capacitance : float
+        Of the capacitor that the coil resonates with in F.
+    tank_at : {"converter", "coil"}
+        Where the capacitor stands: across the converter, or across the terminals of the measured coils.
+
+    Raises
+    ------
+    NetworkError
+        A value that is negative or not finite, a tank that is not positive, or another place.
+    """
+
+    on_resistance: float = 0.0
+    off_capacitance: float = 0.0
+    bus_capacitance: float = 0.0
+    lead_inductance: float = 0.0
+    tank_capacitance: float = 120e-12
+    tank_at: Literal["converter", "coil"] = "converter"
+
+    def __post_init__(self) -> None:
+        for name in ("on_resistance", "off_capacitance", "bus_capacitance", "lead_inductance"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value >= 0):
+                raise NetworkError(f"{name} must be finite and not negative; got {value}.")
+        if not (math.isfinite(self.tank_capacitance) and self.tank_capacitance > 0):
+            raise NetworkError(f"tank_capacitance must be positive and finite; got {self.tank_capacitance} F.")
+        if self.tank_at not in ("converter", "coil"):
+            raise NetworkError(f"tank_at must be 'converter' or 'coil'; got {self.tank_at!r}.")
+
+
+@dataclass(frozen=True)
+class ScanState:
+    """One state of the multiplexer.
+
+    Parameters
+    ----------
+    name : str
+        Shown in results.
+    measured : tuple of (str, {1, -1})
+        The measured coils in order, each with its sense; −1 turns its terminals round.
+    connection : {"series", "parallel"}
+        How several measured coils are joined.
+    others : {"ground", "ground one end", "open", "load"}
+        Every other coil.
+    exceptions : mapping of str to such a value
+        Coils that differ from `others`.
+    load_resistance : float
+        Of a load in Ω.
+    """
+
+    name: str
+    measured: tuple[tuple[str, int], ...]
+    connection: Literal["series", "parallel"] = "series"
+    others: Passive = "ground"
+    exceptions: Mapping[str, Passive] = field(default_factory=dict)
+    load_resistance: float = 50.0
+
+
+def paper_plan(names: Sequence[str]) -> tuple[ScanState, ...]:
+    """Return the scan plan of Gast & Zimmermann (2020): each coil in turn, all others grounded at both ends."""
+    return tuple(ScanState(name, ((name, 1),)) for name in names)
+
+
+def check_state(state: ScanState, names: Sequence[str]) -> None:
+    """Refuse a state that cannot be made with these coils.
+
+    Parameters
+    ----------
+    state : ScanState
+        The state.
+    names : sequence of str
+        Of the coils that are there.
+
+    Raises
+    ------
+    NetworkError
+        No measured coil, an unknown coil, one named twice, or a value that is not allowed: which state, which coil.
+    """
+    known = ", ".join(names)
+    if not state.measured:
+        raise NetworkError(f"state {state.name} measures no coil; name at least one of {known}.")
+    measured = [name for name, _ in state.measured]
+    for name in (*measured, *state.exceptions):
+        if name not in names:
+            raise NetworkError(f"state {state.name} names the coil {name!r}; there are {known}.")
+    if len(set(measured)) != len(measured):
+        raise NetworkError(f"state {state.name} measures a coil twice: {', '.join(measured)}.")
+    both = sorted(set(measured) & set(state.exceptions))
+    if both:
+        raise NetworkError(f"state {state.name} measures {both[0]} and also makes it {state.exceptions[both[0]]}.")
+    if any(sense not in (1, -1) for _, sense in state.measured):
+        raise NetworkError(f"state {state.name} must give each measured coil the sense 1 or -1.")
+    if state.connection not in ("series", "parallel"):
+        raise NetworkError(f"state {state.name} must join coils in series or parallel; got {state.connection!r}.")
+    for passive in (state.others, *state.exceptions.values()):
+        if passive not in ("ground", "ground one end", "open", "load"):
+            raise NetworkError(
+                f"state {state.name}: a coil must be measured, ground, ground one end, open or load; got {passive!r}."
+            )
+    if not (math.isfinite(state.load_resistance) and state.load_resistance > 0):
+        raise NetworkError(f"load_resistance of state {state.name} must be positive; got {state.load_resistance} Ω.")

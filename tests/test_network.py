@@ -1,0 +1,181 @@
+"""The circuit behind the switches, against `coilarray.circuit` and against closed forms for two coils."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from coilarray import active_coil, resonance
+from coilarray.errors import NetworkError
+from coilarray.network import Network, resonate, solve_state
+from coilarray.terminations import ScanState, Switches, paper_plan
+
+L2 = np.array([[50e-6, -3e-6], [-3e-6, 40e-6]])
+F = 1.9e6
+OMEGA = 2 * np.pi * F
+
+
+def network(L, R=0.0, C=0.0, **switches):
+    n = len(L)
+    resistance = np.diag(np.broadcast_to(np.asarray(R, dtype=float), (n,)))
+    names = tuple("abcdefgh"[:n])
+    return Network(names, np.asarray(L), lambda f: resistance, np.full(n, float(C)), Switches(**switches))
+
+
+def measure(*coils, connection="series", **others):
+    chosen = tuple((name.lstrip("-"), -1 if name.startswith("-") else 1) for name in coils)
+    return ScanState("+".join(coils), chosen, connection, **others)
+
+
+def random_matrix(n, seed):
+    rng = np.random.default_rng(seed)
+    factor = np.eye(n) + 0.15 * rng.standard_normal((n, n))
+    return 50e-6 * factor @ factor.T
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.integers(1, 6), st.integers(0, 10**6), st.floats(0, 40), st.floats(0, 20))
+def test_the_paper_plan_is_the_reduction_of_the_matrix(n, seed, resistance, on):
+    """Nodal analysis against the direct formula: two independent ways to the same impedance."""
+    L = random_matrix(n, seed)
+    state = paper_plan("abcdef"[:n])[0]
+    result = solve_state(network(L, resistance, on_resistance=on), state, F)
+    # both ends of a grounded coil go through a switch; so do both ends of the measured one
+    expected = active_coil(L, resistance, 0, F, short_resistance=2 * on)
+    assert result.impedance == pytest.approx(expected.impedance + 2 * on, rel=1e-11)
+    np.testing.assert_allclose(result.currents, expected.currents, rtol=0, atol=1e-11)
+
+
+def test_series_and_parallel():
+    M = L2[0, 1]
+    circuit = network(L2)
+    for coils, connection, expected in (
+        (("a", "b"), "series", L2[0, 0] + L2[1, 1] + 2 * M),
+        (("a", "-b"), "series", L2[0, 0] + L2[1, 1] - 2 * M),
+        (("a", "b"), "parallel", (L2[0, 0] * L2[1, 1] - M**2) / (L2[0, 0] + L2[1, 1] - 2 * M)),
+        (("a", "-b"), "parallel", (L2[0, 0] * L2[1, 1] - M**2) / (L2[0, 0] + L2[1, 1] + 2 * M)),
+    ):
+        result = solve_state(circuit, measure(*coils, connection=connection), F)
+        assert result.effective_inductance == pytest.approx(expected, rel=1e-12)
+    # the sense of one coil alone changes nothing
+    assert solve_state(circuit, measure("-a", others="open"), F).effective_inductance == pytest.approx(50e-6, rel=1e-12)
+
+
+def test_series_coils_pass_through_every_switch():
+    result = solve_state(network(L2, 10.0, on_resistance=2.5), measure("a", "b"), F)
+    assert result.effective_resistance == pytest.approx(20 + 4 * 2.5, rel=1e-12)
+
+
+def test_open_and_one_end():
+    circuit = network(L2, 10.0)
+    for others in ("open", "ground one end"):
+        result = solve_state(circuit, measure("a", others=others), F)
+        assert result.effective_inductance == pytest.approx(50e-6, rel=1e-12)
+        assert abs(result.currents[1]) < 1e-12
+
+
+def test_load():
+    result = solve_state(network(L2, 10.0), measure("a", others="load", load_resistance=33.0), F)
+    Z = 10 + 1j * OMEGA * 50e-6 + (OMEGA * 3e-6) ** 2 / (10 + 33 + 1j * OMEGA * 40e-6)
+    assert result.impedance == pytest.approx(Z, rel=1e-12)
+
+
+def test_an_open_coil_with_capacitance_is_not_passive():
+    C = 100e-12
+    result = solve_state(network(L2, 0.0, C=[0, C][1]), measure("a", others="open"), F)
+    # the measured coil has the capacitance as well, in parallel
+    neighbour = 1j * OMEGA * 40e-6 + 1 / (1j * OMEGA * C)
+    Z = 1j * OMEGA * 50e-6 + (OMEGA * 3e-6) ** 2 / neighbour
+    Z = 1 / (1 / Z + 1j * OMEGA * C)
+    assert result.impedance == pytest.approx(Z, rel=1e-11)
+    # below its own resonance it raises the inductance, above it lowers it, as a short does
+    own = 1 / (2 * np.pi * math.sqrt(40e-6 * C))
+    for f, sign in ((0.8 * own, 1), (1.25 * own, -1)):
+        z = solve_state(network(L2, 0.0, C=C), measure("a", others="open"), f).impedance
+        bare = 1 / (1 / z - 2j * np.pi * f * C)
+        assert np.sign(bare.imag / (2 * np.pi * f) - 50e-6) == sign
+
+
+def test_off_capacitance_hangs_on_open_terminals():
+    off = 13e-12
+    result = solve_state(network(L2[:1, :1], 0.0, off_capacitance=off), measure("a"), F)
+    # terminal 1 sits on A: open switches to B and ground; terminal 2 on B: open to A and ground.
+    # Across the coil: two of them, and the two to ground in series
+    C = 2 * off + off / 2
+    assert result.impedance == pytest.approx(1 / (1 / (1j * OMEGA * 50e-6) + 1j * OMEGA * C), rel=1e-12)
+
+
+def test_bus_and_leads():
+    result = solve_state(network(L2[:1, :1], 0.0, bus_capacitance=50e-12, lead_inductance=20e-9), measure("a"), F)
+    Z = 1 / (1 / (1j * OMEGA * 50e-6) + 1j * OMEGA * 25e-12) + 2j * OMEGA * 20e-9
+    assert result.impedance == pytest.approx(Z, rel=1e-12)
+
+
+def test_resonance_where_the_susceptance_vanishes():
+    result = resonate(network(L2, 12.0), measure("a"))
+    assert abs(result.admittance.imag) < 1e-9 * OMEGA * 120e-12
+    # for a series R the phase is zero at ω² = 1/LC − R²/L²
+    state = active_coil(L2, 12.0, 0, result.frequency)
+    L, R = state.effective_inductance, state.effective_resistance
+    expected = math.sqrt(1 / (L * 120e-12) - (R / L) ** 2) / (2 * math.pi)
+    assert result.frequency == pytest.approx(expected, rel=1e-9)
+    # without loss it is that of coilarray.resonance
+    lossless = resonate(network(L2), measure("a"))
+    assert lossless.frequency == pytest.approx(resonance(L2, 0.0, 0, 120e-12).frequency, rel=1e-9)
+    assert lossless.quality_factor == math.inf
+    # R_p = L/(R C) at resonance
+    assert result.parallel_resistance == pytest.approx(L / (R * 120e-12), rel=1e-9)
+
+
+def test_tank_at_the_coil():
+    # with ideal switches it does not matter where the tank stands while all others are grounded
+    at_converter = resonate(network(L2, 12.0), measure("a"))
+    at_coil = resonate(network(L2, 12.0, tank_at="coil"), measure("a"))
+    assert at_coil.frequency == pytest.approx(at_converter.frequency, rel=1e-9)
+    assert at_coil.effective_inductance == pytest.approx(at_converter.effective_inductance, rel=1e-9)
+    # switch resistance is inside the tank at the converter and outside at the coil
+    near = resonate(network(L2, 12.0, on_resistance=5.0), measure("a"))
+    far = resonate(network(L2, 12.0, on_resistance=5.0, tank_at="coil"), measure("a"))
+    assert near.parallel_resistance < 0.7 * far.parallel_resistance
+    # an open neighbour with a tank of its own takes part
+    free = resonate(network(L2, 12.0, tank_at="coil"), measure("a", others="open"))
+    assert free.effective_inductance != pytest.approx(50e-6, rel=1e-3)
+
+
+def test_reciprocity_and_passivity():
+    circuit = network(
+        random_matrix(4, 1), 8.0, C=10e-12, on_resistance=3.0, off_capacitance=12e-12, bus_capacitance=4e-11
+    )
+    for state in (measure("a"), measure("b", "-c"), measure("a", "d", connection="parallel", others="open")):
+        for f in (1e5, 1e6, 3e6):
+            assert solve_state(circuit, state, f).impedance.real > 0
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: solve_state(network(L2), measure("x"), F), "names the coil 'x'; there are a, b"),
+        (lambda: solve_state(network(L2), measure(), F), "measures no coil"),
+        (lambda: solve_state(network(L2), measure("a", "a"), F), "measures a coil twice"),
+        (lambda: solve_state(network(L2), measure("a", exceptions={"a": "open"}), F), "a and also makes it open"),
+        (lambda: solve_state(network(L2), measure("a", exceptions={"q": "open"}), F), "names the coil 'q'"),
+        (lambda: solve_state(network(L2), measure("a", others="loose"), F), "got 'loose'"),
+        (lambda: solve_state(network(L2), measure("a", connection="ring"), F), "in series or parallel; got 'ring'"),
+        (lambda: solve_state(network(L2), ScanState("s", (("a", 2),)), F), "the sense 1 or -1"),
+        (lambda: solve_state(network(L2), measure("a", load_resistance=-1.0), F), "load_resistance of state a must be"),
+        (lambda: solve_state(network(L2), measure("a"), 0.0), "frequency must be positive"),
+        (lambda: network(L2, on_resistance=-1), "on_resistance must be finite and not negative"),
+        (lambda: network(L2, tank_capacitance=0), "tank_capacitance must be positive"),
+        (lambda: network(L2, tank_at="moon"), "tank_at must be 'converter' or 'coil'; got 'moon'"),
+        (lambda: network(L2, C=-1e-12), "winding capacitances, finite and not negative"),
+        (lambda: Network(("a",), L2, lambda f: L2, np.zeros(1), Switches()), "1 coils need an inductance matrix"),
+        (lambda: resonate(network(L2, 1e6), measure("a")), "state a has no resonance between"),
+    ],
+)  # fmt: skip
+def test_bad_networks_are_refused_by_name(call, message):
+    with pytest.raises(NetworkError, match=message):
+        call()
