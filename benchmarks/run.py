@@ -2,7 +2,8 @@
 
     python benchmarks/run.py [--readme]
 
-Figures go to benchmarks/results.json. Speeds are of this machine in this run; compare ratios, not seconds.
+Figures go to benchmarks/results.json; the exit code is 1 where a goal is missed.
+Speeds are of this machine in this run; compare ratios, not seconds.
 """
 
 from __future__ import annotations
@@ -25,21 +26,21 @@ README = HERE.parent / "README.md"
 
 
 def _accuracy_table(results: list[accuracy.Accuracy]) -> str:
-    lines = ["| quantity | reference (tests/reference) | rows | largest deviation |", "| --- | --- | --- | --- |"]
-    lines += [f"| {r.quantity} | `{r.table}.csv` | {r.rows} | {r.worst:.0e} |" for r in results]
+    lines = ["| quantity | reference | rows | largest deviation | limit |", "| --- | --- | --- | --- | --- |"]
+    lines += [f"| {r.quantity} | `{r.table}.csv` | {r.rows} | {r.worst:.0e} | {r.limit:.0e} |" for r in results]
     return "\n".join(lines)
 
 
 def _speed_table(results: list[speed.Speed]) -> str:
-    lines = ["| figure | value | in the same run |", "| --- | --- | --- |"]
-    lines += [f"| {r.what} | {r.value:.3g} {r.unit} | {r.ratio} |" for r in results]
+    lines = ["| figure | value | in the same run | goal |", "| --- | --- | --- | --- |"]
+    lines += [f"| {r.what} | {r.value:.3g} {r.unit} | {r.note} | {r.goal} |" for r in results]
     return "\n".join(lines)
 
 
 def _renew(text: str, name: str, table: str) -> str:
     """Replace what stands between the markers of one table."""
-    pattern = re.compile(rf"(<!-- {name}: [^>]*-->\n).*?(\n<!-- end {name} -->)", re.DOTALL)
-    renewed, count = pattern.subn(lambda match: match.group(1) + table + match.group(2), text)
+    pattern = re.compile(rf"(<!-- {name}: [^>]*-->\n).*?(<!-- end {name} -->)", re.DOTALL)
+    renewed, count = pattern.subn(lambda match: match.group(1) + table + "\n" + match.group(2), text)
     if count != 1:
         raise SystemExit(f"README.md must have one place for the {name} table; it has {count}")
     return renewed
@@ -65,6 +66,9 @@ def main() -> None:
         for name, table in tables.items():
             text = _renew(text, name, table)
         README.write_text(text, encoding="utf-8")
+    missed = [result for result in (*accuracies, *speeds) if not result.kept]
+    if missed:
+        raise SystemExit(f"goals missed: {missed}")
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from coilarray.circuit import active_coil, resonance
+    from coilarray.circuit import active_coil, impedance_matrix, resonance
     from coilarray.coupling import couple, couple_design
     from coilarray.design import Design, load_design, parse_design
     from coilarray.errors import CoilarrayError, DesignError, GeometryError, RuleViolationError
@@ -42,6 +42,7 @@ __all__ = [
     "coupling_matrix",
     "dc_resistance",
     "grid_points",
+    "impedance_matrix",
     "inductance_matrix",
     "load_design",
     "magnetic_field",
@@ -58,7 +59,7 @@ __all__ = [
 ]
 
 _HOME = {
-    "circuit": ("active_coil", "resonance"),
+    "circuit": ("active_coil", "impedance_matrix", "resonance"),
     "coupling": ("couple", "couple_design"),
     "design": ("Design", "load_design", "parse_design"),
     "errors": ("CoilarrayError", "DesignError", "GeometryError", "RuleViolationError"),

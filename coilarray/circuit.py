@@ -17,6 +17,9 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
+from scipy.optimize import brentq
+
+from coilarray.errors import NetworkError
 
 FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
@@ -24,8 +27,7 @@ ComplexArray = npt.NDArray[np.complex128]
 Termination = Literal["short", "open"]
 """What closes a passive coil: ``"short"`` to ground, or ``"open"``, nothing."""
 
-_FREQUENCY_STEPS = 50
-_FREQUENCY_TOLERANCE = 1e-14
+_LEAST_EIGENVALUE = 1e-12  # of the coupling matrix; rounding of the entries is 1e-16, their rules err by 1e-6
 
 
 def all_open(count: int) -> tuple[Termination, ...]:
@@ -72,6 +74,41 @@ class ActiveCoil:
         return self.impedance.real
 
 
+def impedance_matrix(inductance: npt.ArrayLike, resistance: npt.ArrayLike, frequency: float) -> ComplexArray:
+    """Impedance matrix of the coils, Z = R + jωL.
+
+    Parameters
+    ----------
+    inductance : array_like, shape (n, n)
+        Inductance matrix in H.
+    resistance : array_like, shape (n,) or scalar
+        Of each coil in Ω.
+    frequency : float
+        In Hz.
+
+    Returns
+    -------
+    ndarray of complex, shape (n, n)
+        In Ω: voltages at the coils' terminals for the currents in them.
+
+    Raises
+    ------
+    NetworkError
+        Shapes that do not fit, a matrix of no real coils, or a frequency or resistance that is not allowed.
+
+    Examples
+    --------
+    >>> Z = impedance_matrix([[2e-6, 1e-6], [1e-6, 2e-6]], 3.0, 1e6 / (2 * np.pi))
+    >>> np.round(Z, 9)
+    array([[3.+2.j, 0.+1.j],
+           [0.+1.j, 3.+2.j]])
+    """
+    L, R = checked_network(inductance, resistance)
+    if not (math.isfinite(frequency) and frequency > 0):
+        raise NetworkError(f"frequency must be positive and finite; got {frequency} Hz.")
+    return np.asarray(np.diag(R) + 2j * math.pi * frequency * L)
+
+
 def active_coil(
     inductance: npt.ArrayLike,
     resistance: npt.ArrayLike,
@@ -103,7 +140,7 @@ def active_coil(
 
     Raises
     ------
-    ValueError
+    NetworkError
         Shapes that do not fit, an index out of range, or a frequency or resistance that is not allowed.
 
     Examples
@@ -116,21 +153,19 @@ def active_coil(
     n = len(L)
     states = ["short"] * n if terminations is None else list(terminations)
     if len(states) != n or not set(states) <= {"short", "open"}:
-        raise ValueError(f"terminations must be {n} of 'short' or 'open'; got {states}.")
+        raise NetworkError(f"terminations must be {n} of 'short' or 'open'; got {states}.")
     if not 0 <= active < n:
-        raise ValueError(f"the active coil must be 0 to {n - 1}; got {active}.")
-    if not (math.isfinite(frequency) and frequency > 0):
-        raise ValueError(f"frequency must be positive and finite; got {frequency} Hz.")
+        raise NetworkError(f"the active coil must be 0 to {n - 1}; got {active}.")
     if not (math.isfinite(short_resistance) and short_resistance >= 0):
-        raise ValueError(f"short_resistance must be finite and not negative; got {short_resistance} Ω.")
-    omega = 2 * math.pi * frequency
+        raise NetworkError(f"short_resistance must be finite and not negative; got {short_resistance} Ω.")
+    Z = impedance_matrix(L, R, frequency)
     shorted = [k for k in range(n) if k != active and states[k] == "short"]
     currents = np.zeros(n, dtype=np.complex128)
     currents[active] = 1
     if shorted:
-        passive = 1j * omega * L[np.ix_(shorted, shorted)] + np.diag(R[shorted] + short_resistance)
-        currents[shorted] = np.linalg.solve(passive, -1j * omega * L[shorted, active])
-    impedance = complex(R[active] + 1j * omega * (L[active] @ currents))
+        passive = Z[np.ix_(shorted, shorted)] + short_resistance * np.eye(len(shorted))
+        currents[shorted] = np.linalg.solve(passive, -Z[shorted, active])
+    impedance = complex(Z[active] @ currents)
     contributions = np.real(L[active] * currents)
     contributions[active] = 0
     return ActiveCoil(frequency, impedance, currents, contributions)
@@ -159,10 +194,8 @@ def resonance(
 
     Raises
     ------
-    ValueError
+    NetworkError
         As `active_coil`; also a capacitance that is not positive and finite.
-    RuntimeError
-        No convergence, which needs passive coils far stronger than coils can be.
 
     Examples
     --------
@@ -170,18 +203,22 @@ def resonance(
     2.0547
     """
     if not (math.isfinite(capacitance) and capacitance > 0):
-        raise ValueError(f"capacitance must be positive and finite; got {capacitance} F.")
+        raise NetworkError(f"capacitance must be positive and finite; got {capacitance} F.")
     L, R = checked_network(inductance, resistance)
     if not 0 <= active < len(L):
-        raise ValueError(f"the active coil must be 0 to {len(L) - 1}; got {active}.")
-    frequency = 1 / (2 * math.pi * math.sqrt(L[active, active] * capacitance))
-    for _ in range(_FREQUENCY_STEPS):
+        raise NetworkError(f"the active coil must be 0 to {len(L) - 1}; got {active}.")
+
+    def mismatch(log_frequency: float) -> float:
+        frequency = math.exp(log_frequency)
         state = active_coil(L, R, active, frequency, terminations, short_resistance)
-        following = 1 / (2 * math.pi * math.sqrt(state.effective_inductance * capacitance))
-        if abs(following - frequency) <= _FREQUENCY_TOLERANCE * frequency:
-            return state
-        frequency = following
-    raise RuntimeError(f"the resonance of coil {active} did not converge in {_FREQUENCY_STEPS} steps.")
+        return math.log((2 * math.pi * frequency) ** 2 * state.effective_inductance * capacitance)
+
+    # L_eff falls with frequency from L to its value with ideal shorts, 1/(L⁻¹)_aa: the resonance lies between theirs
+    least = 1 / float(np.linalg.inv(L)[active, active])
+    low, high = (-0.5 * math.log(L_eff * capacitance) - math.log(2 * math.pi) for L_eff in (L[active, active], least))
+    margin = 1e-9
+    root = brentq(mismatch, low - margin, high + margin, xtol=1e-15, rtol=1e-14)
+    return active_coil(L, R, active, math.exp(root), terminations, short_resistance)
 
 
 def checked_network(inductance: npt.ArrayLike, resistance: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -189,18 +226,22 @@ def checked_network(inductance: npt.ArrayLike, resistance: npt.ArrayLike) -> tup
 
     Raises
     ------
-    ValueError
+    NetworkError
         Shapes that do not fit, values that are not finite, a diagonal that is not positive, a negative resistance.
     """
     L = np.asarray(inductance, dtype=np.float64)
     if L.ndim != 2 or L.shape[0] != L.shape[1] or not L.size:
-        raise ValueError(f"an inductance matrix must be square; got shape {L.shape}.")
+        raise NetworkError(f"an inductance matrix must be square; got shape {L.shape}.")
     if not np.isfinite(L).all() or not (np.diag(L) > 0).all():
-        raise ValueError("an inductance matrix must be finite with a positive diagonal.")
+        raise NetworkError("an inductance matrix must be finite with a positive diagonal.")
+    if np.linalg.eigvalsh(L / np.sqrt(np.outer(np.diag(L), np.diag(L)))).min() <= _LEAST_EIGENVALUE:
+        raise NetworkError(
+            "the inductance matrix is not positive definite: coils lie in one place, or it belongs to no real coils."
+        )
     try:
         R = np.array(np.broadcast_to(np.asarray(resistance, dtype=np.float64), (len(L),)))
     except ValueError:
-        raise ValueError(f"resistance must be one number or {len(L)}; got shape {np.shape(resistance)}.") from None
+        raise NetworkError(f"resistance must be one number or {len(L)}; got shape {np.shape(resistance)}.") from None
     if not (np.isfinite(R).all() and (R >= 0).all()):
-        raise ValueError(f"resistances must be finite and not negative; got {R.min()} Ω.")
+        raise NetworkError(f"resistances must be finite and not negative; got {R.min()} Ω.")
     return L, R

@@ -12,6 +12,7 @@ import xarray as xr
 from coilarray.blocks import Progress
 from coilarray.circuit import Termination, all_open, all_shorted, checked_network, resonance
 from coilarray.design import Design
+from coilarray.errors import NetworkError
 from coilarray.inductance import coupling_matrix, inductance_matrix
 from coilarray.resistance import dc_resistance
 
@@ -101,13 +102,13 @@ def couple(
 
     Raises
     ------
-    ValueError
+    NetworkError
         As `resonance`.
     """
     L, R = checked_network(inductance, resistance)
     n = len(names)
     if L.shape != (n, n):
-        raise ValueError(f"{n} names need an inductance matrix of shape ({n}, {n}); got {L.shape}.")
+        raise NetworkError(f"{n} names need an inductance matrix of shape ({n}, {n}); got {L.shape}.")
     states = tuple(terminations) if terminations is not None else all_shorted(n)
     solved = [resonance(L, R, a, capacitance, states, short_resistance) for a in range(n)]
     alone = [resonance(L, R, a, capacitance, all_open(n)) for a in range(n)]

@@ -6,7 +6,8 @@ import difflib
 import hashlib
 import json
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -18,6 +19,8 @@ from coilarray.errors import DesignError, GeometryError, NetworkError
 from coilarray.geometry import Coil, CoilArray, FabRules, Sheet
 from coilarray.schema import Document, first_error
 from coilarray.terminations import Passive, ScanState, Switches, check_state
+
+_LONGEST_NAME = 200  # characters shown of a file name
 
 
 @dataclass(frozen=True)
@@ -115,19 +118,24 @@ def load_design(name_or_path: str | Path | None = None) -> Design:
     ('coil1', 'coil2', 'coil3', 'coil4', 'coil5', 'coil6')
     """
     given = designs.STARTER if name_or_path is None else str(name_or_path)
+    if not given:
+        raise DesignError("the name of a design file must not be empty.")
     path = Path(given)
     if given in designs.names() and not path.is_file():
         return parse_design(designs.read(given), origin=given)
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")  # some editors put a byte order mark first
     except FileNotFoundError:
         raise DesignError(
-            f"there is no design file {given}, nor a bundled design of that name ({', '.join(designs.names())})."
+            f"there is no design file {given[:_LONGEST_NAME]}, nor a bundled design of that name "
+            f"({', '.join(designs.names())})."
         ) from None
     except UnicodeDecodeError:
         raise DesignError(f"{given} is no text file in UTF-8.") from None
     except OSError as error:
-        raise DesignError(f"cannot read {given}: {error.strerror}.") from None
+        raise DesignError(f"cannot read {given[:_LONGEST_NAME]}: {error.strerror}.") from None
+    except ValueError as error:  # a name with a zero byte
+        raise DesignError(f"cannot read {given!r}: {error}.") from None
     return parse_design(text, origin=given)
 
 
@@ -137,6 +145,8 @@ def parse_design(text: str, origin: str = "design") -> Design:
         document = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise DesignError(f"{origin}: not valid TOML: {error}.") from None
+    except RecursionError:
+        raise DesignError(f"{origin}: not valid TOML: nested too deeply.") from None
     try:
         parsed = Document.model_validate(document)
     except ValidationError as error:
@@ -150,20 +160,25 @@ def parse_design(text: str, origin: str = "design") -> Design:
 def _build(parsed: Document, document: Mapping[str, Any]) -> Design:
     coils: dict[str, Coil] = {}
     for name, table in parsed.coils.items():
-        try:
+        with _named(f"coils.{name}"):
             coils[name] = table.build()
-        except GeometryError as error:
-            raise DesignError(f"coils.{name}: {error}") from None
+    with _named("stackup"):
+        stackup = parsed.stackup.build()
+    with _named("array"):
+        placements = tuple(parsed.array.build(coils))
     array = CoilArray(
-        parsed.stackup.build(),
-        tuple(parsed.array.build(coils)),
+        stackup,
+        placements,
         board_margin=parsed.board.margin_mm * 1e-3,
         through_holes=parsed.board.through_holes,
     )
     values = _flatten(parsed.model_dump(by_alias=True, exclude={"assumed"}, exclude_none=True))
     for key in parsed.assumed:
         if key not in values:
-            raise DesignError(f"assumed.{key!r} names no value of the design{_meant(key, values)}.")
+            raise DesignError(f"assumed.{key!r} names no value of the design{_meant(key, values)}")
+    sheets = [sheet.name for sheet in parsed.elastomer]
+    if len(set(sheets)) != len(sheets):
+        raise DesignError(f"elastomer sheets must have different names; got {', '.join(sheets)}.")
     circuit = parsed.circuit
     for coil in circuit.terminations:
         if coil not in array.names:
@@ -216,6 +231,15 @@ def _plan(names: Sequence[str], terminations: Sequence[Literal["short", "open"]]
     return tuple(states)
 
 
+@contextmanager
+def _named(key: str) -> Iterator[None]:
+    """Put the key of a table before the message of a geometry that it cannot have."""
+    try:
+        yield
+    except GeometryError as error:
+        raise DesignError(f"{key}: {error}") from None
+
+
 def _flatten(table: Mapping[str, Any], prefix: str = "") -> dict[str, object]:
     """Give every value by its dotted key; tables in a list are numbered from 0, plain lists stay whole."""
     flat: dict[str, object] = {}
@@ -233,4 +257,4 @@ def _flatten(table: Mapping[str, Any], prefix: str = "") -> dict[str, object]:
 
 def _meant(key: str, known: Mapping[str, object]) -> str:
     close = difflib.get_close_matches(key, list(known), n=1)
-    return f"; did you mean {close[0]}?" if close else ""
+    return f"; did you mean {close[0]}?" if close else "."

@@ -9,6 +9,10 @@ from pathlib import Path
 
 from coilarray.errors import OutputError
 
+# there is no way to read the mask without setting it; once, before any thread runs
+_UMASK = os.umask(0o022)
+os.umask(_UMASK)
+
 
 def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
     """Let `write` fill a temporary file beside `path`, then give it the name `path`.
@@ -33,9 +37,7 @@ def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
     temporary = Path(name)
     try:
         write(temporary)
-        umask = os.umask(0)
-        os.umask(umask)
-        temporary.chmod(0o666 & ~umask)  # mkstemp's 0600 is for secrets
+        temporary.chmod(0o666 & ~_UMASK)  # mkstemp's 0600 is for secrets
         temporary.replace(path)
     except OSError as error:
         raise OutputError(f"cannot write {path}: {error.strerror or error}.") from None
@@ -52,6 +54,8 @@ def make_folder(path: Path) -> None:
     """Make a folder and its parents where they do not exist; OutputError where that fails."""
     try:
         path.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError):
+        raise OutputError(f"cannot make the folder {path}: a file has that name.") from None
     except OSError as error:
         raise OutputError(f"cannot make the folder {path}: {error.strerror}.") from None
 

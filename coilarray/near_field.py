@@ -54,6 +54,11 @@ def operating_currents(design: Design, coupling: xr.Dataset, active: str, *, ter
     ).currents
 
 
+def _half(progress: Progress, k: int) -> Progress:
+    """Count one of two equal passes as half of the work."""
+    return lambda done, total: progress(k * total + done, 2 * total)
+
+
 def operating_field(
     design: Design,
     coupling: xr.Dataset,
@@ -93,8 +98,10 @@ def operating_field(
     currents = current * operating_currents(design, coupling, active, terminated=terminated)
     points = grid_points(x, y, z)
     conductors = design.array.conductors()
-    in_phase = magnetic_field(conductors, points, currents.real, progress)
-    quadrature = magnetic_field(conductors, points, currents.imag)
+    parts = []
+    for k, part in enumerate((currents.real, currents.imag)):
+        parts.append(magnetic_field(conductors, points, part, progress and _half(progress, k)))
+    in_phase, quadrature = parts
     dims = ("x", "y", "z", "component")
     axes = {
         name: (name, np.atleast_1d(np.asarray(axis, dtype=np.float64)), {"units": "m"})

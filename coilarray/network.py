@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 import numpy.typing as npt
@@ -44,6 +45,8 @@ class Network:
         Takes a frequency in Hz and returns the resistance matrix, shape (n, n), in Ω.
     winding_capacitance : ndarray, shape (n,)
         Lumped capacitance across each coil in F.
+    mutual_capacitance : ndarray, shape (n, n)
+        Capacitance C_ij between two coils, each at one potential, in F; symmetric, the diagonal is not used.
     switches : Switches
         The rest of the circuit.
 
@@ -51,12 +54,20 @@ class Network:
     ------
     NetworkError
         Shapes that do not fit, or a capacitance that is negative or not finite.
+
+    Notes
+    -----
+    The voltage of a coil runs linearly from end to end, and where two coils lie above each other their turns cross in
+    all combinations. The energy is then C_ij/2 ((m_i − m_j)² + (d_i² + d_j²)/12) with the mean m and the difference d
+    of a coil's two ends. Four capacitors C_ij/4 from end to end have d²/4 in place of d²/12; C_ij/6 less across each
+    coil makes that good.
     """
 
     names: tuple[str, ...]
     inductance: FloatArray
     resistance: Callable[[float], FloatArray]
     winding_capacitance: FloatArray
+    mutual_capacitance: FloatArray
     switches: Switches
 
     def __post_init__(self) -> None:
@@ -66,6 +77,9 @@ class Network:
         capacitance = self.winding_capacitance
         if capacitance.shape != (n,) or not (np.isfinite(capacitance).all() and (capacitance >= 0).all()):
             raise NetworkError(f"{n} coils need {n} winding capacitances, finite and not negative; got {capacitance}.")
+        mutual = self.mutual_capacitance
+        if mutual.shape != (n, n) or not np.array_equal(mutual, mutual.T) or not (mutual >= 0).all():
+            raise NetworkError(f"{n} coils need a mutual capacitance matrix ({n}, {n}), symmetric and not negative.")
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +152,7 @@ def solve_state(network: Network, state: ScanState, frequency: float) -> StateRe
     Examples
     --------
     >>> from coilarray.terminations import ScanState, Switches
-    >>> one = Network(("a",), np.array([[50e-6]]), lambda f: np.array([[10.0]]), np.zeros(1), Switches(2.5))
+    >>> one = Network(("a",), np.array([[50e-6]]), lambda f: np.array([[10.0]]), np.zeros(1), np.zeros((1, 1)), Switches(2.5))
     >>> result = solve_state(one, ScanState("a", (("a", 1),)), 2e6)
     >>> round(result.effective_inductance * 1e6, 6), round(result.effective_resistance, 6)
     (50.0, 15.0)
@@ -262,10 +276,15 @@ def _wire(network: Network, state: ScanState, omega: float, across: FloatArray) 
         if _passive(state, name) == "load":
             branches.append((f"{name}.1", f"{name}.2", state.load_resistance))
         capacitors.append((f"{name}.1", f"{name}.2", farads))
+    mutual = network.mutual_capacitance
+    for i, j in combinations(range(len(network.names)), 2):
+        a, b, farads = network.names[i], network.names[j], float(mutual[i, j])
+        capacitors += [(f"{a}.{end}", f"{b}.{other}", farads / 4) for end in (1, 2) for other in (1, 2)]
+        capacitors += [(f"{coil}.1", f"{coil}.2", -farads / 6) for coil in (a, b)]
     for side in (_SIDE_A, _SIDE_B):
         branches.append((f"converter {side}", side, 1j * omega * switches.lead_inductance))
         capacitors.append((side, _GROUND, switches.bus_capacitance))
-    return _Circuit(branches, [capacitor for capacitor in capacitors if capacitor[2] > 0])
+    return _Circuit(branches, [capacitor for capacitor in capacitors if capacitor[2] != 0])
 
 
 def _passive(state: ScanState, name: str) -> Passive | None:

@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from pydantic_core import ErrorDetails, PydanticCustomError
 
 from coilarray.constants import RESISTIVITY_COPPER
-from coilarray.errors import DesignError
+from coilarray.errors import DesignError, GeometryError
 from coilarray.geometry import (
     Coil,
     FabRules,
@@ -36,9 +36,23 @@ SCHEMA = 1
 
 _MM, _UM, _DEG = 1e-3, 1e-6, math.pi / 180
 
-Positive = Annotated[float, Field(gt=0)]
-NotNegative = Annotated[float, Field(ge=0)]
-Point = Annotated[list[float], Field(min_length=2, max_length=2)]
+# Bounds far beyond any board: a typo is refused where it stands instead of overflowing or running for hours.
+Millimetres = Annotated[float, Field(gt=0, le=10_000)]
+Micrometres = Annotated[float, Field(gt=0, le=100_000)]
+LimitMillimetres = Annotated[float, Field(ge=0, le=10_000)]
+Position = Annotated[float, Field(ge=-100_000, le=100_000)]
+Degrees = Annotated[float, Field(ge=-36_000, le=36_000)]
+Picofarads = Annotated[float, Field(ge=1e-6, le=1e12)]
+StrayPicofarads = Annotated[float, Field(ge=0, le=1e6)]
+Nanohenries = Annotated[float, Field(ge=0, le=1e9)]
+Ohms = Annotated[float, Field(ge=0, le=1e9)]
+LoadOhms = Annotated[float, Field(gt=0, le=1e9)]
+Resistivity = Annotated[float, Field(ge=1e-10, le=1.0)]
+Relative = Annotated[float, Field(ge=1, le=1e6)]
+Turns = Annotated[float, Field(gt=0, le=1000)]
+_MOST_SEGMENTS = 100_000
+_LONGEST_VALUE = 80  # characters shown of a wrong value
+Point = Annotated[list[Position], Field(min_length=2, max_length=2)]
 Name = Annotated[str, Field(min_length=1, pattern=r"^[A-Za-z0-9_.+-]+$")]
 
 
@@ -66,9 +80,9 @@ class StackupTable(Table):
     """``[stackup]``: copper layers and dielectrics, top to bottom."""
 
     layers: list[Name] = Field(min_length=1)
-    copper_thickness_um: list[Positive]
-    dielectric_thickness_mm: list[Positive] = []
-    dielectric_epsilon_r: list[Annotated[float, Field(ge=1)]] = []
+    copper_thickness_um: list[Micrometres]
+    dielectric_thickness_mm: list[Millimetres] = []
+    dielectric_epsilon_r: list[Relative] = []
 
     def build(self) -> Stackup:
         """Return the stack-up in SI."""
@@ -83,9 +97,9 @@ class StackupTable(Table):
 class ViaTable(Table):
     """``[coils.NAME.via]``: the holes that join a coil's layers."""
 
-    drill_mm: Positive = 0.2
-    pad_mm: Positive = 0.45
-    plating_um: Positive = 25
+    drill_mm: Millimetres = 0.2
+    pad_mm: Millimetres = 0.45
+    plating_um: Micrometres = 25
 
     def build(self) -> PlatedHole:
         """Return the hole in SI."""
@@ -95,10 +109,10 @@ class ViaTable(Table):
 class LeadsTable(Table):
     """``[coils.NAME.leads]``: leads and terminals."""
 
-    length_mm: Positive = 2.0
-    spacing_mm: Positive = 1.5
-    pad_mm: Positive = 1.0
-    drill_mm: Positive = 0.5
+    length_mm: Millimetres = 2.0
+    spacing_mm: Millimetres = 1.5
+    pad_mm: Millimetres = 1.0
+    drill_mm: Millimetres = 0.5
 
     def build(self, plating: float) -> Leads:
         """Return the leads in SI."""
@@ -109,11 +123,11 @@ class LeadsTable(Table):
 class SpiralTable(Table):
     """What polygonal and circular spirals share."""
 
-    turns_per_layer: Positive
-    winding_layers: Annotated[int, Field(ge=1)] = 2
-    trace_width_mm: Positive
-    gap_mm: Positive
-    first_corner_deg: float = 0.0
+    turns_per_layer: Turns
+    winding_layers: Annotated[int, Field(ge=1, le=64)] = 2
+    trace_width_mm: Millimetres
+    gap_mm: Millimetres
+    first_corner_deg: Degrees = 0.0
     winding: Literal["ccw", "cw"] = "ccw"
     return_lead: bool = False
     via: ViaTable = ViaTable()
@@ -131,6 +145,9 @@ class SpiralTable(Table):
             winding=self.winding,
             circular=circular,
         )
+        segments = spiral.steps * self.winding_layers
+        if segments > _MOST_SEGMENTS:
+            raise GeometryError(f"a coil may have {_MOST_SEGMENTS} segments; this one has {segments}.")
         via = self.via.build()
         leads = None if self.leads is None else self.leads.build(via.plating)
         return spiral_coil(spiral, self.winding_layers, via, leads, return_lead=self.return_lead)
@@ -140,9 +157,9 @@ class PolygonCoil(SpiralTable):
     """``[coils.NAME]`` with ``shape = "polygon"``."""
 
     shape: Literal["polygon"]
-    sides: Annotated[int, Field(ge=3)] = 6
-    outer_across_flats_mm: Positive | None = None
-    outer_across_corners_mm: Positive | None = None
+    sides: Annotated[int, Field(ge=3, le=1000)] = 6
+    outer_across_flats_mm: Millimetres | None = None
+    outer_across_corners_mm: Millimetres | None = None
 
     @model_validator(mode="after")
     def _one_size(self) -> PolygonCoil:
@@ -164,8 +181,8 @@ class CircleCoil(SpiralTable):
     """``[coils.NAME]`` with ``shape = "circle"``."""
 
     shape: Literal["circle"]
-    outer_diameter_mm: Positive
-    segments_per_turn: Annotated[int, Field(ge=8)] = 96
+    outer_diameter_mm: Millimetres
+    segments_per_turn: Annotated[int, Field(ge=8, le=1000)] = 96
 
     def build(self) -> Coil:
         """Return the coil in SI."""
@@ -177,11 +194,11 @@ class PathCoil(Table):
 
     shape: Literal["path"]
     lines_mm: list[list[Point]] = Field(min_length=1)
-    trace_width_mm: Positive
-    gap_mm: Positive
+    trace_width_mm: Millimetres
+    gap_mm: Millimetres
     via: ViaTable = ViaTable()
-    terminal_pad_mm: Positive = 1.0
-    terminal_drill_mm: Positive = 0.5
+    terminal_pad_mm: Millimetres = 1.0
+    terminal_drill_mm: Millimetres = 0.5
 
     def build(self) -> Coil:
         """Return the coil in SI."""
@@ -201,9 +218,9 @@ class PlacementTable(Table):
     name: Name
     coil: str
     layers: list[str]
-    x_mm: float
-    y_mm: float
-    rotation_deg: float = 0.0
+    x_mm: Position
+    y_mm: Position
+    rotation_deg: Degrees = 0.0
 
 
 class FreeArray(Table):
@@ -232,11 +249,11 @@ class LatticeArray(Table):
 
     lattice: Literal["linear", "square", "hexagonal"]
     coil: str
-    columns: Annotated[int, Field(ge=1)]
-    rows: Annotated[int, Field(ge=1)] = 1
-    pitch_mm: Positive
-    direction_deg: float = 0.0
-    rotation_deg: float = 0.0
+    columns: Annotated[int, Field(ge=1, le=1000)]
+    rows: Annotated[int, Field(ge=1, le=1000)] = 1
+    pitch_mm: Millimetres
+    direction_deg: Degrees = 0.0
+    rotation_deg: Degrees = 0.0
     layers: list[list[str]] = Field(min_length=1)
     layer_shift_per_row: int | None = None
     names: list[Name] | None = None
@@ -250,7 +267,9 @@ class LatticeArray(Table):
         if len(names) != len(points):
             raise DesignError(f"array.names must have {len(points)} names, one a coil; got {len(names)}.")
         # (i − j) mod 3 differs between all neighbours of a hexagonal lattice, (i + j) mod 2 between those of a square
-        default_shift = -1 if self.lattice == "hexagonal" else 1
+        # one, and (i + 2j) mod 4 between its diagonal neighbours too
+        square_shift = 2 if len(self.layers) == 4 else 1
+        default_shift = -1 if self.lattice == "hexagonal" else square_shift
         shift = default_shift if self.layer_shift_per_row is None else self.layer_shift_per_row
         coil = _coil(coils, self.coil, "array.coil")
         return [
@@ -269,7 +288,7 @@ class LatticeArray(Table):
 class BoardTable(Table):
     """``[board]``."""
 
-    margin_mm: NotNegative = 2.0
+    margin_mm: LimitMillimetres = 2.0
     through_holes: bool = True
 
 
@@ -277,8 +296,8 @@ class SheetTable(Table):
     """``[[elastomer]]``: one sheet on top of the board."""
 
     name: Name
-    thickness_mm: Positive
-    relative_permeability: Annotated[float, Field(ge=1)] = 1.0
+    thickness_mm: Millimetres
+    relative_permeability: Relative = 1.0
 
     def build(self) -> Sheet:
         """Return the sheet in SI."""
@@ -288,12 +307,12 @@ class SheetTable(Table):
 class CircuitTable(Table):
     """``[circuit]``: tank and terminations."""
 
-    capacitance_pF: Positive = 120  # noqa: N815 - the unit
-    short_resistance_ohm: NotNegative = 0.0
-    resistivity_ohm_m: Positive = RESISTIVITY_COPPER
-    switch_off_capacitance_pF: NotNegative = 0.0  # noqa: N815 - the unit
-    bus_capacitance_pF: NotNegative = 0.0  # noqa: N815 - the unit
-    lead_inductance_nH: NotNegative = 0.0  # noqa: N815 - the unit
+    capacitance_pF: Picofarads = 120  # noqa: N815 - the unit
+    short_resistance_ohm: Ohms = 0.0
+    resistivity_ohm_m: Resistivity = RESISTIVITY_COPPER
+    switch_off_capacitance_pF: StrayPicofarads = 0.0  # noqa: N815 - the unit
+    bus_capacitance_pF: StrayPicofarads = 0.0  # noqa: N815 - the unit
+    lead_inductance_nH: Nanohenries = 0.0  # noqa: N815 - the unit
     tank: Literal["converter", "coil"] = "converter"
     default_termination: Literal["short", "open"] = "short"
     terminations: dict[str, Literal["short", "open"]] = {}
@@ -307,7 +326,7 @@ class StateTable(Table):
     connection: Literal["series", "parallel"] = "series"
     others: Passive = "ground"
     exceptions: dict[str, Passive] = {}
-    load_ohm: Positive = 50.0
+    load_ohm: LoadOhms = 50.0
 
     def build(self) -> ScanState:
         """Return the state."""
@@ -318,18 +337,18 @@ class StateTable(Table):
 class FieldTable(Table):
     """``[field]``: the plane on which reports show the field."""
 
-    height_mm: float = 6.0
+    height_mm: Position = 6.0
 
 
 class RulesTable(Table):
     """``[rules]``: limits of the board house."""
 
-    min_trace_mm: NotNegative = 0.1
-    min_gap_mm: NotNegative = 0.1
-    min_drill_mm: NotNegative = 0.2
-    min_annular_ring_mm: NotNegative = 0.1
-    min_edge_clearance_mm: NotNegative = 0.3
-    min_hole_spacing_mm: NotNegative = 0.25
+    min_trace_mm: LimitMillimetres = 0.1
+    min_gap_mm: LimitMillimetres = 0.1
+    min_drill_mm: LimitMillimetres = 0.2
+    min_annular_ring_mm: LimitMillimetres = 0.1
+    min_edge_clearance_mm: LimitMillimetres = 0.3
+    min_hole_spacing_mm: LimitMillimetres = 0.25
 
     def build(self) -> FabRules:
         """Return the limits in SI."""
@@ -346,7 +365,7 @@ class RulesTable(Table):
 class Document(Table):
     """The whole file."""
 
-    schema_: Literal[1] = Field(alias="schema")
+    schema_: Annotated[int, Field(ge=1, le=1)] = Field(alias="schema")
     name: Name
     title: str = ""
     source: str = ""
@@ -378,7 +397,10 @@ def first_error(error: ValidationError, document: Mapping[str, Any]) -> str:
 def _describe(details: ErrorDetails, document: Mapping[str, Any]) -> str:
     where: list[str | int] = []
     table: Any = document
-    for part in details["loc"]:  # pydantic adds the tag of a union's member; the file has no such key
+    for part in details["loc"]:
+        if part == "[key]":  # the key itself is wrong, not its value
+            continue
+        # pydantic adds the tag of a union's member; the file has no such key
         if isinstance(table, Mapping) and part not in table and part in (table.get("shape"), table.get("lattice")):
             continue
         where.append(part)
@@ -397,10 +419,32 @@ def _describe(details: ErrorDetails, document: Mapping[str, Any]) -> str:
         allowed = {"shape": "'polygon', 'circle' or 'path'", "lattice": "'linear', 'square', 'hexagonal' or 'free'"}
         value = got.get(tag) if isinstance(got, Mapping) else None
         return f"{key}.{tag} must be {allowed[tag]}; got {'nothing' if value is None else repr(value)}."
-    message = details["msg"].removeprefix("Value error, ")
     if kind == "value_error":
-        return f"{key} {message}."
+        return f"{key} {details['msg'].removeprefix('Value error, ')}."
     if kind == "string_pattern_mismatch":
-        return f"{key} may have letters, digits, _ . + and - only; got {got!r}."
-    message = message.removeprefix("Input ")
-    return f"{key} {message[0].lower()}{message[1:]}; got {got!r}."
+        return f"{key} may have letters, digits, _ . + and - only; got {_shown(got)}."
+    limits = details.get("ctx", {})
+    wanted = {
+        "too_short": f"have at least {limits.get('min_length')} entries",
+        "too_long": f"have at most {limits.get('max_length')} entries",
+        "string_too_short": "not be empty",
+        "greater_than": f"be greater than {limits.get('gt', 0):g}",
+        "greater_than_equal": f"be at least {limits.get('ge', 0):g}",
+        "less_than_equal": f"be at most {limits.get('le', 0):g}",
+        "finite_number": "be a finite number",
+        "float_type": "be a number",
+        "int_type": "be a whole number",
+        "bool_type": "be true or false",
+        "string_type": "be a text",
+        "list_type": "be a list",
+        "model_type": "be a table",
+        "dict_type": "be a table",
+        "literal_error": f"be {limits.get('expected')}",
+    }.get(kind, details["msg"].removeprefix("Input should ").removeprefix("Value error, "))
+    return f"{key} must {wanted}; got {_shown(got)}."
+
+
+def _shown(value: object) -> str:
+    """Show a value of the file, cut where it is long."""
+    text = repr(value)
+    return text if len(text) <= _LONGEST_VALUE else f"{text[:_LONGEST_VALUE]}…"

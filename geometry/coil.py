@@ -38,11 +38,15 @@ class PlatedHole:
         for name in ("drill", "pad", "plating"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0):
-                raise GeometryError(f"{name} of a hole must be positive and finite; got {value} m.")
+                raise GeometryError(f"{name} of a hole must be positive and finite; got {value * 1e3:g} mm.")
         if self.pad <= self.drill:
-            raise GeometryError(f"pad of a hole must be larger than its drill {self.drill} m; got {self.pad} m.")
+            raise GeometryError(
+                f"pad of a hole must be larger than its drill of {self.drill * 1e3:g} mm; got {self.pad * 1e3:g} mm."
+            )
         if self.plating >= self.drill / 2:
-            raise GeometryError(f"plating must be below half the drill {self.drill} m; got {self.plating} m.")
+            raise GeometryError(
+                f"plating must be below half the drill of {self.drill * 1e3:g} mm; got {self.plating * 1e3:g} mm."
+            )
 
     @property
     def annular_ring(self) -> float:
@@ -87,10 +91,11 @@ class Leads:
         for name in ("length", "spacing"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0):
-                raise GeometryError(f"{name} of the leads must be positive and finite; got {value} m.")
+                raise GeometryError(f"{name} of the leads must be positive and finite; got {value * 1e3:g} mm.")
         if self.length < self.spacing / 2:
             raise GeometryError(
-                f"length of the leads must be at least half their spacing, {self.spacing / 2} m; got {self.length} m."
+                f"length of the leads must be at least half their spacing of {self.spacing * 1e3:g} mm; "
+                f"got {self.length * 1e3:g} mm."
             )
 
 

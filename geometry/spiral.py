@@ -106,7 +106,10 @@ class Spiral:
             raise GeometryError(f"winding must be 'ccw' or 'cw'; got {self.winding!r}.")
         steps = self.turns * self.sides
         if abs(steps - round(steps)) > 1e-9 * steps:
-            raise GeometryError(f"turns must be a multiple of 1/{self.sides}; got {self.turns}.")
+            near = max(round(steps), 1)
+            raise GeometryError(
+                f"turns must be a multiple of 1/{self.sides}, for example {near / self.sides:.12g}; got {self.turns:g}."
+            )
         if self.inner_apothem - self.trace_width / 2 <= 0:
             fit = math.floor((self.outer_apothem - self.trace_width) / self.pitch * self.sides) / self.sides
             raise GeometryError(

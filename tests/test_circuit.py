@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from coilarray import active_coil, couple, resonance
+from coilarray import active_coil, couple, impedance_matrix, resonance
 
 pytestmark = pytest.mark.nojit
 
@@ -67,6 +67,13 @@ def test_ideal_shorts_of_many_coils():
     assert state.effective_inductance == pytest.approx(1 / np.linalg.inv(L)[2, 2], rel=1e-12)
 
 
+def test_impedance_matrix():
+    L = random_matrix(3, 4)
+    Z = impedance_matrix(L, [1.0, 2.0, 3.0], F)
+    np.testing.assert_allclose(Z.imag, OMEGA * L, rtol=1e-14)
+    np.testing.assert_array_equal(Z.real, np.diag([1.0, 2.0, 3.0]))
+
+
 def test_open_coils_do_nothing():
     L = random_matrix(4, 1)
     state = active_coil(L, 3.0, 1, F, ["open"] * 4)
@@ -122,6 +129,15 @@ def test_lossless_coil_has_no_quality_factor():
     assert result.quality_factor.values[0] == np.inf
 
 
+@pytest.mark.parametrize("k", [0.9, 0.99, 0.9999])
+def test_resonance_of_strongly_coupled_coils(k):
+    L = 1e-5 * np.array([[1, k], [k, 1]])
+    for R in (0.0, 2.0, 30.0, 1e4):
+        state = resonance(L, R, 0, 100e-12)
+        expected = 1 / (2 * np.pi * np.sqrt(state.effective_inductance * 100e-12))
+        assert state.frequency == pytest.approx(expected, rel=1e-12)
+
+
 @pytest.mark.parametrize(
     ("call", "message"),
     [
@@ -134,6 +150,9 @@ def test_lossless_coil_has_no_quality_factor():
         (lambda: active_coil([[1e-6]], 0, 0, 0), "frequency must be positive and finite; got 0"),
         (lambda: active_coil([[1e-6]], 0, 0, F, ["loose"]), "must be 1 of 'short' or 'open'"),
         (lambda: active_coil([[1e-6]], 0, 0, F, short_resistance=-1), "short_resistance must be finite"),
+        (lambda: active_coil([[1, 1], [1, 1]], 0, 0, F), "not positive definite: coils lie in one place"),
+        (lambda: resonance([[1, 2], [2, 1]], 0, 0, 1e-12), "not positive definite"),
+        (lambda: impedance_matrix([[1e-6]], 0, -1.0), "frequency must be positive and finite; got -1"),
         (lambda: resonance([[1e-6]], 0, 0, -1e-12), "capacitance must be positive and finite"),
         (lambda: resonance([[1e-6]], 0, 3, 1e-12), "the active coil must be 0 to 0; got 3"),
         (lambda: couple(["a", "b"], [[1e-6]], 0, 1e-12), "2 names need an inductance matrix"),

@@ -124,14 +124,14 @@ BAD = {
     "wrong unit": (changed("pitch_mm = 11.0", "pitch_cm = 1.1"), "array has no key 'pitch_cm'"),
     "wrong type": (
         changed("turns_per_layer = 12", 'turns_per_layer = "12"'),
-        "coils.hexagon.turns_per_layer should be a valid number; got '12'",
+        "coils.hexagon.turns_per_layer must be a number; got '12'",
     ),
     "boolean for a number": (changed("gap_mm = 0.15", "gap_mm = true"), "coils.hexagon.gap_mm .*; got True"),
-    "zero": (changed("gap_mm = 0.15", "gap_mm = 0"), "coils.hexagon.gap_mm should be greater than 0; got 0"),
-    "negative": (changed("trace_width_mm = 0.15", "trace_width_mm = -1"), "trace_width_mm should be greater than 0; got -1"),
-    "nan": (changed("pitch_mm = 11.0", "pitch_mm = nan"), "array.pitch_mm should be a finite number; got nan"),
-    "infinite": (changed("pitch_mm = 11.0", "pitch_mm = inf"), "array.pitch_mm should be a finite number; got inf"),
-    "two sides": (changed("sides = 6", "sides = 2"), "coils.hexagon.sides should be greater than or equal to 3; got 2"),
+    "zero": (changed("gap_mm = 0.15", "gap_mm = 0"), "coils.hexagon.gap_mm must be greater than 0; got 0"),
+    "negative": (changed("trace_width_mm = 0.15", "trace_width_mm = -1"), "trace_width_mm must be greater than 0; got -1"),
+    "nan": (changed("pitch_mm = 11.0", "pitch_mm = nan"), "array.pitch_mm must be a finite number; got nan"),
+    "infinite": (changed("pitch_mm = 11.0", "pitch_mm = inf"), "array.pitch_mm must be a finite number; got inf"),
+    "two sides": (changed("sides = 6", "sides = 2"), "coils.hexagon.sides must be at least 3; got 2"),
     "missing": (changed("pitch_mm = 11.0", ""), "array.pitch_mm is missing"),
     "no shape": (changed('shape = "polygon"', ""), "coils.hexagon.shape must be 'polygon', 'circle' or 'path'; got nothing"),
     "wrong shape": (changed('"polygon"', '"star"'), "coils.hexagon.shape must be .*; got 'star'"),
@@ -146,7 +146,7 @@ BAD = {
     ),
     "odd fraction of a turn": (changed("turns_per_layer = 12", "turns_per_layer = 12.1"), "turns must be a multiple of 1/6"),
     "no room for the via": (changed("turns_per_layer = 12", "turns_per_layer = 26"), "coils.hexagon: there is no room for a pad of 0.5 mm"),
-    "old schema": (changed("schema = 1", "schema = 7"), "schema should be 1; got 7"),
+    "old schema": (changed("schema = 1", "schema = 7"), "schema must be at most 1; got 7"),
     "layer not there": (changed('["L3", "L4"]]', '["L3", "L9"]]'), "there is no copper layer 'L9'; the stack-up has L1, L2"),
     "layers do not match": (changed('["L3", "L4"]]', '["L3"]]'), "coil2 has 2 conducting layers and must be given as many"),
     "coil not there": (changed('coil = "hexagon"', 'coil = "octagon"'), "array.coil names no coil shape; .*got 'octagon'"),
@@ -159,6 +159,26 @@ BAD = {
     "name": (changed('name = "starter"', 'name = "a b"'), "name may have letters, digits"),
     "names": (changed("columns = 3", 'columns = 3\nnames = ["a", "b"]'), "array.names must have 3 names"),
     "equal names": (changed("columns = 3", 'columns = 3\nnames = ["a", "b", "a"]'), "coil names must differ"),
+    "far too large": (changed("pitch_mm = 11.0", "pitch_mm = 1e300"), "array.pitch_mm must be at most 10000; got 1e.300"),
+    "far too high": (changed("height_mm = 3.0", "height_mm = 1e300"), "field.height_mm must be at most 100000; got 1e.300"),
+    "far too many layers": (changed("winding_layers = 2", "winding_layers = 100000"), "winding_layers must be at most 64; got 100000"),
+    "far too many sides": (changed("sides = 6", f"sides = {10**40}"), "sides must be at most 1000; got 1000"),
+    "far too many coils": (changed("columns = 3", "columns = 1000000000"), "columns must be at most 1000; got"),
+    "too many segments": (
+        changed("sides = 6", "sides = 1000").replace("turns_per_layer = 12", "turns_per_layer = 900").replace("_width_mm = 0.15", "_width_mm = 0.001").replace("gap_mm = 0.15", "gap_mm = 0.001"),
+        "coils.hexagon: a coil may have 100000 segments; this one has 1800000",
+    ),
+    "a long number": (changed("pitch_mm = 11.0", f"pitch_mm = 1{'0' * 300}"), "array.pitch_mm must be at most 10000; got 10*…"),
+    "boolean schema": (changed("schema = 1", "schema = true"), "schema must be a whole number; got True"),
+    "key with a space": (BASE.replace("[coils.hexagon", '[coils."a b"'), "coils.a b may have letters, digits"),
+    "no layers": (changed('[["L1", "L2"], ["L3", "L4"]]', "[]"), r"array.layers must have at least 1 entries; got \[\]"),
+    "equal sheets": (BASE + '\n[[elastomer]]\nname = "base"\nthickness_mm = 1.0\n', "elastomer sheets must have different names"),
+    "thick plating": (changed("plating_um = 25", "plating_um = 200"), "coils.hexagon: plating must be below half the drill of 0.25 mm; got 0.2 mm"),
+    "thirds of a turn": (changed("turns_per_layer = 12", "turns_per_layer = 11.33"), "for example 11.3333333333; got 11.33"),
+    "nested too deeply": (BASE + "\nx = " + "[" * 5000, "not valid TOML"),
+    "unknown coil in a scan": (BASE + '\n[[scan]]\nname = "s"\nmeasure = ["coil9"]\n', "state s names the coil 'coil9'; there are coil1"),
+    "unknown state in a scan": (BASE + '\n[[scan]]\nname = "s"\nmeasure = ["coil1"]\nothers = "loose"\n', "scan.0.others must be 'ground', 'ground one end', 'open' or 'load'; got 'loose'"),
+    "scan states of one name": (BASE + 2 * '\n[[scan]]\nname = "s"\nmeasure = ["coil1"]\n', "scan must name each state differently"),
     "not TOML": (BASE + "\n[[[", "not valid TOML"),
     "empty": ("", "schema is missing"),
 }  # fmt: skip
@@ -195,7 +215,28 @@ placements = [{ name = "a", coil = "knot", layers = ["top"], x_mm = 0, y_mm = 0 
         parse_design(text)
 
 
+def test_scan_plan():
+    default = parse_design(BASE).circuit.plan
+    assert [state.name for state in default] == ["coil1", "coil2", "coil3"]
+    text = changed('default_termination = "short"', 'default_termination = "short"\nterminations = { coil3 = "open" }')
+    assert dict(parse_design(text).circuit.plan[0].exceptions) == {"coil3": "open"}
+    scan = '\n[[scan]]\nname = "pair"\nmeasure = ["coil1", "-coil2"]\nconnection = "parallel"\nothers = "load"\nload_ohm = 75\n'
+    (state,) = parse_design(BASE + scan).circuit.plan
+    assert state.measured == (("coil1", 1), ("coil2", -1))
+    assert (state.connection, state.others, state.load_resistance) == ("parallel", "load", 75)
+
+
+def test_byte_order_mark(tmp_path):
+    path = tmp_path / "notepad.toml"
+    path.write_text(BASE, encoding="utf-8-sig")
+    assert load_design(path).name == "starter"
+
+
 def test_unreadable_files(tmp_path):
+    with pytest.raises(DesignError, match="must not be empty"):
+        load_design("")
+    with pytest.raises(DesignError, match=r"cannot read 'a.x00b'"):
+        load_design("a\0b")
     with pytest.raises(DesignError, match=r"there is no design file .*nor a bundled design"):
         load_design(tmp_path / "none.toml")
     with pytest.raises(DesignError, match=r"cannot read .*: Is a directory"):

@@ -19,11 +19,12 @@ F = 1.9e6
 OMEGA = 2 * np.pi * F
 
 
-def network(L, R=0.0, C=0.0, **switches):
+def network(L, R=0.0, C=0.0, mutual=0.0, **switches):
     n = len(L)
     resistance = np.diag(np.broadcast_to(np.asarray(R, dtype=float), (n,)))
     names = tuple("abcdefgh"[:n])
-    return Network(names, np.asarray(L), lambda f: resistance, np.full(n, float(C)), Switches(**switches))
+    between = np.full((n, n), float(mutual))
+    return Network(names, np.asarray(L), lambda f: resistance, np.full(n, float(C)), between, Switches(**switches))
 
 
 def measure(*coils, connection="series", **others):
@@ -109,6 +110,18 @@ def test_off_capacitance_hangs_on_open_terminals():
     assert result.impedance == pytest.approx(1 / (1 / (1j * OMEGA * 50e-6) + 1j * OMEGA * C), rel=1e-12)
 
 
+def test_capacitance_to_a_grounded_neighbour():
+    C = 9e-12
+    L = np.diag([50e-6, 40e-6])
+    result = solve_state(network(L, 0.0, mutual=C), measure("a", exceptions={"b": "ground"}), F)
+    # the coil floats: its mean is at the neighbour's potential and only d²/12 is left, C/12
+    Z = 1 / (1 / (1j * OMEGA * 50e-6) + 1j * OMEGA * C / 12)
+    assert result.impedance == pytest.approx(Z, rel=1e-9)
+    # both neighbours' ends open: it takes the mean as well; the energy is the same
+    free = solve_state(network(L, 0.0, mutual=C), measure("a", others="open"), 1e3)
+    assert free.effective_inductance == pytest.approx(50e-6, rel=1e-6)
+
+
 def test_bus_and_leads():
     result = solve_state(network(L2[:1, :1], 0.0, bus_capacitance=50e-12, lead_inductance=20e-9), measure("a"), F)
     Z = 1 / (1 / (1j * OMEGA * 50e-6) + 1j * OMEGA * 25e-12) + 2j * OMEGA * 20e-9
@@ -171,8 +184,12 @@ def test_reciprocity_and_passivity():
         (lambda: network(L2, on_resistance=-1), "on_resistance must be finite and not negative"),
         (lambda: network(L2, tank_capacitance=0), "tank_capacitance must be positive"),
         (lambda: network(L2, tank_at="moon"), "tank_at must be 'converter' or 'coil'; got 'moon'"),
+        (lambda: network(L2, mutual=-1e-12), "a mutual capacitance matrix"),
         (lambda: network(L2, C=-1e-12), "winding capacitances, finite and not negative"),
-        (lambda: Network(("a",), L2, lambda f: L2, np.zeros(1), Switches()), "1 coils need an inductance matrix"),
+        (
+            lambda: Network(("a",), L2, lambda f: L2, np.zeros(1), np.zeros((1, 1)), Switches()),
+            "1 coils need an inductance matrix",
+        ),
         (lambda: resonate(network(L2, 1e6), measure("a")), "state a has no resonance between"),
     ],
 )  # fmt: skip

@@ -12,11 +12,11 @@ from coilarray.cli.shared import AllowViolations, AsJson, DesignArgument, open_d
 from coilarray.errors import GeometryError, OutputError
 
 if TYPE_CHECKING:
-    import numpy as np
-    import numpy.typing as npt
     import xarray as xr
 
 _SUFFIXES = (".nc", ".vtr")
+_FARTHEST_MM = 100_000.0
+_LARGEST_MA = 1e9
 _MOST_POINTS = 20_000_000  # 24 bytes a point and array; more needs more memory than a desk computer has to spare
 
 
@@ -38,16 +38,17 @@ def field(
 ) -> None:
     """Write the field over the board.
 
-    B on a plane or in a volume while one coil is measured, as netCDF or VTK, in free space.
+    B on a plane or in a volume while one coil is measured, as netCDF or VTK, in free space. Traces count as thin wires
+    on their middle lines, so points nearer to the copper than a trace is wide show the wire's field, not the trace's.
 
     Example: coilarray field gast2020 --coil coil3 --z-mm 1:9 --out field.vtr
     """
-    if out.suffix not in _SUFFIXES:
+    if out.suffix.lower() not in _SUFFIXES:
         raise OutputError(f"--out must end in {' or '.join(_SUFFIXES)}; got {out}.")
-    if not (math.isfinite(spacing_mm) and spacing_mm > 0):
-        raise GeometryError(f"--spacing-mm must be positive and finite; got {spacing_mm}.")
-    if not math.isfinite(current_mA):
-        raise GeometryError(f"--current-mA must be finite; got {current_mA}.")
+    if not 1e-6 <= spacing_mm <= _FARTHEST_MM:
+        raise GeometryError(f"--spacing-mm must be 1e-06 to {_FARTHEST_MM:g}; got {spacing_mm:g}.")
+    if not abs(current_mA) <= _LARGEST_MA:
+        raise GeometryError(f"--current-mA must be at most {_LARGEST_MA:g}; got {current_mA:g}.")
     heights = None if z_mm is None else _heights(z_mm)
     from coilarray.coupling import couple_design
     from coilarray.near_field import operating_field
@@ -60,19 +61,24 @@ def field(
     x_min, y_min, x_max, y_max = opened.array.bounds
     step = spacing_mm * 1e-3
     low, high = (opened.field_height, opened.field_height) if heights is None else heights
-    axes = (_axis(x_min, x_max, step), _axis(y_min, y_max, step), _axis(low, high, step))
-    count = math.prod(len(axis) for axis in axes)
+    ranges = ((x_min, x_max), (y_min, y_max), (low, high))
+    count = math.prod(_points(start, end, step) for start, end in ranges)
     if count > _MOST_POINTS:
         raise GeometryError(
-            f"--spacing-mm {spacing_mm} gives {count} points; at most {_MOST_POINTS} are allowed: widen the spacing."
+            f"--spacing-mm {spacing_mm:g} gives {count} points; at most {_MOST_POINTS} are allowed: widen the spacing."
         )
+    import numpy as np
+
+    axes = tuple(np.linspace(start, end, _points(start, end, step)) for start, end in ranges)
     coupling = couple_design(opened)
     with progress_bar(f"field at {count} points") as progress:
         result = operating_field(
             opened,
             coupling,
             active,
-            *axes,
+            axes[0],
+            axes[1],
+            axes[2],
             current=current_mA * 1e-3,
             terminated=not others_open,
             progress=progress,
@@ -98,20 +104,24 @@ def _heights(text: str) -> tuple[float, float]:
         values = [float(part) * 1e-3 for part in parts]
     except ValueError:
         values = []
-    if len(values) not in (1, 2) or not all(map(math.isfinite, values)) or values != sorted(values):
-        raise GeometryError(f"--z-mm must be a number or FROM:TO with FROM below TO; got {text!r}.")
+    if (
+        len(values) not in (1, 2)
+        or not all(abs(value) <= _FARTHEST_MM * 1e-3 for value in values)
+        or values != sorted(values)
+    ):
+        raise GeometryError(
+            f"--z-mm must be a number or FROM:TO with FROM below TO, at most {_FARTHEST_MM:g}; got {text!r}."
+        )
     return values[0], values[-1]
 
 
-def _axis(low: float, high: float, step: float) -> npt.NDArray[np.float64]:
-    """Points from low to high, at most a step apart."""
-    import numpy as np
-
-    return np.linspace(low, high, math.ceil((high - low) / step * (1 - 1e-12)) + 1)
+def _points(low: float, high: float, step: float) -> int:
+    """Count the points from low to high that are at most a step apart."""
+    return math.ceil((high - low) / step * (1 - 1e-12)) + 1
 
 
 def _save(result: xr.Dataset, path: Path) -> None:
-    if path.suffix == ".nc":
+    if path.suffix.lower() == ".nc":
         from coilarray.report.write import save_dataset
 
         save_dataset(result, path)

@@ -24,6 +24,8 @@ def init(
 
     if bundled not in designs.names():
         raise DesignError(f"there is no bundled design {bundled!r}; there are {', '.join(designs.names())}.")
+    if file.is_dir():
+        raise OutputError(f"{file} is a folder; name a file in it.")
     if file.exists() and not force:
         raise OutputError(f"{file} exists; --force replaces it.")
     write_text(file, designs.read(bundled))

@@ -35,7 +35,7 @@ def matrix(
 
     Example: coilarray matrix gast2020 --json
     """
-    if out is not None and out.suffix not in (".nc", ".csv"):
+    if out is not None and out.suffix.lower() not in (".nc", ".csv"):
         raise OutputError(f"--out must end in .nc or .csv; got {out}.")
     from coilarray.coupling import couple_design
     from coilarray.files import write_text
@@ -46,7 +46,7 @@ def matrix(
     with progress_bar("inductance matrix") as progress:
         coupling = couple_design(opened, progress)
     if out is not None:
-        if out.suffix == ".nc":
+        if out.suffix.lower() == ".nc":
             save_dataset(coupling, out)
         else:
             write_text(out, pair_table(coupling).csv())

@@ -35,11 +35,15 @@ def open_design(name: str | None, *, allow_violations: bool) -> Design:
         As `coilarray.load_design` and `coilarray.geometry.require_rules`.
     """
     from coilarray.design import load_design
+    from coilarray.errors import RuleViolationError
     from coilarray.geometry import require_rules
 
     design = load_design(name)
     if not allow_violations:
-        require_rules(design.array, design.rules)
+        try:
+            require_rules(design.array, design.rules)
+        except RuleViolationError as error:
+            raise RuleViolationError(f"{design.name}: {error}") from None
     return design
 
 

@@ -25,7 +25,7 @@ def view(
 
     Example: coilarray view gast2020 --screenshot board.png
     """
-    if screenshot is not None and screenshot.suffix != ".png":
+    if screenshot is not None and screenshot.suffix.lower() != ".png":
         raise OutputError(f"--screenshot must end in .png; got {screenshot}.")
     from coilarray.viz import save_board_picture, show_board
 

@@ -6,7 +6,8 @@ width (10), thickness (11). Each pair of bars is the mean of filament pairs over
 * far apart against the cross-section: the centre lines;
 * parallel: the lateral offset of the two filaments has a triangular density (equal widths), integrated by a Gauss
   rule on each half with as many nodes as the nearest singularity demands; bars that nearly touch go to `bars`;
-* at an angle: Gauss rules across both widths, and more where they meet in a corner.
+* at an angle, or parallel and of different size: Gauss rules across both widths, and more where they meet in a
+  corner.
 
 A filament pair is the closed form near and a Gauss rule along both where the distance exceeds twice the length.
 """
@@ -144,7 +145,7 @@ def _angled_rule(a: FloatArray, b: FloatArray, distance: float, extra: int, rule
     Across the thickness two nodes with the variance of the offset, or one where the bars are too far apart.
     """
     size = max(a[10], b[10])
-    log_rho = _log_bernstein(1.0 + 2.0 * distance / size, 0.0)
+    log_rho = max(_log_bernstein(1.0 + 2.0 * distance / size, 0.0), 1e-3)  # zero where the bars cross
     n = min(math.ceil(-_LOG_TOLERANCE / (2.0 * log_rho)) + extra, MAX_NODES)
     half = math.sqrt((a[11] * a[11] + b[11] * b[11]) / 12.0) if distance < THICK * size else 0.0
     mx, my, mz = a[4] * a[9] - a[5] * a[8], a[5] * a[7] - a[3] * a[9], a[3] * a[8] - a[4] * a[7]
@@ -210,8 +211,23 @@ def _touching_parallel_bars(a: FloatArray, b: FloatArray, dx: float, dy: float, 
     mx, my, mz = a[4] * nz - a[5] * ny, a[5] * nx - a[3] * nz, a[3] * ny - a[4] * nx
     return cosine * parallel_bars(
         a[6], a[10], a[11], b[6], b[10], b[11],
-        cx * nx + cy * ny + cz * nz, cx * mx + cy * my + cz * mz, ex * a[3] + ey * a[4] + ez * a[5],
+        cx * nx + cy * ny + cz * nz + 0.5 * (a[10] - b[10]), cx * mx + cy * my + cz * mz + 0.5 * (a[11] - b[11]),
+        ex * a[3] + ey * a[4] + ez * a[5],
     )  # fmt: skip
+
+
+@kernel
+def _ends_meet(dx: float, dy: float, dz: float, a: FloatArray, b: FloatArray, reach: float) -> bool:
+    """Say whether an end of one segment is within `reach` of an end of the other."""
+    for i in range(2):
+        for j in range(2):
+            s, t = i * a[6], j * b[6]
+            x = dx + t * b[3] - s * a[3]
+            y = dy + t * b[4] - s * a[4]
+            z = dz + t * b[5] - s * a[5]
+            if x * x + y * y + z * z < reach * reach:
+                return True
+    return False
 
 
 @kernel
@@ -243,17 +259,20 @@ def bar_pair(a: FloatArray, b: FloatArray, shift: FloatArray, reach: float, extr
         gx, gy, gz = _closest_offset(dx, dy, dz, a, b)
         distance = math.sqrt(gx * gx + gy * gy + gz * gz)
         if distance < reach * size:
-            if 1.0 - cosine * cosine < PARALLEL_SIN2 and a[10] == b[10] and a[11] == b[11]:
+            parallel = 1.0 - cosine * cosine < PARALLEL_SIN2
+            if parallel and a[10] == b[10] and a[11] == b[11]:
                 if distance > NODE_PAIR * size:
                     count = _two_node_rule(a, rule)
                 else:
                     count = _parallel_rule(a, gx, gy, gz, extra, rule)
-                    if count == 0:
-                        return _touching_parallel_bars(a, b, dx, dy, dz, cosine)
-            elif distance < TOUCHING * size:
+            elif parallel and distance < size:
+                count = 0
+            elif distance < TOUCHING * size and _ends_meet(dx, dy, dz, a, b, TOUCHING * size):
                 count = _corner_rule(a, b, extra, rule)
             else:
                 count = _angled_rule(a, b, distance, extra, rule)
+            if count == 0:
+                return _touching_parallel_bars(a, b, dx, dy, dz, cosine)
     total = 0.0
     weights = 0.0
     for k in range(count):

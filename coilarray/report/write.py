@@ -81,7 +81,7 @@ def write_report(design: Design, where: str | Path = ".", progress: Progress | N
     """
     folder = Path(where)
     data_folder = folder / "report"
-    make_folder(data_folder)
+    make_folder(folder)  # a folder that cannot be written is known before the work begins
     steps = _Steps(progress, 6)
     with ThreadPoolExecutor(max_workers=1) as beside:
         probe = beside.submit(rendering_problem)  # starts a process that takes seconds
@@ -121,10 +121,13 @@ def write_report(design: Design, where: str | Path = ".", progress: Progress | N
         "field_height_m": design.field_height,
         **{table.name: table.records() for table in all_tables},
     }
+    # everything that can fail on the numbers comes before the first file
     page = _page(design, data, all_tables, pictures, made)
-    for table in all_tables:
-        write_text(data_folder / f"{table.name}.csv", table.csv())
-    write_text(data_folder / "report.json", json.dumps(data, indent=1, allow_nan=False) + "\n")
+    texts = {f"{table.name}.csv": table.csv() for table in all_tables}
+    texts["report.json"] = json.dumps(data, indent=1, allow_nan=False) + "\n"
+    make_folder(data_folder)
+    for name, text in texts.items():
+        write_text(data_folder / name, text)
     for name, dataset in (("coupling", coupling), ("field", _both(plane))):
         save_dataset(dataset, data_folder / f"{name}.nc")
     write_text(folder / "report.html", page)
