@@ -152,7 +152,8 @@ def solve_state(network: Network, state: ScanState, frequency: float) -> StateRe
     Examples
     --------
     >>> from coilarray.terminations import ScanState, Switches
-    >>> one = Network(("a",), np.array([[50e-6]]), lambda f: np.array([[10.0]]), np.zeros(1), np.zeros((1, 1)), Switches(2.5))
+    >>> L, R, C = np.array([[50e-6]]), np.array([[10.0]]), np.zeros((1, 1))
+    >>> one = Network(("a",), L, lambda f: R, C[0], C, Switches(2.5))
     >>> result = solve_state(one, ScanState("a", (("a", 1),)), 2e6)
     >>> round(result.effective_inductance * 1e6, 6), round(result.effective_resistance, 6)
     (50.0, 15.0)
