@@ -27,6 +27,7 @@ ComplexArray = npt.NDArray[np.complex128]
 Termination = Literal["short", "open"]
 """What closes a passive coil: ``"short"`` to ground, or ``"open"``, nothing."""
 
+_ASYMMETRY = 1e-9  # of k; exchanged by hand, a matrix may have lost digits
 _LEAST_EIGENVALUE = 1e-12  # of the coupling matrix; rounding of the entries is 1e-16, their rules err by 1e-6
 
 
@@ -234,9 +235,21 @@ def checked_network(inductance: npt.ArrayLike, resistance: npt.ArrayLike) -> tup
         raise NetworkError(f"an inductance matrix must be square; got shape {L.shape}.")
     if not np.isfinite(L).all() or not (np.diag(L) > 0).all():
         raise NetworkError("an inductance matrix must be finite with a positive diagonal.")
-    if np.linalg.eigvalsh(L / np.sqrt(np.outer(np.diag(L), np.diag(L)))).min() <= _LEAST_EIGENVALUE:
+    root = np.sqrt(np.diag(L))
+    k = L / np.outer(root, root)
+    i, j = np.unravel_index(int(np.argmax(np.abs(k - k.T))), k.shape)
+    if abs(k[i, j] - k[j, i]) > _ASYMMETRY:
         raise NetworkError(
-            "the inductance matrix is not positive definite: coils lie in one place, or it belongs to no real coils."
+            f"an inductance matrix must be symmetric; between coils {i + 1} and {j + 1} it has {L[i, j]} H "
+            f"and {L[j, i]} H."
+        )
+    # k and L have the same signs of eigenvalues (Sylvester), and those of k do not depend on the size of the coils
+    values, vectors = np.linalg.eigh((k + k.T) / 2)
+    if values[0] <= _LEAST_EIGENVALUE:
+        raise NetworkError(
+            f"an inductance matrix must be positive definite; the smallest of the {len(k)} eigenvalues of its coupling "
+            f"coefficients is {values[0]:.6g}, mostly of coil {int(np.argmax(np.abs(vectors[:, 0]))) + 1}: coils lie "
+            "in one place, or the matrix belongs to no real coils."
         )
     try:
         R = np.array(np.broadcast_to(np.asarray(resistance, dtype=np.float64), (len(L),)))

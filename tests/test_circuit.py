@@ -150,8 +150,15 @@ def test_resonance_of_strongly_coupled_coils(k):
         (lambda: active_coil([[1e-6]], 0, 0, 0), "frequency must be positive and finite; got 0"),
         (lambda: active_coil([[1e-6]], 0, 0, F, ["loose"]), "must be 1 of 'short' or 'open'"),
         (lambda: active_coil([[1e-6]], 0, 0, F, short_resistance=-1), "short_resistance must be finite"),
-        (lambda: active_coil([[1, 1], [1, 1]], 0, 0, F), "not positive definite: coils lie in one place"),
-        (lambda: resonance([[1, 2], [2, 1]], 0, 0, 1e-12), "not positive definite"),
+        (
+            lambda: active_coil([[1, 1], [1, 1]], 0, 0, F),
+            "must be positive definite; .* coils lie in one place",
+        ),
+        (
+            lambda: active_coil([[2, 1], [0, 2]], 0, 0, F),
+            "must be symmetric; between coils 1 and 2 it has",
+        ),
+        (lambda: resonance([[1, 2], [2, 1]], 0, 0, 1e-12), "must be positive definite"),
         (lambda: impedance_matrix([[1e-6]], 0, -1.0), "frequency must be positive and finite; got -1"),
         (lambda: resonance([[1e-6]], 0, 0, -1e-12), "capacitance must be positive and finite"),
         (lambda: resonance([[1e-6]], 0, 3, 1e-12), "the active coil must be 0 to 0; got 3"),

@@ -242,7 +242,7 @@ def test_two_coils_in_one_place(capsys):
     Path("d.toml").write_text(text, encoding="utf-8")
     capsys.readouterr()
     assert "clearance of coil1 – coil2" in refused(capsys, "matrix", "d.toml")
-    assert "not positive definite" in refused(capsys, "matrix", "d.toml", "--allow-violations")
+    assert "must be positive definite" in refused(capsys, "matrix", "d.toml", "--allow-violations")
 
 
 def test_a_failed_report_leaves_nothing_half_written(capsys, monkeypatch):

@@ -244,7 +244,7 @@ def test_not_positive_definite():
         ((["A", "A"], np.eye(2), 1.0), "all different"),
         ((["A", "B"], np.ones((2, 3)), 1.0), "must be square"),
         ((["A", "B"], [[1, np.nan], [np.nan, 1]], 1.0), "must be finite"),
-        ((["A", "B"], [[1, 0.1], [0.2, 1]], 1.0), r"symmetric; between A and B it has 0\.1 H and 0\.2 H"),
+        ((["A", "B"], [[1, 0.1], [0.2, 1]], 1.0), r"symmetric; between coils 1 and 2 it has 0\.1 H and 0\.2 H"),
         ((["A", "B"], np.eye(2), [1.0, 2, 3]), "one number or 2"),
         ((["A", "B"], np.eye(2), -1.0), "not negative"),
     ],

@@ -13,7 +13,6 @@ from coilarray.circuit import FloatArray, checked_network
 from coilarray.inductance import coupling_matrix
 
 _NAME_LENGTH = 60  # FastHenry reads names into buffers of 80 bytes
-_ASYMMETRY = 1e-9  # of a coupling coefficient; above the rounding of any printed matrix worth exporting
 
 
 def plain_names(names: Sequence[str], count: int | None = None) -> tuple[str, ...]:
@@ -121,7 +120,7 @@ def spice_subcircuit(
     L, R = checked_network(inductance, resistance)
     coils = plain_names(names, len(L))
     C = _capacitances(capacitance, len(L))
-    k = _couplings(L, coils)
+    k = coupling_matrix(L)
     heading = " ".join(title.split())
     subcircuit = plain_names([heading or "coilarray"])[0]
     lines = [
@@ -148,24 +147,3 @@ def _capacitances(capacitance: npt.ArrayLike | None, n: int) -> FloatArray:
     if not (np.isfinite(C).all() and (C >= 0).all()):
         raise ValueError(f"capacitances must be finite and not negative; got {C.min()} F.")
     return C
-
-
-def _couplings(L: FloatArray, coils: tuple[str, ...]) -> FloatArray:
-    """Coupling coefficients, shape (n, n), of a matrix that is symmetric and positive definite."""
-    k = coupling_matrix(L)
-    i, j = np.unravel_index(int(np.argmax(np.abs(k - k.T))), k.shape)
-    if abs(k[i, j] - k[j, i]) > _ASYMMETRY:
-        raise ValueError(
-            f"an inductance matrix must be symmetric; between {coils[i]} and {coils[j]} "
-            f"it has {L[i, j]} H and {L[j, i]} H."
-        )
-    k = (k + k.T) / 2
-    # k and L have the same signs of eigenvalues (Sylvester), and those of k do not depend on the size of the coils
-    values, vectors = np.linalg.eigh(k)
-    if values[0] <= len(k) * np.finfo(np.float64).eps:
-        coil = coils[int(np.argmax(np.abs(vectors[:, 0])))]
-        raise ValueError(
-            "an inductance matrix must be positive definite; the smallest of the "
-            f"{len(k)} eigenvalues of its coupling coefficients is {values[0]:.6g}, mostly of {coil}."
-        )
-    return np.asarray(k)

@@ -1,0 +1,220 @@
+"""The whole circuit of a design: AC resistance, capacitance and switches, state by state and over frequency."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from coilarray.ac_resistance import resistance_matrix
+from coilarray.blocks import Progress
+from coilarray.capacitance import coil_capacitance, self_resonance
+from coilarray.coupling import provenance
+from coilarray.design import Design
+from coilarray.inductance import inductance_matrix
+from coilarray.network import Network, resonate, solve_state
+from coilarray.resistance import dc_resistance
+
+FloatArray = npt.NDArray[np.float64]
+
+CLOSE_CHANNELS = 0.03
+"""Relative distance of two frequencies below which simultaneous channels would pull each other."""
+_RESISTANCE_POINTS = 9
+
+
+def scan_design(design: Design, progress: Progress | None = None) -> xr.Dataset:
+    """Solve every state of a design's scan plan where the converter oscillates.
+
+    Parameters
+    ----------
+    design : Design
+        As `coilarray.load_design` returns it.
+    progress : callable, optional
+        Called with (done, total).
+
+    Returns
+    -------
+    xarray.Dataset
+        Dimensions ``state`` and ``coil``. For each state ``frequency``, ``effective_inductance``,
+        ``effective_resistance``, ``quality_factor``, ``parallel_resistance``, ``resistance_ratio`` (R_eff against the
+        same with DC resistances), and ``current_real``, ``current_imag`` (state, coil) in A per A of the first measured
+        coil. For each coil ``winding_capacitance``, ``self_resonance``, ``ac_resistance`` (at the state's mean
+        frequency) and ``resistance_model``. ``capacitance`` (coil, other) is the Maxwell matrix. Units in the
+        attributes.
+
+    Raises
+    ------
+    NetworkError
+        A state without a resonance, or one that cannot be solved.
+    """
+    network, parts = _direct_current_network(design)
+    plan = design.circuit.plan
+    steps = 2 * len(plan) + 1
+    first = []
+    for k, state in enumerate(plan):
+        first.append(resonate(network, state))
+        _tell(progress, k + 1, steps)
+    # AC resistance shifts resonances by far less than this
+    low, high = 0.95 * min(r.frequency for r in first), 1.05 * max(r.frequency for r in first)
+    grid = np.geomspace(low, high, _RESISTANCE_POINTS)
+    ac = resistance_matrix(design.array, grid, design.circuit.resistivity)
+    _tell(progress, len(plan) + 1, steps)
+    lossy = replace(network, resistance=_interpolated(grid, ac.resistance.values))
+    results = []
+    for k, state in enumerate(plan):
+        results.append(resonate(lossy, state))
+        _tell(progress, len(plan) + 2 + k, steps)
+    direct = [solve_state(network, r.state, r.frequency).effective_resistance for r in results]
+    middle = float(np.sqrt(low * high))
+    at_middle = lossy.resistance(middle)
+    states, pair, coil = ("state",), ("state", "coil"), ("coil",)
+    currents = np.array([r.currents for r in results])
+    nearest = int(np.abs(grid - middle).argmin())
+    return xr.Dataset(
+        {
+            "frequency": (states, [r.frequency for r in results], {"units": "Hz", "long_name": "resonance"}),
+            "effective_inductance": (states, [r.effective_inductance for r in results], {"units": "H"}),
+            "effective_resistance": (states, [r.effective_resistance for r in results], {"units": "ohm"}),
+            "quality_factor": (states, [r.quality_factor for r in results], {"units": "1"}),
+            "parallel_resistance": (states, [r.parallel_resistance for r in results], {"units": "ohm"}),
+            "resistance_ratio": (
+                states,
+                [r.effective_resistance / d for r, d in zip(results, direct, strict=True)],
+                {"units": "1", "long_name": "effective resistance over the same with direct-current resistances"},
+            ),
+            "current_real": (pair, currents.real, {"units": "A/A"}),
+            "current_imag": (pair, currents.imag, {"units": "A/A"}),
+            "winding_capacitance": (coil, network.winding_capacitance, {"units": "F"}),
+            "self_resonance": (
+                coil, self_resonance(np.diag(network.inductance), network.winding_capacitance), {"units": "Hz"}
+            ),
+            "ac_resistance": (coil, np.diag(at_middle), {"units": "ohm", "long_name": "own AC resistance"}),
+            "resistance_model": (coil, ac.model.values[nearest].astype(object), {"long_name": "model of R"}),
+            "capacitance": (("coil", "other"), parts.capacitance.values, {"units": "F"}),
+        },
+        coords={
+            "state": [state.name for state in plan], "coil": list(network.names), "other": list(network.names),
+        },
+        attrs={**provenance(design), "ac_resistance_frequency_Hz": middle},
+    )  # fmt: skip
+
+
+def sweep_design(design: Design, frequencies: npt.ArrayLike, progress: Progress | None = None) -> xr.Dataset:
+    """Impedance of every state of a design's scan plan over frequency.
+
+    Parameters
+    ----------
+    design : Design
+        As `coilarray.load_design` returns it.
+    frequencies : array_like, shape (n,)
+        In Hz, positive and rising.
+    progress : callable, optional
+        Called with (done, total).
+
+    Returns
+    -------
+    xarray.Dataset
+        Dimensions ``frequency`` and ``state``: ``impedance_real`` and ``impedance_imag`` in Ω between the sides of the
+        converter without the tank's capacitor, ``apparent_inductance`` Im Z/ω in H, ``quality_factor`` Im Z/Re Z.
+
+    Raises
+    ------
+    ValueError
+        Frequencies that are not positive, finite and rising.
+    NetworkError
+        A state that cannot be solved.
+    """
+    f = np.atleast_1d(np.asarray(frequencies, dtype=np.float64))
+    if f.ndim != 1 or not f.size or not np.isfinite(f).all() or f[0] <= 0 or (np.diff(f) <= 0).any():
+        raise ValueError("frequencies must be positive, finite and rising.")
+    network, _ = _direct_current_network(design)
+    R = resistance_matrix(design.array, f, design.circuit.resistivity).resistance.values
+    lossy = replace(network, resistance=_interpolated(f, R))
+    plan = design.circuit.plan
+    Z = np.empty((len(f), len(plan)), dtype=np.complex128)
+    for k, frequency in enumerate(f.tolist()):
+        Z[k] = [solve_state(lossy, state, frequency).impedance for state in plan]
+        _tell(progress, k + 1, len(f))
+    dims = ("frequency", "state")
+    return xr.Dataset(
+        {
+            "impedance_real": (dims, Z.real, {"units": "ohm"}),
+            "impedance_imag": (dims, Z.imag, {"units": "ohm"}),
+            "apparent_inductance": (dims, Z.imag / (2 * np.pi * f[:, None]), {"units": "H"}),
+            "quality_factor": (dims, Z.imag / Z.real, {"units": "1"}),
+        },
+        coords={"frequency": ("frequency", f, {"units": "Hz"}), "state": [state.name for state in plan]},
+        attrs=provenance(design),
+    )
+
+
+def close_channels(names: Sequence[str], frequencies: npt.ArrayLike) -> list[tuple[str, str, float]]:
+    """Pairs of states whose frequencies are closer than `CLOSE_CHANNELS`.
+
+    Parameters
+    ----------
+    names : sequence of str, length n
+        Of the states.
+    frequencies : array_like, shape (n,)
+        In Hz.
+
+    Returns
+    -------
+    list of (str, str, float)
+        Both names and the relative distance, the closest first. It matters for channels that oscillate at the same
+        time; a multiplexer that grounds all others has only one.
+
+    Examples
+    --------
+    >>> [(a, b) for a, b, _ in close_channels(["a", "b", "c"], [1.00e6, 1.02e6, 2e6])]
+    [('a', 'b')]
+    """
+    f = np.asarray(frequencies, dtype=np.float64)
+    found = []
+    for i, j in combinations(range(len(f)), 2):
+        distance = abs(f[i] - f[j]) / math.sqrt(f[i] * f[j])
+        if distance < CLOSE_CHANNELS:
+            found.append((names[i], names[j], float(distance)))
+    return sorted(found, key=lambda pair: pair[2])
+
+
+def _direct_current_network(design: Design) -> tuple[Network, xr.Dataset]:
+    """Network of a design with direct-current resistances, and its capacitances."""
+    conductors = design.array.conductors()
+    parts = coil_capacitance(design.array, design.sheets)
+    between = -parts.capacitance.values.copy()
+    np.fill_diagonal(between, 0.0)
+    between = np.maximum(0.5 * (between + between.T), 0.0)
+    R = np.diag(dc_resistance(conductors, design.circuit.resistivity))
+    network = Network(
+        design.array.names,
+        inductance_matrix(conductors),
+        lambda frequency: R,
+        parts.coil_capacitance.values,
+        between,
+        design.circuit.switches,
+    )
+    return network, parts
+
+
+def _interpolated(frequencies: FloatArray, R: FloatArray) -> Callable[[float], FloatArray]:
+    """Resistance matrix at any frequency: linear between those computed, constant beyond."""
+
+    def at(frequency: float) -> FloatArray:
+        k = int(np.clip(np.searchsorted(frequencies, frequency) - 1, 0, max(len(frequencies) - 2, 0)))
+        if len(frequencies) == 1:
+            return np.asarray(R[0])
+        share = float(np.clip((frequency - frequencies[k]) / (frequencies[k + 1] - frequencies[k]), 0, 1))
+        return np.asarray((1 - share) * R[k] + share * R[k + 1])
+
+    return at
+
+
+def _tell(progress: Progress | None, done: int, total: int) -> None:
+    if progress is not None:
+        progress(done, total)
