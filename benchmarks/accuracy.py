@@ -20,7 +20,9 @@ from coilarray import (
     rectangular_bars,
     straight_filaments,
 )
+from coilarray.ac_resistance import cross_section, parallel_traces, skin_depth
 from coilarray.geometry import Conductor, Spiral
+from coilarray.layered_strips import interlayer_capacitance
 
 
 @dataclass(frozen=True)
@@ -124,6 +126,32 @@ def _zero_coupling():
         yield brentq(mutual, expected - 0.05, expected + 0.05, xtol=1e-12), expected
 
 
+def _single_trace(*, wide: bool):
+    for row in rows("ac_single_trace"):
+        w, t, f = float(row["w_mm"]) * 1e-3, float(row["t_mm"]) * 1e-3, float(row["f_MHz"]) * 1e6
+        if (w > 2 * float(skin_depth(f))) == wide:
+            yield float(cross_section(w, t, f).resistance_ratio), float(row["ratio_extrap"])
+
+
+def _bundle(*, wide: bool):
+    for row in rows("ac_parallel_traces"):
+        w, t, pitch = (float(row[key]) * 1e-3 for key in ("w_mm", "t_mm", "pitch_mm"))
+        n, f = int(row["n_traces"]), float(row["f_MHz"]) * 1e6
+        if (w > 2 * float(skin_depth(f))) != wide:
+            continue
+        layers = [float(z) * 1e-3 for z in row["z_list_mm"].split(";")]
+        x = np.tile(pitch * np.arange(n), len(layers))
+        z = np.repeat(layers, n)
+        losses = parallel_traces(np.full(x.size, w), np.full(x.size, t), x, z, np.ones(x.size), f)
+        yield float(losses.resistance_ratio.mean()), float(row["ratio_fine"])
+
+
+def _interlayer():
+    for row in rows("capacitance_interlayer"):
+        w, s, t, h = (float(row[key]) * 1e-3 for key in ("w_mm", "s_mm", "t_mm", "h_mm"))
+        yield interlayer_capacitance(w, s, h, float(row["eps_r"]), t) * 1e12, float(row["C_pF_per_m"])
+
+
 def measure() -> list[Accuracy]:
     """Compare with every table; seconds."""
     spirals = list(_spirals())
@@ -142,6 +170,11 @@ def measure() -> list[Accuracy]:
         ),
         "L of polygonal spirals, 1 to 4 layers": (1e-4, "ref_polygon_spirals_dc", inductances),
         "the same against FastHenry, 5 filaments a trace or 1": (1e-3, "ref_polygon_spirals_dc", fast_henry),
+        "AC resistance of one trace, w ≤ 2 skin depths": (1e-2, "ref_ac_single_trace", list(_single_trace(wide=False))),
+        "AC resistance of one trace, wider": (3e-2, "ref_ac_single_trace", list(_single_trace(wide=True))),
+        "AC resistance of a bundle, w ≤ 2 skin depths": (1e-2, "ref_ac_parallel_traces", list(_bundle(wide=False))),
+        "AC resistance of a bundle, wider": (3e-2, "ref_ac_parallel_traces", list(_bundle(wide=True))),
+        "capacitance between two layers": (5e-2, "ref_capacitance_interlayer", list(_interlayer())),
         "R of polygonal spirals": (2e-5, "ref_polygon_spirals_dc", resistances),
     }
     return [

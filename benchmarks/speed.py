@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from coilarray import inductance_matrix, load_design, magnetic_field, vector_potential
+from coilarray.impedance import sweep_design
 
 
 @dataclass(frozen=True)
@@ -85,6 +86,12 @@ def measure() -> list[Speed]:
     inductance_matrix(conductors)
     warm_matrix = _median_time(lambda: inductance_matrix(conductors), 7)
     figures.append(Speed("L matrix of six coils, warm", warm_matrix, "s", "", "< 0.3 s", warm_matrix < 0.3))
+    design = load_design("gast2020")
+    sweep_design(design, [1e6, 2e6])
+    sweep = _median_time(lambda: sweep_design(design, np.geomspace(1e5, 1e7, 50)), 3)
+    figures.append(
+        Speed("impedance of six coils at 50 frequencies, six states, warm", sweep, "s", "", "< 2 s", sweep < 2)
+    )
     with tempfile.TemporaryDirectory() as cache, tempfile.TemporaryDirectory() as out:
         report = f"from coilarray.cli.main import main; raise SystemExit(main(['report', '--out', {out!r}]))"
         cold, _ = _fresh(report, NUMBA_CACHE_DIR=cache)

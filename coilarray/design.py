@@ -42,6 +42,8 @@ class Circuit:
         short resistance.
     plan : tuple of ScanState
         The states of a scan; each coil in turn with the others as in `terminations` where the file names none.
+    elastomer_permittivity : float
+        Relative permittivity of all sheets.
     """
 
     capacitance: float
@@ -50,6 +52,7 @@ class Circuit:
     terminations: tuple[Literal["short", "open"], ...]
     switches: Switches
     plan: tuple[ScanState, ...]
+    elastomer_permittivity: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,6 +213,7 @@ def _build(parsed: Document, document: Mapping[str, Any]) -> Design:
                 tank_at=circuit.tank,
             ),
             plan,
+            circuit.elastomer_permittivity,
         ),
         rules=parsed.rules.build(),
         field_height=parsed.field.height_mm * 1e-3,

@@ -13,7 +13,7 @@ import xarray as xr
 
 from coilarray.ac_resistance import resistance_matrix
 from coilarray.blocks import Progress
-from coilarray.capacitance import coil_capacitance, self_resonance
+from coilarray.capacitance import coil_capacitance, elastomer_effect, self_resonance
 from coilarray.coupling import provenance
 from coilarray.design import Design
 from coilarray.inductance import inductance_matrix
@@ -43,9 +43,11 @@ def scan_design(design: Design, progress: Progress | None = None) -> xr.Dataset:
         Dimensions ``state`` and ``coil``. For each state ``frequency``, ``effective_inductance``,
         ``effective_resistance``, ``quality_factor``, ``parallel_resistance``, ``resistance_ratio`` (R_eff against the
         same with DC resistances), and ``current_real``, ``current_imag`` (state, coil) in A per A of the first measured
-        coil. For each coil ``winding_capacitance``, ``self_resonance``, ``ac_resistance`` (at the state's mean
-        frequency) and ``resistance_model``. ``capacitance`` (coil, other) is the Maxwell matrix. Units in the
-        attributes.
+        coil. For each coil ``winding_capacitance``, ``self_resonance``, ``ac_resistance`` (at the states' mean
+        frequency), ``resistance_model``, and what the elastomer's permittivity does: ``bare_winding_capacitance``
+        without it, ``elastomer_delta``, the change of L that laying it on feigns, and ``dent_delta_bound``, which no
+        dent through the topmost sheet exceeds (`coilarray.capacitance.elastomer_effect`). ``capacitance``
+        (coil, other) is the Maxwell matrix. Units in the attributes.
 
     Raises
     ------
@@ -53,6 +55,7 @@ def scan_design(design: Design, progress: Progress | None = None) -> xr.Dataset:
         A state without a resonance, or one that cannot be solved.
     """
     network, parts = _direct_current_network(design)
+    effect = _elastomer(design)
     plan = design.circuit.plan
     steps = 2 * len(plan) + 1
     first = []
@@ -95,6 +98,13 @@ def scan_design(design: Design, progress: Progress | None = None) -> xr.Dataset:
             ),
             "ac_resistance": (coil, np.diag(at_middle), {"units": "ohm", "long_name": "own AC resistance"}),
             "resistance_model": (coil, ac.model.values[nearest].astype(object), {"long_name": "model of R"}),
+            "bare_winding_capacitance": (coil, effect.without.values, {"units": "F", "long_name": "without elastomer"}),
+            "elastomer_delta": (
+                coil, effect.apparent_delta.values, {"units": "1", "long_name": "feigned by the elastomer laid on"}
+            ),
+            "dent_delta_bound": (
+                coil, effect.dent_bound.values, {"units": "1", "long_name": "most that a dent feigns"}
+            ),
             "capacitance": (("coil", "other"), parts.capacitance.values, {"units": "F"}),
         },
         coords={
@@ -186,7 +196,11 @@ def close_channels(names: Sequence[str], frequencies: npt.ArrayLike) -> list[tup
 def _direct_current_network(design: Design) -> tuple[Network, xr.Dataset]:
     """Network of a design with direct-current resistances, and its capacitances."""
     conductors = design.array.conductors()
-    parts = coil_capacitance(design.array, design.sheets)
+    parts = coil_capacitance(
+        design.array,
+        design.sheets,
+        relative_permittivity=design.circuit.elastomer_permittivity if design.sheets else 1.0,
+    )
     between = -parts.capacitance.values.copy()
     np.fill_diagonal(between, 0.0)
     between = np.maximum(0.5 * (between + between.T), 0.0)
@@ -200,6 +214,23 @@ def _direct_current_network(design: Design) -> tuple[Network, xr.Dataset]:
         design.circuit.switches,
     )
     return network, parts
+
+
+def _elastomer(design: Design) -> xr.Dataset:
+    """Compute what the elastomer's permittivity does; a dent reaches at most through the topmost sheet."""
+    below = sum(sheet.thickness for sheet in design.sheets[:-1])
+    return elastomer_effect(
+        design.array,
+        _permittivity(design),
+        design.circuit.capacitance,
+        design.sheets,
+        undisturbed=below,
+    )
+
+
+def _permittivity(design: Design) -> float:
+    """Relative permittivity above the board: air where no elastomer lies there."""
+    return design.circuit.elastomer_permittivity if design.sheets else 1.0
 
 
 def _interpolated(frequencies: FloatArray, R: FloatArray) -> Callable[[float], FloatArray]:

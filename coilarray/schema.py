@@ -314,6 +314,7 @@ class CircuitTable(Table):
     bus_capacitance_pF: StrayPicofarads = 0.0  # noqa: N815 - the unit
     lead_inductance_nH: Nanohenries = 0.0  # noqa: N815 - the unit
     tank: Literal["converter", "coil"] = "converter"
+    elastomer_permittivity: Relative = 1.0
     default_termination: Literal["short", "open"] = "short"
     terminations: dict[str, Literal["short", "open"]] = {}
 

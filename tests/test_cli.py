@@ -46,7 +46,7 @@ def refused(capsys, *arguments):
 def test_help_names_every_command(capsys):
     code, out, _ = run(capsys)
     assert code == 0
-    for command in ("report", "init", "check", "matrix", "field", "view"):
+    for command in ("report", "init", "check", "matrix", "field", "impedance", "view"):
         assert f"\n  {command} " in out
         code, text, _ = run(capsys, command, "--help")
         assert code == 0
@@ -124,6 +124,32 @@ def test_field_plane_and_volume(capsys):
     assert grid.bounds[4:] == pytest.approx((1, 3))  # mm
 
 
+def test_impedance(capsys):
+    code, out, _ = run(capsys, "impedance", "starter", "--points", "5", "--json", "--out", "s.nc", "--plot", "s.svg")
+    assert code == 0
+    data = json.loads(out)
+    assert [row["state"] for row in data["states"]] == ["coil1", "coil2", "coil3"]
+    assert len(data["sweep"]) == 15
+    assert data["close_channels"]
+    assert all(row["kept"] for row in data["ldc1614"])
+    with xr.open_dataset("s.nc", engine="h5netcdf") as saved:
+        assert saved.frequency.values[[0, -1]] == pytest.approx([1e5, 1e7])
+        assert float(saved.impedance_imag[0, 0]) == pytest.approx(data["sweep"][0]["impedance_imag_ohm"], rel=1e-12)
+    assert Path("s.svg").read_text(encoding="utf-8").startswith("<?xml")
+    code, out, _ = run(capsys, "impedance", "starter", "--points", "2", "--out", "s.csv")
+    assert code == 0
+    assert "LDC1614: all limits are kept" in out
+    assert "closer than 3 % in frequency" in out
+    with Path("s.csv").open(encoding="utf-8") as lines:
+        assert len(list(csv.DictReader(lines))) == 6
+
+
+def test_matrix_for_other_programs(capsys):
+    for suffix, beginning in ((".cir", "* starter"), (".inp", "* starter"), (".s3p", "!")):
+        assert run(capsys, "matrix", "starter", "--out", f"m{suffix}")[0] == 0
+        assert Path(f"m{suffix}").read_text(encoding="utf-8").startswith(beginning)
+
+
 @pytest.mark.skipif(rendering_problem() is not None, reason=f"no 3-D rendering: {rendering_problem()}")
 def test_view_screenshot(capsys):
     code, out, _ = run(capsys, "view", "starter", "--screenshot", "board.png")
@@ -177,7 +203,7 @@ def test_check_shows_margins(capsys):
         (("repot",), "No such command 'repot'"),
         (("report", "--bogus"), "--bogus"),
         (("report", "none.toml"), "there is no design file none.toml"),
-        (("matrix", "starter", "--out", "m.xlsx"), "--out must end in .nc or .csv; got m.xlsx"),
+        (("matrix", "starter", "--out", "m.xlsx"), "--out must end in .nc, .csv, .cir, .sub, .sNp or .inp; got m.xlsx"),
         (("field", "starter", "--out", "f.png"), "--out must end in .nc or .vtr; got f.png"),
         (("field", "starter", "--coil", "coil9"), "--coil must be one of coil1, coil2, coil3; got coil9"),
         (("field", "starter", "--spacing-mm", "0"), "--spacing-mm must be 1e-06 to 100000; got 0"),
@@ -193,6 +219,11 @@ def test_check_shows_margins(capsys):
         ),
         (("field", "starter", "--z-mm", "nan"), "--z-mm must be a number"),
         (("field", "starter", "--current-mA", "inf"), "--current-mA must be at most 1e+09; got inf"),
+        (("impedance", "starter", "--from-MHz", "5", "--to-MHz", "1"), "--from-MHz must be at least 1e-06 and below"),
+        (("impedance", "starter", "--points", "1"), "--points must be 2 to 10000; got 1"),
+        (("impedance", "starter", "--out", "s.txt"), "--out must end in .nc or .csv; got s.txt"),
+        (("impedance", "starter", "--plot", "s.gif"), "--plot must end in .png, .svg or .pdf; got s.gif"),
+        (("matrix", "starter", "--out", "m.s2p"), "a Touchstone file of 3 ports must end in .s3p; got m.s2p"),
         (("view", "starter", "--screenshot", "b.bmp"), "--screenshot must end in .png; got b.bmp"),
         (("matrix", "starter", "--out", "no/such/folder/m.csv"), "cannot write no/such/folder/m.csv: No such file"),
         (("init", "."), ". is a folder; name a file in it"),

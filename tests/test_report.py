@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from coilarray import active_coil, load_design, magnetic_field, write_report
+from coilarray import active_coil, load_design, magnetic_field, parse_design, write_report
 from coilarray.report.tables import Column
 
 
@@ -25,6 +25,12 @@ def made(tmp_path_factory):
         patch.setattr("coilarray.report.write.rendering_problem", lambda: "no rendering in this test")
         patch.setattr("coilarray.report.figures.rendering_problem", lambda: "no rendering in this test")
         return write_report(load_design("gast2020"), tmp_path_factory.mktemp("report"))
+
+
+TABLES = (
+    "coils", "pairs", "design", "rules", "field_line", "windings", "states", "state_currents", "ldc1614",
+    "ldc1614_drive", "sweep",
+)  # fmt: skip
 
 
 def table(made, name):
@@ -64,7 +70,9 @@ def page(made):
 def test_files(made):
     assert made.page.name == "report.html"
     assert sorted(path.name for path in made.folder.iterdir()) == [
-        "coils.csv", "coupling.nc", "design.csv", "field.nc", "field_line.csv", "pairs.csv", "report.json", "rules.csv",
+        "coils.csv", "coupling.nc", "design.csv", "field.nc", "field_line.csv", "impedance.nc", "ldc1614.csv",
+        "ldc1614_drive.csv", "pairs.csv", "report.json", "rules.csv", "scan.nc", "state_currents.csv", "states.csv",
+        "sweep.csv", "windings.csv",
     ]  # fmt: skip
 
 
@@ -80,16 +88,17 @@ def test_page_needs_no_other_file(page, made):
 
 def test_page_has_every_part(page):
     text = " ".join(page.text)
-    for part in ("Coils", "Coupling", "Field", "Copper", "Fabrication rules", "Design", "Provenance", "assumed"):
+    parts = "Coils Coupling Field Circuit Copper Fabrication Design Provenance assumed"
+    for part in parts.split():
         assert part in text
-    # board, 4 layers of copper, L, k, L_eff, currents, line, two maps
-    assert page.tags.count("img") == 12
+    # board, 4 layers of copper, L, k, L_eff, currents, line, two maps, L and R over frequency
+    assert page.tags.count("img") == 14
     assert "no rendering in this test" in text
 
 
 def test_every_number_of_the_page_stands_in_the_files(page, made):
     numbers = set()
-    for name in ("coils", "pairs", "design", "rules", "field_line"):
+    for name in TABLES:
         for row in table(made, name):
             numbers.update(value for value in row.values() if value)
     values = np.array([float(v) for v in numbers if re.fullmatch(r"[-+]?\d+(\.\d+)?(e[-+]?\d+)?", v)])
@@ -98,13 +107,13 @@ def test_every_number_of_the_page_stands_in_the_files(page, made):
             continue
         shown = float(cell.replace("−", "-"))
         half = 0.5 * 10.0 ** -len(cell.split(".")[1]) * (1 + 1e-9)
-        scales = np.array([1, 100, 1e3, 1e6, 1e-6])
+        scales = np.array([1, 100, 1e3, 1e6, 1e12, 1e-6, 1e-3])
         assert (np.abs(np.outer(scales, values) - shown) <= half).any(), cell
 
 
 def test_json_repeats_the_tables(made):
     data = json.loads((made.folder / "report.json").read_text(encoding="utf-8"))
-    for name in ("coils", "pairs", "design", "rules", "field_line"):
+    for name in TABLES:
         rows = table(made, name)
         assert len(rows) == len(data[name])
         for row, record in zip(rows, data[name], strict=True):
@@ -165,7 +174,30 @@ def test_single_coil_report(tmp_path):
     assert table(made, "pairs") == []
     text = made.page.read_text(encoding="utf-8")
     assert "Coupling coefficient" not in text
-    assert text.count("<img") == 6  # board, two layers, line, two maps
+    assert text.count("<img") == 8  # board, two layers, line, two maps, L and R over frequency
+
+
+def test_a_design_without_a_circuit_model_still_has_a_report(tmp_path):
+    hairpin = """
+schema = 1
+name = "hairpin"
+stackup = { layers = ["top"], copper_thickness_um = [35] }
+[coils.hairpin]
+shape = "path"
+trace_width_mm = 0.2
+gap_mm = 0.2
+lines_mm = [[[0, 0], [9, 0], [9, 4], [0, 4]]]
+[array]
+lattice = "free"
+placements = [{ name = "a", coil = "hairpin", layers = ["top"], x_mm = 0, y_mm = 0 }]
+"""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("coilarray.report.write.rendering_problem", lambda: "none here")
+        patch.setattr("coilarray.report.figures.rendering_problem", lambda: "none here")
+        made = write_report(parse_design(hairpin), tmp_path)
+    assert made.data["circuit_problem"]
+    assert f"Not computed: {made.data['circuit_problem']}" in made.page.read_text(encoding="utf-8")
+    assert not (made.folder / "scan.nc").exists()
 
 
 def test_progress_reaches_its_total(tmp_path):

@@ -33,6 +33,7 @@ from coilarray.viz import (
     plot_field_lines,
     plot_field_map,
     plot_matrix,
+    plot_sweep,
 )
 from coilarray.viz.palette import COILS
 
@@ -215,3 +216,18 @@ def test_plots_leave_no_global_state(board, tmp_path):
     ax.figure.savefig(tmp_path / "board.svg")
     assert dict(matplotlib.rcParams) == before
     assert (tmp_path / "board.svg").read_text().count("<path") > 20
+
+
+def test_sweep_lines_and_limits():
+    frequency = np.geomspace(1e5, 1e7, 7)
+    values = np.column_stack((np.full(7, 50e-6), np.linspace(60e-6, 900e-6, 7)))
+    ax = plot_sweep(frequency, values, ["a", "b"], quantity="L", unit="H", limited=True)
+    assert ax.get_xscale() == "log"
+    assert [line.get_label() for line in ax.get_lines()] == ["a", "b"]
+    np.testing.assert_allclose(ax.get_lines()[1].get_ydata(), values[:, 1] * 1e6)
+    assert ax.get_ylim() == (0, pytest.approx(240))
+    assert ax.get_ylabel() == "L (µH)"
+    given = ax.figure.add_subplot()
+    assert plot_sweep(frequency, values, ["a", "b"], quantity="L", ax=given) is given
+    with pytest.raises(ValueError, match="7 frequencies and 1 states need that shape"):
+        plot_sweep(frequency, values, ["a"], quantity="L")

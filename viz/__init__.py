@@ -22,6 +22,7 @@ if TYPE_CHECKING:
         plot_field_map,
         plot_matrix,
     )
+    from coilarray.viz.sweep_plots import plot_sweep
 
 __all__ = [
     "barrel_mesh",
@@ -37,6 +38,7 @@ __all__ = [
     "plot_field_lines",
     "plot_field_map",
     "plot_matrix",
+    "plot_sweep",
     "rendering_problem",
     "save_board_picture",
     "sheet_meshes",
@@ -47,5 +49,6 @@ __all__ = [
 def __getattr__(name: str) -> object:
     """Load the plots, and with them Matplotlib, when the first of them is asked for."""
     if name in __all__:
-        return getattr(importlib.import_module("coilarray.viz.plots"), name)
+        module = "sweep_plots" if name == "plot_sweep" else "plots"
+        return getattr(importlib.import_module(f"coilarray.viz.{module}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

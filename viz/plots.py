@@ -52,7 +52,7 @@ _MM = 1e3  # mm in a metre
 _MINUS = "\u2212"  # as wide as a plus, like the numbers on the axes
 
 
-def _styled(draw: Callable[P, R]) -> Callable[P, R]:
+def styled(draw: Callable[P, R]) -> Callable[P, R]:
     """Draw in `STYLE` and leave the caller's settings as they were."""
 
     @functools.wraps(draw)
@@ -63,7 +63,7 @@ def _styled(draw: Callable[P, R]) -> Callable[P, R]:
     return styled
 
 
-@_styled
+@styled
 def plot_copper(array: CoilArray, layer: str, ax: Axes | None = None) -> Axes:
     """Draw the copper of one layer, each coil in its own colour, with holes and the edge of the board, in mm.
 
@@ -91,7 +91,7 @@ def plot_copper(array: CoilArray, layer: str, ax: Axes | None = None) -> Axes:
     return ax
 
 
-@_styled
+@styled
 def plot_board(array: CoilArray, ax: Axes | None = None) -> Axes:
     """Draw all copper layers seen from above, translucent, with the names of the coils: the board without rendering.
 
@@ -119,7 +119,7 @@ def plot_board(array: CoilArray, ax: Axes | None = None) -> Axes:
     return ax
 
 
-@_styled
+@styled
 def plot_matrix(
     values: npt.ArrayLike,
     names: Sequence[str],
@@ -160,13 +160,13 @@ def plot_matrix(
     """
     matrix = _square(values, names, np.float64)
     hidden = np.eye(len(names), dtype=np.bool_) if mask_diagonal else np.zeros_like(matrix, dtype=np.bool_)
-    factor, shown_unit = _prefix(matrix[~hidden], unit) if unit else (1.0, "")
+    factor, shown_unit = prefix(matrix[~hidden], unit) if unit else (1.0, "")
     numbers = np.ma.array(matrix * factor, mask=hidden)
     texts = [[_fixed(number, digits) for number in row] for row in numbers.data.tolist()]
     return _heat_map(numbers, texts, names, title, shown_unit, scale, ax)
 
 
-@_styled
+@styled
 def plot_effective_inductance(
     names: Sequence[str],
     open_inductance: npt.ArrayLike,
@@ -187,8 +187,8 @@ def plot_effective_inductance(
         Where to draw.
     """
     before, after = (_row(values, names) for values in (open_inductance, effective_inductance))
-    factor, unit = _prefix(np.concatenate((before, after)), "H")
-    ax = ax or _new_axes(6.0, 1.3 + 0.35 * len(names))
+    factor, unit = prefix(np.concatenate((before, after)), "H")
+    ax = ax or new_axes(6.0, 1.3 + 0.35 * len(names))
     rows = np.arange(len(names))
     ax.hlines(rows, before * factor, after * factor, color="#B0B0B0", linewidth=3, zorder=1)
     ax.scatter(before * factor, rows, s=45, color=BLUE, label="neighbours open", zorder=2)
@@ -215,7 +215,7 @@ def plot_effective_inductance(
     return ax
 
 
-@_styled
+@styled
 def plot_currents(names: Sequence[str], currents: npt.ArrayLike, ax: Axes | None = None) -> Axes:
     """Draw the currents that one active coil drives in the others: magnitude as colour, and phase written below it.
 
@@ -230,7 +230,7 @@ def plot_currents(names: Sequence[str], currents: npt.ArrayLike, ax: Axes | None
     """
     matrix = _square(currents, names, np.complex128)
     hidden = np.eye(len(names), dtype=np.bool_)
-    factor, unit = _prefix(np.abs(matrix[~hidden]), "A")
+    factor, unit = prefix(np.abs(matrix[~hidden]), "A")
     numbers = np.ma.array(np.abs(matrix) * factor, mask=hidden)
     texts = [
         [f"{magnitude:.3g}\n{_fixed(phase, 0)}°" for magnitude, phase in zip(*row, strict=True)]
@@ -242,7 +242,7 @@ def plot_currents(names: Sequence[str], currents: npt.ArrayLike, ax: Axes | None
     return ax
 
 
-@_styled
+@styled
 def plot_field_lines(
     x: npt.ArrayLike,
     profiles: Mapping[str, npt.ArrayLike],
@@ -274,8 +274,8 @@ def plot_field_lines(
     if not per_mA or any(values.shape != at.shape for values in per_mA.values()):
         shapes = ", ".join(f"{label} {values.shape}" for label, values in per_mA.items())
         raise ValueError(f"profiles must be one or more of shape {at.shape}; got {shapes or 'none'}.")
-    factor, unit = _prefix(np.concatenate(list(per_mA.values())), "T")
-    ax = ax or _new_axes(6.5, 3.6)
+    factor, unit = prefix(np.concatenate(list(per_mA.values())), "T")
+    ax = ax or new_axes(6.5, 3.6)
     low, high = (coil_centre - coil_radius) * _MM, (coil_centre + coil_radius) * _MM
     ax.axvspan(low, high, color="#EDEDED", zorder=0, label="coil")
     ax.axhline(0.0, color="#909090", linewidth=0.8)
@@ -289,7 +289,7 @@ def plot_field_lines(
     return ax
 
 
-@_styled
+@styled
 def plot_field_map(
     x: npt.ArrayLike,
     y: npt.ArrayLike,
@@ -326,8 +326,8 @@ def plot_field_map(
     field = np.asarray(Bz, dtype=np.float64)
     if field.shape != (across.size, along.size):
         raise ValueError(f"Bz must have shape (nx, ny) = {(across.size, along.size)}; got {field.shape}.")
-    factor, shown_unit = _prefix(field, unit)
-    ax = ax or _new_axes(*_figure_size(np.ptp(across), np.ptp(along)))
+    factor, shown_unit = prefix(field, unit)
+    ax = ax or new_axes(*_figure_size(np.ptp(across), np.ptp(along)))
     limit = float(np.abs(field * factor).max())
     mesh = ax.pcolormesh(
         across, along, field.T * factor, cmap="RdBu_r", vmin=-limit, vmax=limit, shading="nearest", rasterized=True
@@ -342,14 +342,14 @@ def plot_field_map(
     return ax
 
 
-def _new_axes(width: float, height: float) -> Axes:
+def new_axes(width: float, height: float) -> Axes:
     """Axes of a new figure, sizes in inches."""
     return Figure(figsize=(width, height)).add_subplot()
 
 
 def _board_axes(array: CoilArray) -> Axes:
     x_min, y_min, x_max, y_max = array.bounds
-    return _new_axes(*_figure_size(x_max - x_min, y_max - y_min))
+    return new_axes(*_figure_size(x_max - x_min, y_max - y_min))
 
 
 def _figure_size(width: float, height: float) -> tuple[float, float]:
@@ -414,7 +414,7 @@ def _heat_map(
     ax: Axes | None,
 ) -> Axes:
     """Draw a matrix with names along its edges, a colour bar and a text in every cell; masked cells stay grey."""
-    ax = ax or _new_axes(2.2 + 0.62 * len(names), 1.4 + 0.55 * len(names))
+    ax = ax or new_axes(2.2 + 0.62 * len(names), 1.4 + 0.55 * len(names))
     shown = numbers.compressed() if numbers.count() else np.array([0.0, 1.0])  # a single coil has no neighbours
     if scale == "diverging":
         limit = float(np.abs(shown).max()) or 1.0
@@ -444,7 +444,7 @@ def _write_cells(ax: Axes, texts: Sequence[Sequence[str]], colours: FloatArray, 
         ax.text(j, i, texts[i][j], ha="center", va="center", fontsize=size, color="black" if light > 0.5 else "white")
 
 
-def _prefix(values: FloatArray, unit: str) -> tuple[float, str]:
+def prefix(values: FloatArray, unit: str) -> tuple[float, str]:
     """Factor and unit with an SI prefix that bring the largest of the values between 1 and 1000."""
     largest = float(np.abs(values).max(initial=0.0))
     if largest == 0.0 or not math.isfinite(largest):

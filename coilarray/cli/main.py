@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import typer
 
-from coilarray.cli import check, field, init, matrix, report, view
+from coilarray.cli import check, field, impedance, init, matrix, report, view
 from coilarray.errors import CoilarrayError
 
 _BAD_INPUT = 2
@@ -25,6 +25,7 @@ app.command("init")(init.init)
 app.command("check")(check.check)
 app.command("matrix")(matrix.matrix)
 app.command("field")(field.field)
+app.command("impedance")(impedance.impedance)
 app.command("view")(view.view)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -26,7 +27,8 @@ if TYPE_CHECKING:
 def matrix(
     design: DesignArgument = None,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Also write a file: .nc (everything) or .csv (pairs).")
+        Path | None,
+        typer.Option("--out", "-o", help="Also write .nc (all), .csv (pairs), .cir (SPICE), .sNp or .inp (FastHenry)."),
     ] = None,
     as_json: AsJson = False,
     allow_violations: AllowViolations = False,
@@ -35,9 +37,10 @@ def matrix(
 
     Example: coilarray matrix gast2020 --json
     """
-    if out is not None and out.suffix.lower() not in (".nc", ".csv"):
-        raise OutputError(f"--out must end in .nc or .csv; got {out}.")
+    if out is not None and not re.fullmatch(r"\.(nc|csv|cir|sub|inp|s\d+p)", out.suffix.lower()):
+        raise OutputError(f"--out must end in .nc, .csv, .cir, .sub, .sNp or .inp; got {out}.")
     from coilarray.coupling import couple_design
+    from coilarray.exchange import export_network, fasthenry_input
     from coilarray.files import write_text
     from coilarray.report.tables import coil_table, pair_table
     from coilarray.report.write import save_dataset
@@ -46,10 +49,16 @@ def matrix(
     with progress_bar("inductance matrix") as progress:
         coupling = couple_design(opened, progress)
     if out is not None:
-        if out.suffix.lower() == ".nc":
+        suffix = out.suffix.lower()
+        if suffix == ".nc":
             save_dataset(coupling, out)
-        else:
+        elif suffix == ".csv":
             write_text(out, pair_table(coupling).csv())
+        elif suffix == ".inp":
+            frequencies = [float(coupling.frequency.mean())]
+            write_text(out, fasthenry_input(opened.array, frequencies, title=opened.name))
+        else:
+            export_network(coupling, out)
     if as_json:
         print_json(
             {

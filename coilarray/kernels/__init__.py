@@ -1,5 +1,5 @@
-"""Numba kernels: C-contiguous float64 arrays in SI in, arithmetic, nothing else.
+"""Arithmetic on arrays in SI, nothing else: numba kernels, and NumPy where linear algebra does the work.
 
-No validation, no units, no objects: the functions in `coilarray.field` and `coilarray.inductance` do that. Every
-kernel is serial and releases the interpreter's lock; `coilarray.blocks` runs several at once.
+No validation, no units, no coils: the friendly functions of the package do that. Every numba kernel is serial and
+releases the interpreter's lock; `coilarray.blocks` runs several at once.
 """

@@ -22,6 +22,7 @@ from coilarray.viz import (
     plot_field_lines,
     plot_field_map,
     plot_matrix,
+    plot_sweep,
     rendering_problem,
     save_board_picture,
 )
@@ -138,6 +139,23 @@ def field_pictures(
             )
         )
     return pictures
+
+
+def sweep_pictures(sweep: xr.Dataset) -> list[Picture]:
+    """Apparent inductance and resistance of every state over frequency."""
+    names = sweep.state.values.tolist()
+    return [
+        _draw(
+            "apparent_inductance",
+            "Apparent inductance Im Z/ω of every state over frequency, tank capacitor left out.",
+            lambda: plot_sweep(sweep.frequency, sweep.apparent_inductance, names, quantity="L", unit="H", limited=True),
+        ),
+        _draw(
+            "resistance",
+            "Effective resistance Re Z of every state over frequency, tank capacitor left out.",
+            lambda: plot_sweep(sweep.frequency, sweep.impedance_real, names, quantity="R", unit="Ω", limited=True),
+        ),
+    ]
 
 
 def _draw(name: str, caption: str, plot: Callable[[], Axes]) -> Picture:

@@ -15,16 +15,20 @@ import xarray as xr
 from coilarray.blocks import Progress
 from coilarray.coupling import couple_design, provenance
 from coilarray.design import Design
+from coilarray.errors import GeometryError, NetworkError
 from coilarray.files import make_folder, write_atomically, write_text
 from coilarray.geometry import check_rules
+from coilarray.impedance import close_channels, scan_design, sweep_design
 from coilarray.near_field import operating_field
-from coilarray.report import figures, tables
+from coilarray.report import circuit_tables, figures, tables
 from coilarray.viz import rendering_problem
 
 # The line resolves the flanks of the bell to 1/200 of the board, the plane shows about a pixel a sample
 _LINE_POINTS = 401
 _PLANE_STEP = 0.5e-3
 _PLANE_POINTS = 400
+# from a tenth of the resonance to beyond the self-resonance of common windings
+_SWEEP, _SWEEP_POINTS = (0.1, 4.0), 60
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,18 +81,22 @@ def write_report(design: Design, where: str | Path = ".", progress: Progress | N
     Notes
     -----
     Every number on the page also stands in the folder: ``coils.csv``, ``pairs.csv``, ``design.csv``, ``rules.csv``,
-    ``field_line.csv``, all of them in ``report.json``; ``coupling.nc`` and ``field.nc`` hold the arrays.
+    ``field_line.csv``, ``windings.csv``, ``states.csv``, ``state_currents.csv``, ``ldc1614.csv``,
+    ``ldc1614_drive.csv`` and ``sweep.csv``, all of them in ``report.json``; ``coupling.nc``, ``field.nc``, ``scan.nc``
+    and ``impedance.nc`` hold the arrays.
     """
     folder = Path(where)
     data_folder = folder / "report"
     make_folder(folder)  # a folder that cannot be written is known before the work begins
-    steps = _Steps(progress, 6)
+    steps = _Steps(progress, 7)
     with ThreadPoolExecutor(max_workers=1) as beside:
         probe = beside.submit(rendering_problem)  # starts a process that takes seconds
         coupling = couple_design(design)
         steps.next()
         active = design.array.names[(len(design.array.names) - 1) // 2]
         line, plane = _fields(design, coupling, active)
+        steps.next()
+        scan, sweep, circuit_problem = _circuit(design)
         steps.next()
         margins = check_rules(design.array, design.rules)
         all_tables = [
@@ -97,12 +105,14 @@ def write_report(design: Design, where: str | Path = ".", progress: Progress | N
             tables.design_table(design),
             tables.rules_table(margins),
             tables.line_table(line["others open"], line["others as terminated"]),
+            *_circuit_tables(scan, sweep),
         ]
         steps.next()
         pictures = [
             *figures.copper_pictures(design),
             *(figures.coupling_pictures(coupling) if len(design.array.names) > 1 else []),
             *figures.field_pictures(design, active, line, plane),
+            *([] if sweep is None else figures.sweep_pictures(sweep)),
         ]
         steps.next()
         problem = probe.result()
@@ -117,6 +127,11 @@ def write_report(design: Design, where: str | Path = ".", progress: Progress | N
         "capacitance_F": design.circuit.capacitance,
         "short_resistance_ohm": design.circuit.short_resistance,
         "terminations": dict(zip(design.array.names, design.circuit.terminations, strict=True)),
+        "circuit_problem": circuit_problem,
+        "close_channels": [
+            {"states": [a, b], "relative_distance": distance}
+            for a, b, distance in ([] if scan is None else close_channels(scan.state.values.tolist(), scan.frequency))
+        ],
         "field_coil": active,
         "field_height_m": design.field_height,
         **{table.name: table.records() for table in all_tables},
@@ -128,7 +143,10 @@ def write_report(design: Design, where: str | Path = ".", progress: Progress | N
     make_folder(data_folder)
     for name, text in texts.items():
         write_text(data_folder / name, text)
-    for name, dataset in (("coupling", coupling), ("field", _both(plane))):
+    datasets = {"coupling": coupling, "field": _both(plane)}
+    if scan is not None and sweep is not None:
+        datasets |= {"scan": scan, "impedance": sweep}
+    for name, dataset in datasets.items():
         save_dataset(dataset, data_folder / f"{name}.nc")
     write_text(folder / "report.html", page)
     steps.next()
@@ -138,6 +156,29 @@ def write_report(design: Design, where: str | Path = ".", progress: Progress | N
 def save_dataset(dataset: xr.Dataset, path: Path) -> None:
     """Write a dataset as netCDF, whole or not at all; OutputError where that fails."""
     write_atomically(path, lambda temporary: _to_netcdf(dataset, temporary))
+
+
+def _circuit(design: Design) -> tuple[xr.Dataset | None, xr.Dataset | None, str]:
+    """Scan and sweep of the design's circuit; where it has none, nothing and the reason."""
+    try:
+        scan = scan_design(design)
+        middle = float(np.sqrt(scan.frequency.min() * scan.frequency.max()))
+        return scan, sweep_design(design, middle * np.geomspace(*_SWEEP, _SWEEP_POINTS)), ""
+    except (GeometryError, NetworkError) as error:  # a winding without turns has no capacitance model, for example
+        return None, None, str(error)
+
+
+def _circuit_tables(scan: xr.Dataset | None, sweep: xr.Dataset | None) -> list[tables.Table]:
+    if scan is None or sweep is None:
+        return []
+    return [
+        circuit_tables.winding_table(scan),
+        circuit_tables.state_table(scan),
+        circuit_tables.state_current_table(scan),
+        circuit_tables.limit_table(scan),
+        circuit_tables.drive_table(scan),
+        circuit_tables.sweep_table(sweep),
+    ]
 
 
 class _Steps:
