@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -27,7 +27,56 @@ CLOSE_CHANNELS = 0.03
 _RESISTANCE_POINTS = 9
 
 
-def scan_design(design: Design, progress: Progress | None = None) -> xr.Dataset:
+@dataclass(frozen=True, eq=False)
+class DesignNetwork:
+    """A design's network with direct-current resistances, and its capacitances.
+
+    Parameters
+    ----------
+    network : Network
+        Ready to be solved.
+    capacitance : xarray.Dataset
+        As `coilarray.capacitance.coil_capacitance` returns it.
+    """
+
+    network: Network
+    capacitance: xr.Dataset
+
+
+def design_network(design: Design) -> DesignNetwork:
+    """Compute what does not depend on frequency, once for several scans and sweeps.
+
+    Parameters
+    ----------
+    design : Design
+        As `coilarray.load_design` returns it.
+
+    Returns
+    -------
+    DesignNetwork
+
+    Raises
+    ------
+    GeometryError
+        A coil whose capacitance has no model: see `coilarray.capacitance.winding_capacitance`.
+    """
+    conductors = design.array.conductors()
+    parts = coil_capacitance(design.array, design.sheets, relative_permittivity=_permittivity(design))
+    between = -parts.capacitance.values.copy()
+    np.fill_diagonal(between, 0.0)
+    R = np.diag(dc_resistance(conductors, design.circuit.resistivity))
+    network = Network(
+        design.array.names,
+        inductance_matrix(conductors),
+        lambda frequency: R,
+        parts.coil_capacitance.values,
+        np.maximum(0.5 * (between + between.T), 0.0),  # rounding
+        design.circuit.switches,
+    )
+    return DesignNetwork(network, parts)
+
+
+def scan_design(design: Design, progress: Progress | None = None, prepared: DesignNetwork | None = None) -> xr.Dataset:
     """Solve every state of a design's scan plan where the converter oscillates.
 
     Parameters
@@ -36,6 +85,8 @@ def scan_design(design: Design, progress: Progress | None = None) -> xr.Dataset:
         As `coilarray.load_design` returns it.
     progress : callable, optional
         Called with (done, total).
+    prepared : DesignNetwork, optional
+        As `design_network` returns it; made here where it is not given.
 
     Returns
     -------
@@ -54,7 +105,8 @@ def scan_design(design: Design, progress: Progress | None = None) -> xr.Dataset:
     NetworkError
         A state without a resonance, or one that cannot be solved.
     """
-    network, parts = _direct_current_network(design)
+    prepared = prepared or design_network(design)
+    network = prepared.network
     effect = _elastomer(design)
     plan = design.circuit.plan
     steps = 2 * len(plan) + 1
@@ -105,7 +157,7 @@ def scan_design(design: Design, progress: Progress | None = None) -> xr.Dataset:
             "dent_delta_bound": (
                 coil, effect.dent_bound.values, {"units": "1", "long_name": "most that a dent feigns"}
             ),
-            "capacitance": (("coil", "other"), parts.capacitance.values, {"units": "F"}),
+            "capacitance": (("coil", "other"), prepared.capacitance.capacitance.values, {"units": "F"}),
         },
         coords={
             "state": [state.name for state in plan], "coil": list(network.names), "other": list(network.names),
@@ -114,7 +166,12 @@ def scan_design(design: Design, progress: Progress | None = None) -> xr.Dataset:
     )  # fmt: skip
 
 
-def sweep_design(design: Design, frequencies: npt.ArrayLike, progress: Progress | None = None) -> xr.Dataset:
+def sweep_design(
+    design: Design,
+    frequencies: npt.ArrayLike,
+    progress: Progress | None = None,
+    prepared: DesignNetwork | None = None,
+) -> xr.Dataset:
     """Impedance of every state of a design's scan plan over frequency.
 
     Parameters
@@ -125,6 +182,8 @@ def sweep_design(design: Design, frequencies: npt.ArrayLike, progress: Progress 
         In Hz, positive and rising.
     progress : callable, optional
         Called with (done, total).
+    prepared : DesignNetwork, optional
+        As `design_network` returns it; made here where it is not given.
 
     Returns
     -------
@@ -142,7 +201,7 @@ def sweep_design(design: Design, frequencies: npt.ArrayLike, progress: Progress 
     f = np.atleast_1d(np.asarray(frequencies, dtype=np.float64))
     if f.ndim != 1 or not f.size or not np.isfinite(f).all() or f[0] <= 0 or (np.diff(f) <= 0).any():
         raise ValueError("frequencies must be positive, finite and rising.")
-    network, _ = _direct_current_network(design)
+    network = (prepared or design_network(design)).network
     R = resistance_matrix(design.array, f, design.circuit.resistivity).resistance.values
     lossy = replace(network, resistance=_interpolated(f, R))
     plan = design.circuit.plan
@@ -191,29 +250,6 @@ def close_channels(names: Sequence[str], frequencies: npt.ArrayLike) -> list[tup
         if distance < CLOSE_CHANNELS:
             found.append((names[i], names[j], float(distance)))
     return sorted(found, key=lambda pair: pair[2])
-
-
-def _direct_current_network(design: Design) -> tuple[Network, xr.Dataset]:
-    """Network of a design with direct-current resistances, and its capacitances."""
-    conductors = design.array.conductors()
-    parts = coil_capacitance(
-        design.array,
-        design.sheets,
-        relative_permittivity=design.circuit.elastomer_permittivity if design.sheets else 1.0,
-    )
-    between = -parts.capacitance.values.copy()
-    np.fill_diagonal(between, 0.0)
-    between = np.maximum(0.5 * (between + between.T), 0.0)
-    R = np.diag(dc_resistance(conductors, design.circuit.resistivity))
-    network = Network(
-        design.array.names,
-        inductance_matrix(conductors),
-        lambda frequency: R,
-        parts.coil_capacitance.values,
-        between,
-        design.circuit.switches,
-    )
-    return network, parts
 
 
 def _elastomer(design: Design) -> xr.Dataset:

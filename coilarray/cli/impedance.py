@@ -48,15 +48,16 @@ def impedance(
     import numpy as np
 
     from coilarray.files import write_atomically, write_text
-    from coilarray.impedance import close_channels, scan_design, sweep_design
+    from coilarray.impedance import close_channels, design_network, scan_design, sweep_design
     from coilarray.report.circuit_tables import limit_table, state_table, sweep_table, winding_table
     from coilarray.report.write import save_dataset
 
     opened = open_design(design, allow_violations=allow_violations)
+    network = design_network(opened)
     with progress_bar("states") as progress:
-        scan = scan_design(opened, progress)
+        scan = scan_design(opened, progress, network)
     with progress_bar(f"impedance at {points} frequencies") as progress:
-        sweep = sweep_design(opened, np.geomspace(from_mhz * 1e6, to_mhz * 1e6, points), progress)
+        sweep = sweep_design(opened, np.geomspace(from_mhz * 1e6, to_mhz * 1e6, points), progress, network)
     if out is not None and out.suffix.lower() == ".nc":
         save_dataset(sweep, out)
     elif out is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Sequence
 
@@ -12,6 +13,9 @@ from coilarray.errors import CoilarrayError
 
 _BAD_INPUT = 2
 _INTERRUPTED = 130
+# Our matrices are small and our own threads use the cores: more threads of the linear algebra only wait for each other.
+# It reads these when NumPy is first imported, which no module here does before a command runs.
+_BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
 app = typer.Typer(
     name="coilarray",
@@ -52,6 +56,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         0 done; 2 bad input, with one line on standard error; 130 interrupted. An error that is ours, not the
         user's, keeps its traceback.
     """
+    for variable in _BLAS_THREADS:
+        os.environ.setdefault(variable, "1")
     arguments = list(sys.argv[1:] if argv is None else argv) or ["--help"]
     try:
         code = app(arguments, prog_name="coilarray", standalone_mode=False)

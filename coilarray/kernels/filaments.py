@@ -14,6 +14,7 @@ import numpy.typing as npt
 from coilarray.kernels.compiled import kernel
 
 FloatArray = npt.NDArray[np.float64]
+Point = tuple[float, float, float]
 
 PARALLEL_SIN2 = 1e-8
 """Below this sin² of the angle the skew form loses digits like 1e-16/sin and the panel rule takes over."""
@@ -61,7 +62,7 @@ def _distance(ax: float, ay: float, az: float, bx: float, by: float, bz: float) 
 
 @kernel
 def _graded(
-    p0: FloatArray, p1: FloatArray, length_1: float, q0: FloatArray, v: FloatArray, start: float, end: float,
+    p0: Point, p1: Point, length_1: float, q0: Point, v: Point, start: float, end: float,
     finest: float,
 ) -> float:  # fmt: skip
     """Integrate the potential of the filament p0 p1 over q0 + t v, t from `start` to `end`, panels halving to `start`.
@@ -86,7 +87,7 @@ def _graded(
 
 
 @kernel
-def _panels(p0: FloatArray, p1: FloatArray, length_1: float, q0: FloatArray, v: FloatArray, length_2: float) -> float:
+def _panels(p0: Point, p1: Point, length_1: float, q0: Point, v: Point, length_2: float) -> float:
     """∬ dl dl'/R for nearly parallel filaments: closed inner integral, outer Gauss rule on graded panels.
 
     The inner integral varies on the scale of the distance where the outer point passes an end of the inner filament;
@@ -186,9 +187,9 @@ def _nearly_parallel(
                 return sign * math.inf
             return sign * parallel_filaments(0.0, offset, length_1, length_2)
         return sign * parallel_filaments(rho, offset, length_1, length_2)
-    p0 = np.array([p0x, p0y, p0z])
-    p1 = np.array([p0x + length_1 * ux, p0y + length_1 * uy, p0z + length_1 * uz])
-    return sign * abs(cosine) * _panels(p0, p1, length_1, np.array([q0x, q0y, q0z]), np.array([vx, vy, vz]), length_2)
+    p0 = (p0x, p0y, p0z)
+    p1 = (p0x + length_1 * ux, p0y + length_1 * uy, p0z + length_1 * uz)
+    return sign * abs(cosine) * _panels(p0, p1, length_1, (q0x, q0y, q0z), (vx, vy, vz), length_2)
 
 
 @kernel

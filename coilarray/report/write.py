@@ -18,7 +18,7 @@ from coilarray.design import Design
 from coilarray.errors import GeometryError, NetworkError
 from coilarray.files import make_folder, write_atomically, write_text
 from coilarray.geometry import check_rules
-from coilarray.impedance import close_channels, scan_design, sweep_design
+from coilarray.impedance import close_channels, design_network, scan_design, sweep_design
 from coilarray.near_field import operating_field
 from coilarray.report import circuit_tables, figures, tables
 from coilarray.viz import rendering_problem
@@ -89,35 +89,36 @@ def write_report(design: Design, where: str | Path = ".", progress: Progress | N
     data_folder = folder / "report"
     make_folder(folder)  # a folder that cannot be written is known before the work begins
     steps = _Steps(progress, 7)
-    with ThreadPoolExecutor(max_workers=1) as beside:
+    with ThreadPoolExecutor(max_workers=2) as beside:
         probe = beside.submit(rendering_problem)  # starts a process that takes seconds
+        circuit = beside.submit(_circuit, design)  # NumPy and kernels, while pictures are drawn here
         coupling = couple_design(design)
         steps.next()
         active = design.array.names[(len(design.array.names) - 1) // 2]
         line, plane = _fields(design, coupling, active)
         steps.next()
-        scan, sweep, circuit_problem = _circuit(design)
-        steps.next()
         margins = check_rules(design.array, design.rules)
-        all_tables = [
-            tables.coil_table(design, coupling),
-            tables.pair_table(coupling),
-            tables.design_table(design),
-            tables.rules_table(margins),
-            tables.line_table(line["others open"], line["others as terminated"]),
-            *_circuit_tables(scan, sweep),
-        ]
         steps.next()
         pictures = [
             *figures.copper_pictures(design),
             *(figures.coupling_pictures(coupling) if len(design.array.names) > 1 else []),
             *figures.field_pictures(design, active, line, plane),
-            *([] if sweep is None else figures.sweep_pictures(sweep)),
         ]
         steps.next()
         problem = probe.result()
+        scan, sweep, circuit_problem = circuit.result()
+    steps.next()
+    pictures += [] if sweep is None else figures.sweep_pictures(sweep)
     pictures.insert(0, figures.board_picture(design))
     steps.next()
+    all_tables = [
+        tables.coil_table(design, coupling),
+        tables.pair_table(coupling),
+        tables.design_table(design),
+        tables.rules_table(margins),
+        tables.line_table(line["others open"], line["others as terminated"]),
+        *_circuit_tables(scan, sweep),
+    ]
     made = {**provenance(design), "date": datetime.now(UTC).isoformat(timespec="seconds")}
     data: dict[str, object] = {
         "schema": 1,
@@ -161,9 +162,10 @@ def save_dataset(dataset: xr.Dataset, path: Path) -> None:
 def _circuit(design: Design) -> tuple[xr.Dataset | None, xr.Dataset | None, str]:
     """Scan and sweep of the design's circuit; where it has none, nothing and the reason."""
     try:
-        scan = scan_design(design)
+        network = design_network(design)
+        scan = scan_design(design, prepared=network)
         middle = float(np.sqrt(scan.frequency.min() * scan.frequency.max()))
-        return scan, sweep_design(design, middle * np.geomspace(*_SWEEP, _SWEEP_POINTS)), ""
+        return scan, sweep_design(design, middle * np.geomspace(*_SWEEP, _SWEEP_POINTS), prepared=network), ""
     except (GeometryError, NetworkError) as error:  # a winding without turns has no capacitance model, for example
         return None, None, str(error)
 
