@@ -6,7 +6,7 @@ import difflib
 import hashlib
 import json
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +17,7 @@ from pydantic import ValidationError
 from coilarray import designs
 from coilarray.errors import DesignError, GeometryError, NetworkError
 from coilarray.geometry import Coil, CoilArray, FabRules, Sheet
-from coilarray.schema import Document, first_error
+from coilarray.schema import Document, StateTable, first_error
 from coilarray.terminations import Passive, ScanState, Switches, check_state
 
 _LONGEST_NAME = 200  # characters shown of a file name
@@ -187,7 +187,10 @@ def _build(parsed: Document, document: Mapping[str, Any]) -> Design:
         if coil not in array.names:
             raise DesignError(f"circuit.terminations.{coil} names no coil; there are {', '.join(array.names)}.")
     terminations = tuple(circuit.terminations.get(name, circuit.default_termination) for name in array.names)
-    plan = tuple(state.build() for state in parsed.scan) or _plan(array.names, terminations)
+    passive: dict[str, Passive] = {"short": "ground", "open": "open"}
+    terminated = [passive[termination] for termination in terminations]
+    states = parsed.scan or [StateTable(name=name, measure=[name]) for name in array.names]
+    plan = tuple(state.build(array.names, terminated) for state in states)
     for state in plan:
         check_state(state, array.names)
     if len({state.name for state in plan}) != len(plan):
@@ -207,6 +210,7 @@ def _build(parsed: Document, document: Mapping[str, Any]) -> Design:
             Switches(
                 on_resistance=circuit.short_resistance_ohm / 2,
                 off_capacitance=circuit.switch_off_capacitance_pF * 1e-12,
+                terminal_capacitance=circuit.terminal_capacitance_pF * 1e-12,
                 bus_capacitance=circuit.bus_capacitance_pF * 1e-12,
                 lead_inductance=circuit.lead_inductance_nH * 1e-9,
                 tank_capacitance=circuit.capacitance_pF * 1e-12,
@@ -222,17 +226,6 @@ def _build(parsed: Document, document: Mapping[str, Any]) -> Design:
         assumed=dict(parsed.assumed),
         digest=hashlib.sha256(json.dumps(entering, sort_keys=True).encode()).hexdigest(),
     )
-
-
-def _plan(names: Sequence[str], terminations: Sequence[Literal["short", "open"]]) -> tuple[ScanState, ...]:
-    """Each coil in turn, the others as terminated."""
-    passive: dict[str, Passive] = {"short": "ground", "open": "open"}
-    states = []
-    for name in names:
-        others = {other: passive[t] for other, t in zip(names, terminations, strict=True) if other != name}
-        differing = {other: state for other, state in others.items() if state != "ground"}
-        states.append(ScanState(name, ((name, 1),), exceptions=differing))
-    return tuple(states)
 
 
 @contextmanager

@@ -17,7 +17,7 @@ from coilarray.capacitance import coil_capacitance, elastomer_effect, self_reson
 from coilarray.coupling import provenance
 from coilarray.design import Design
 from coilarray.inductance import inductance_matrix
-from coilarray.network import Network, resonate, solve_state
+from coilarray.network import Network, loaded_quality, resonate, self_resonance_of, solve_state
 from coilarray.resistance import dc_resistance
 
 FloatArray = npt.NDArray[np.float64]
@@ -92,7 +92,8 @@ def scan_design(design: Design, progress: Progress | None = None, prepared: Desi
     -------
     xarray.Dataset
         Dimensions ``state`` and ``coil``. For each state ``frequency``, ``effective_inductance``,
-        ``effective_resistance``, ``quality_factor``, ``parallel_resistance``, ``resistance_ratio`` (R_eff against the
+        ``effective_resistance``, ``quality_factor`` (of the coils), ``loaded_quality_factor`` (of the resonator),
+        ``state_self_resonance`` (without the tank), ``parallel_resistance``, ``resistance_ratio`` (R_eff against the
         same with DC resistances), and ``current_real``, ``current_imag`` (state, coil) in A per A of the first measured
         coil. For each coil ``winding_capacitance``, ``self_resonance``, ``ac_resistance`` (at the states' mean
         frequency), ``resistance_model``, and what the elastomer's permittivity does: ``bare_winding_capacitance``
@@ -136,6 +137,12 @@ def scan_design(design: Design, progress: Progress | None = None, prepared: Desi
             "effective_inductance": (states, [r.effective_inductance for r in results], {"units": "H"}),
             "effective_resistance": (states, [r.effective_resistance for r in results], {"units": "ohm"}),
             "quality_factor": (states, [r.quality_factor for r in results], {"units": "1"}),
+            "loaded_quality_factor": (
+                states, [loaded_quality(lossy, r) for r in results], {"units": "1", "long_name": "Q of the resonator"}
+            ),
+            "state_self_resonance": (
+                states, [self_resonance_of(lossy, r) for r in results], {"units": "Hz", "long_name": "without the tank"}
+            ),
             "parallel_resistance": (states, [r.parallel_resistance for r in results], {"units": "ohm"}),
             "resistance_ratio": (
                 states,

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -22,12 +22,16 @@ from scipy.optimize import brentq
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from coilarray.circuit import checked_network
 from coilarray.errors import NetworkError
 from coilarray.terminations import Passive, ScanState, Switches, check_state
 
 FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
 
+# how far from the bare coil a resonance is looked for, and in how many steps of a tenth
+_SEARCH, _SEARCH_POINTS = 30.0, 72
+_FINE_POINTS = 172  # steps of 2 %
 _GROUND, _SIDE_A, _SIDE_B = "ground", "A", "B"
 
 
@@ -74,6 +78,7 @@ class Network:
         n = len(self.names)
         if self.inductance.shape != (n, n):
             raise NetworkError(f"{n} coils need an inductance matrix ({n}, {n}); got {self.inductance.shape}.")
+        checked_network(self.inductance, 0.0)  # symmetric and positive definite
         capacitance = self.winding_capacitance
         if capacitance.shape != (n,) or not (np.isfinite(capacitance).all() and (capacitance >= 0).all()):
             raise NetworkError(f"{n} coils need {n} winding capacitances, finite and not negative; got {capacitance}.")
@@ -118,7 +123,7 @@ class StateResult:
 
     @property
     def quality_factor(self) -> float:
-        """Q = Im Z/Re Z; infinite without losses."""
+        """Q = Im Z/Re Z of the coils without the tank; infinite without losses. See `loaded_quality`."""
         return self.impedance.imag / self.impedance.real if self.impedance.real > 0 else math.inf
 
     @property
@@ -167,6 +172,8 @@ def solve_state(network: Network, state: ScanState, frequency: float) -> StateRe
     at_coil = np.array([switches.tank_capacitance if switches.tank_at == "coil" else 0.0] * len(winding))
     bare_tank = np.array([0.0 if name in measured else c for name, c in zip(network.names, at_coil, strict=True)])
     impedance, currents = _solve(network, state, frequency, winding + bare_tank)
+    if impedance == 0:
+        raise NetworkError(f"state {state.name} shorts the converter at {frequency:.6g} Hz.")
     if switches.tank_at == "converter":
         admittance = 1 / impedance + 2j * math.pi * frequency * switches.tank_capacitance
     else:
@@ -191,7 +198,8 @@ def resonate(network: Network, state: ScanState) -> StateResult:
     Raises
     ------
     NetworkError
-        As `solve_state`; also where there is no resonance within a factor of two.
+        As `solve_state`; also where there is no resonance from a thirtieth to thirty times the frequency of the
+        measured coils alone with one tank capacitor.
     """
     check_state(state, network.names)
     start = 1 / (2 * math.pi * math.sqrt(_bare_inductance(network, state) * network.switches.tank_capacitance))
@@ -199,12 +207,76 @@ def resonate(network: Network, state: ScanState) -> StateResult:
     def susceptance(frequency: float) -> float:
         return solve_state(network, state, frequency).admittance.imag
 
-    # Im Y grows with frequency through a parallel resonance: widen a bracket about the start until it does
-    for width in (1.02, 1.1, 1.3, 1.6, 2.0):
-        low, high = start / width, start * width
-        if susceptance(low) < 0 < susceptance(high):
-            return solve_state(network, state, brentq(susceptance, low, high, xtol=1e-12 * start, rtol=1e-14))
-    raise NetworkError(f"state {state.name} has no resonance between {start / 2:.4g} and {start * 2:.4g} Hz.")
+    # Im Y grows with frequency through a parallel resonance. It mostly lies near the start; where strays or several
+    # tanks move it far away, the lowest crossing counts.
+    crossing = _upward_crossing(susceptance, start / 1.3 * np.array([1.0, 1.3**2]))
+    if crossing is None:
+        crossing = _upward_crossing(susceptance, start * np.geomspace(1 / _SEARCH, _SEARCH, _SEARCH_POINTS))
+    if crossing is None:
+        raise NetworkError(
+            f"state {state.name} has no resonance between {start / _SEARCH:.4g} and {start * _SEARCH:.4g} Hz."
+        )
+    return solve_state(network, state, crossing)
+
+
+def loaded_quality(network: Network, result: StateResult) -> float:
+    """Quality factor of the whole resonator, Q = (ω/2) (dB/dω)/G at resonance with Y = G + jB.
+
+    It counts what every inductance and capacitance stores, switches and bus included; `StateResult.quality_factor` is
+    that of the coils without the tank.
+
+    Parameters
+    ----------
+    network : Network
+        Coils and switches.
+    result : StateResult
+        As `resonate` returns it.
+
+    Returns
+    -------
+    float
+        Infinite without losses.
+    """
+    if result.admittance.real <= 0:
+        return math.inf
+    step = 1e-4 * result.frequency  # errs by 1e-8, far above the rounding of the difference
+    above, below = (
+        solve_state(network, result.state, result.frequency + sign * step).admittance.imag for sign in (1, -1)
+    )
+    return result.frequency / 2 * (above - below) / (2 * step) / result.admittance.real
+
+
+def self_resonance_of(network: Network, result: StateResult) -> float:
+    """Lowest frequency above a resonance at which the state without its tank turns from coil to capacitor, in Hz.
+
+    Parameters
+    ----------
+    network, result
+        As in `loaded_quality`.
+
+    Returns
+    -------
+    float
+        Infinite where there is none below thirty times the resonance.
+    """
+
+    def susceptance(frequency: float) -> float:
+        return (1 / solve_state(network, result.state, frequency).impedance).imag
+
+    # fine steps: modes of several coils lie close together
+    crossing = _upward_crossing(susceptance, result.frequency * np.geomspace(1, _SEARCH, _FINE_POINTS))
+    return math.inf if crossing is None else crossing
+
+
+def _upward_crossing(function: Callable[[float], float], grid: FloatArray) -> float | None:
+    """Lowest zero that a function crosses upwards between neighbours of a rising grid."""
+    before = function(float(grid[0]))
+    for low, high in pairwise(grid.tolist()):
+        after = function(high)
+        if before < 0 <= after:
+            return float(brentq(function, low, high, xtol=1e-12 * low, rtol=1e-14))
+        before = after
+    return None
 
 
 def _bare_inductance(network: Network, state: ScanState) -> float:
@@ -274,6 +346,7 @@ def _wire(network: Network, state: ScanState, omega: float, across: FloatArray) 
             capacitors += [
                 (terminal, net, switches.off_capacitance) for net in (_SIDE_A, _SIDE_B, _GROUND) if net != closed
             ]
+            capacitors.append((terminal, _GROUND, switches.terminal_capacitance))
         if _passive(state, name) == "load":
             branches.append((f"{name}.1", f"{name}.2", state.load_resistance))
         capacitors.append((f"{name}.1", f"{name}.2", farads))

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
@@ -53,7 +53,7 @@ Turns = Annotated[float, Field(gt=0, le=1000)]
 _MOST_SEGMENTS = 100_000
 _LONGEST_VALUE = 80  # characters shown of a wrong value
 Point = Annotated[list[Position], Field(min_length=2, max_length=2)]
-Name = Annotated[str, Field(min_length=1, pattern=r"^[A-Za-z0-9_.+-]+$")]
+Name = Annotated[str, Field(min_length=1, pattern=r"^[A-Za-z0-9_.+][A-Za-z0-9_.+-]*$")]
 
 
 class Table(BaseModel):
@@ -311,6 +311,7 @@ class CircuitTable(Table):
     short_resistance_ohm: Ohms = 0.0
     resistivity_ohm_m: Resistivity = RESISTIVITY_COPPER
     switch_off_capacitance_pF: StrayPicofarads = 0.0  # noqa: N815 - the unit
+    terminal_capacitance_pF: StrayPicofarads = 0.0  # noqa: N815 - the unit
     bus_capacitance_pF: StrayPicofarads = 0.0  # noqa: N815 - the unit
     lead_inductance_nH: Nanohenries = 0.0  # noqa: N815 - the unit
     tank: Literal["converter", "coil"] = "converter"
@@ -325,14 +326,22 @@ class StateTable(Table):
     name: Name
     measure: list[str] = Field(min_length=1)
     connection: Literal["series", "parallel"] = "series"
-    others: Passive = "ground"
+    others: Passive | None = None
     exceptions: dict[str, Passive] = {}
     load_ohm: LoadOhms = 50.0
 
-    def build(self) -> ScanState:
-        """Return the state."""
+    def build(self, names: Sequence[str], terminated: Sequence[Passive]) -> ScanState:
+        """Return the state; coils that it does not mention are as in ``[circuit]``."""
         measured = tuple((name.removeprefix("-"), -1 if name.startswith("-") else 1) for name in self.measure)
-        return ScanState(self.name, measured, self.connection, self.others, dict(self.exceptions), self.load_ohm)
+        exceptions = dict(self.exceptions)
+        if self.others is None:
+            taken = {name for name, _ in measured} | set(exceptions)
+            exceptions |= {
+                name: passive
+                for name, passive in zip(names, terminated, strict=True)
+                if name not in taken and passive != "ground"
+            }
+        return ScanState(self.name, measured, self.connection, self.others or "ground", exceptions, self.load_ohm)
 
 
 class FieldTable(Table):
@@ -423,7 +432,7 @@ def _describe(details: ErrorDetails, document: Mapping[str, Any]) -> str:
     if kind == "value_error":
         return f"{key} {details['msg'].removeprefix('Value error, ')}."
     if kind == "string_pattern_mismatch":
-        return f"{key} may have letters, digits, _ . + and - only; got {_shown(got)}."
+        return f"{key} may have letters, digits, _ . + and, not first, -; got {_shown(got)}."
     limits = details.get("ctx", {})
     wanted = {
         "too_short": f"have at least {limits.get('min_length')} entries",

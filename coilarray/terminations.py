@@ -22,9 +22,11 @@ class Switches:
     on_resistance : float
         Of a closed switch in Ω.
     off_capacitance : float
-        Of an open switch in F; every terminal has one switch to each of A, B and ground.
+        Through an open switch in F; every terminal has one switch to each of A, B and ground.
+    terminal_capacitance : float
+        From each coil terminal to ground in F: the common pin of its switches.
     bus_capacitance : float
-        From each side of the measuring bus to ground in F.
+        From each side of the measuring bus to ground in F: the other pins of all its switches, and the converter's.
     lead_inductance : float
         Of each lead from the bus to the converter in H.
     tank_capacitance : float
@@ -40,13 +42,15 @@ class Switches:
 
     on_resistance: float = 0.0
     off_capacitance: float = 0.0
+    terminal_capacitance: float = 0.0
     bus_capacitance: float = 0.0
     lead_inductance: float = 0.0
     tank_capacitance: float = 120e-12
     tank_at: Literal["converter", "coil"] = "converter"
 
     def __post_init__(self) -> None:
-        for name in ("on_resistance", "off_capacitance", "bus_capacitance", "lead_inductance"):
+        strays = ("off_capacitance", "terminal_capacitance", "bus_capacitance")
+        for name in ("on_resistance", *strays, "lead_inductance"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value >= 0):
                 raise NetworkError(f"{name} must be finite and not negative; got {value}.")

@@ -12,7 +12,10 @@ REFERENCE = 43.4e6 / 2
 """Reference frequency in Hz: the internal oscillator's typical 43.4 MHz by the divider 2 that one channel needs."""
 AMPLITUDE = (1.2, 1.8)
 """Allowed peak voltage of the sensor in V: below it measures poorly, above it the input clamps act."""
+_AMPLITUDE_ROUNDING = 0.01  # the rows of the table are rounded to three digits
 _SENSOR_FREQUENCY = (1e3, 10e6)
+_LARGEST_REFERENCE = 35e6  # with one channel
+_DIVIDED_FROM = 8.75e6  # Hz; FIN_DIVIDER must be at least 2 from here
 _LARGEST_SHARE_OF_REFERENCE = 0.25
 _LARGEST_SHARE_OF_SELF_RESONANCE = 0.8
 _SMALLEST_QUALITY = 1.0
@@ -137,6 +140,8 @@ def check_channel(
     Returns
     -------
     tuple of Limit
+        R_p by the drive currents of table 42; channel 0 alone can be driven harder, down to 250 Ω (HIGH_CURRENT_DRV).
+        The reference is typical: an uncalibrated internal oscillator may be a fifth lower.
 
     Raises
     ------
@@ -163,9 +168,19 @@ def check_channel(
         Limit("frequency over self-resonance", frequency / self_resonance, 0, _LARGEST_SHARE_OF_SELF_RESONANCE),
         Limit("R_p (Ω)", parallel_resistance, _DRIVE[-1][1] * 1e3, _DRIVE[0][2] * 1e3),
         Limit("quality factor", quality_factor, _SMALLEST_QUALITY, math.inf),
+        Limit("reference frequency (Hz)", reference, 0, _LARGEST_REFERENCE),
+        Limit("FIN_DIVIDER", divider, 2 if frequency >= _DIVIDED_FROM else 1, 15),
     ]  # fmt: skip
     if drive is not None:
-        limits.append(Limit("amplitude (V peak)", drive.amplitude, *AMPLITUDE))
+        low, high = AMPLITUDE
+        limits.append(
+            Limit(
+                "amplitude (V peak)",
+                drive.amplitude,
+                low * (1 - _AMPLITUDE_ROUNDING),
+                high * (1 + 2 * _AMPLITUDE_ROUNDING),
+            )
+        )
     return tuple(limits)
 
 

@@ -45,6 +45,8 @@ from coilarray.exchange import (
     spice_subcircuit,
     touchstone,
 )
+from coilarray.network import Network, solve_state
+from coilarray.terminations import ScanState, Switches
 
 needs_ngspice = pytest.mark.skipif(not shutil.which("ngspice"), reason="ngspice is not installed (Debian: ngspice)")
 needs_fasthenry = pytest.mark.skipif(
@@ -189,6 +191,54 @@ def test_ngspice_agrees_with_active_coil(tmp_path, n, spread, states, short_resi
     Z = ngspice(tmp_path, spice_subcircuit(names, L, R), names, active, states, short_resistance, FREQUENCIES)
     expected = [active_coil(L, R, active, f, states, short_resistance).impedance for f in FREQUENCIES]
     same_impedance(Z, expected)
+
+
+@needs_ngspice
+@pytest.mark.parametrize("state", [
+    ScanState("one", (("A", 1),)),
+    ScanState("series", (("A", 1), ("B", -1)), others="open"),
+    ScanState("parallel", (("C", 1), ("A", 1)), "parallel", others="ground one end"),
+    ScanState("loaded", (("B", 1),), others="load", exceptions={"C": "open"}, load_resistance=33.0),
+], ids=lambda state: state.name)  # fmt: skip
+def test_ngspice_agrees_with_the_network(tmp_path, state):
+    """The switches wired by hand around the subcircuit: the whole of `solve_state`, strays included."""
+    names, L, R, C = ("A", "B", "C"), random_matrix(3, 5, 0.4), np.array([8.0, 9.0, 11.0]), np.array([1e-11, 2e-11, 0])
+    switches = Switches(2.5, 1e-12, 42e-12, 65e-12, 20e-9)
+    circuit = Network(names, L, lambda f: np.diag(R), C, np.zeros((3, 3)), switches)
+    (tmp_path / "array.cir").write_text(spice_subcircuit(names, L, R, capacitance=C), encoding="utf-8")
+    passive = {"ground": ("0", "0"), "ground one end": ("0", ""), "open": ("", ""), "load": ("", "")}
+    nets = {name: passive[state.exceptions.get(name, state.others)] for name in names}
+    for k, (name, sense) in enumerate(state.measured):
+        last = len(state.measured) - 1
+        first = "A" if k == 0 or state.connection == "parallel" else f"link{k}"
+        second = "B" if k == last or state.connection == "parallel" else f"link{k + 1}"
+        nets[name] = (first, second)[::sense]
+    lines = ["* bench", ".include array.cir", ".options rshunt=1e15"]  # a path for direct current to every node
+    lines.append("X1 " + " ".join(f"{name}_{end}" for name in names for end in (1, 2)) + " coilarray")
+    for name, ends in nets.items():
+        for end, closed in enumerate(ends, start=1):
+            pin = f"{name}_{end}"
+            if closed:
+                lines.append(f"R{pin} {pin} {closed} 2.5")
+            lines += [f"C{pin}{net} {pin} {net} 1e-12" for net in ("A", "B", "0") if net != closed]
+            lines.append(f"Ct{pin} {pin} 0 42e-12")
+        loaded = state.exceptions.get(name, state.others) == "load" and name not in dict(state.measured)
+        lines += [f"Rl{name} {name}_1 {name}_2 33"] * loaded
+    for side in "AB":
+        lines += [f"Cb{side} {side} 0 65e-12", f"Ll{side} conv{side} {side} 20e-9"]
+    lines += ["I1 convB convA dc 0 ac 1", ".control", "set numdgt=16"]
+    for k, f in enumerate(FREQUENCIES):
+        lines += [f"ac lin 1 {f!r} {f!r}", f"wrdata z{k}.txt v(convA)-v(convB)"]
+    (tmp_path / "bench.cir").write_text("\n".join([*lines, ".endc", ".end", ""]), encoding="utf-8")
+    command = ["ngspice", "-b", "bench.cir"]
+    run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False)
+    log = run.stdout + run.stderr
+    assert not re.search("error|singular", log, re.IGNORECASE), log
+    for k, f in enumerate(FREQUENCIES):
+        _, real, imag = np.loadtxt(tmp_path / f"z{k}.txt")
+        expected = solve_state(circuit, state, f).impedance
+        # the issue asks 1e-6; rshunt is worth 1e-9 of a resistance of 1 MΩ at a resonance
+        assert complex(real, imag) == pytest.approx(expected, rel=1e-8)
 
 
 @needs_ngspice

@@ -67,6 +67,12 @@ def test_limits():
     assert broken == {
         "sensor frequency by divider over reference", "frequency over self-resonance", "R_p (Ω)", "quality factor",
     }  # fmt: skip
+    assert {limit.name for limit in check_channel(9e6, 5e3, 20, reference=40e6) if not limit.kept} == {
+        "reference frequency (Hz)", "FIN_DIVIDER",
+    }  # fmt: skip
+    assert [limit.name for limit in check_channel(500.0, 33e3, 48) if not limit.kept] == ["sensor frequency (Hz)"]
+    # both ends of the drive table
+    assert all(limit.kept for R in (600.0, 90e3) for limit in check_channel(1.9e6, R, 48))
     # a divider of two lets 6 MHz pass
     assert "sensor frequency by divider over reference" not in {
         limit.name for limit in check_channel(6e6, 33e3, 48, divider=2) if not limit.kept

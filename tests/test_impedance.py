@@ -61,6 +61,10 @@ def test_resonance_belongs_to_tank_and_coil(design, scan):
     omega = 2 * np.pi * scan.frequency.values
     C = design.circuit.capacitance
     np.testing.assert_allclose(omega**2 * L * C, 1 - 1 / Q**2, atol=3 / Q.min() ** 4)
+    # all is stored in tank and coil: Q of the resonator is R_p √(C/L) to first order, with L without the winding's C
+    stored = scan.parallel_resistance * np.sqrt((C + scan.winding_capacitance.values) / 9.7e-6)
+    np.testing.assert_allclose(scan.loaded_quality_factor, stored, rtol=0.02)
+    assert (scan.loaded_quality_factor.values > Q).all()
     # R_p = (1 + Q²) R
     np.testing.assert_allclose(scan.parallel_resistance, (1 + Q**2) * scan.effective_resistance, rtol=1e-6)
 
@@ -112,11 +116,23 @@ others = "open"
     np.testing.assert_allclose(scan.current_real[:, 1], [1, -1], atol=0.02)
 
 
+def test_scan_states_follow_the_terminations():
+    terminations = 'default_termination = "short"\nterminations = { coil3 = "open" }'
+    text = STARTER.replace('default_termination = "short"', terminations)
+    implicit = scan_design(parse_design(text + '\n[[scan]]\nname = "s"\nmeasure = ["coil1"]\n'))
+    explicit = scan_design(
+        parse_design(STARTER + '\n[[scan]]\nname = "s"\nmeasure = ["coil1"]\nexceptions = { coil3 = "open" }\n')
+    )
+    assert float(implicit.frequency[0]) == float(explicit.frequency[0])
+    grounded = scan_design(parse_design(text + '\n[[scan]]\nname = "s"\nmeasure = ["coil1"]\nothers = "ground"\n'))
+    assert float(grounded.frequency[0]) > float(implicit.frequency[0])
+
+
 def test_open_neighbours_with_stray_capacitance_take_part():
     grounded = scan_design(load_design("starter"))
     text = STARTER.replace('default_termination = "short"', 'default_termination = "open"')
     opened = scan_design(parse_design(text))
-    stray = scan_design(parse_design(text.replace("switch_off_capacitance_pF = 0 ", "switch_off_capacitance_pF = 42 ")))
+    stray = scan_design(parse_design(text.replace("terminal_capacitance_pF = 0 ", "terminal_capacitance_pF = 42 ")))
     assert (opened.frequency < grounded.frequency).all()
     assert (stray.frequency < opened.frequency).all()
 

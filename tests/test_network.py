@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from coilarray import active_coil, resonance
 from coilarray.errors import NetworkError
-from coilarray.network import Network, resonate, solve_state
+from coilarray.network import Network, loaded_quality, resonate, self_resonance_of, solve_state
 from coilarray.terminations import ScanState, Switches, paper_plan
 
 L2 = np.array([[50e-6, -3e-6], [-3e-6, 40e-6]])
@@ -87,7 +87,7 @@ def test_load():
 
 def test_an_open_coil_with_capacitance_is_not_passive():
     C = 100e-12
-    result = solve_state(network(L2, 0.0, C=[0, C][1]), measure("a", others="open"), F)
+    result = solve_state(network(L2, 0.0, C=C), measure("a", others="open"), F)
     # the measured coil has the capacitance as well, in parallel
     neighbour = 1j * OMEGA * 40e-6 + 1 / (1j * OMEGA * C)
     Z = 1j * OMEGA * 50e-6 + (OMEGA * 3e-6) ** 2 / neighbour
@@ -159,13 +159,77 @@ def test_tank_at_the_coil():
     assert free.effective_inductance != pytest.approx(50e-6, rel=1e-3)
 
 
-def test_reciprocity_and_passivity():
-    circuit = network(
-        random_matrix(4, 1), 8.0, C=10e-12, on_resistance=3.0, off_capacitance=12e-12, bus_capacitance=4e-11
-    )
+STRAYS = {
+    "on_resistance": 3.0, "off_capacitance": 1e-12, "terminal_capacitance": 42e-12, "bus_capacitance": 65e-12,
+    "lead_inductance": 20e-9,
+}  # fmt: skip
+
+
+def test_passivity():
+    circuit = network(random_matrix(4, 1), 8.0, C=10e-12, mutual=5e-12, **STRAYS)
     for state in (measure("a"), measure("b", "-c"), measure("a", "d", connection="parallel", others="open")):
-        for f in (1e5, 1e6, 3e6):
+        for f in np.geomspace(1e3, 1e8, 60):
             assert solve_state(circuit, state, f).impedance.real > 0
+
+
+def test_mutual_capacitance_with_one_end_of_the_neighbour_grounded():
+    # uncoupled coils; the measured one has its first end on A and the second on B, both joined to ground by the bus
+    C, bus = 9e-12, 1e-6
+    L = np.diag([50e-6, 40e-6])
+    circuit = network(L, 0.0, mutual=C, bus_capacitance=bus)
+    result = solve_state(circuit, measure("a", others="ground"), F)
+    # a huge bus capacitance across the coil, and C/12 that it hides: take it off
+    Z = 1 / (1 / result.impedance - 1j * OMEGA * bus / 2)
+    assert (1 / Z).imag + 1 / (OMEGA * 50e-6) == pytest.approx(OMEGA * C / 12, rel=1e-4)
+    # the energy of any four voltages, by the stamp's own capacitors: C/2 ((m_i − m_j)² + (d_i² + d_j²)/12)
+    v = np.array([0.7, -0.2, 1.3, 0.4])
+    stamp = sum(C / 4 * (v[i] - v[j]) ** 2 / 2 for i in (0, 1) for j in (2, 3))
+    stamp -= C / 6 * ((v[0] - v[1]) ** 2 + (v[2] - v[3]) ** 2) / 2
+    s = np.linspace(0, 1, 201)
+    first, second = v[0] + (v[1] - v[0]) * s, v[2] + (v[3] - v[2]) * s
+    weights = np.ones(201)
+    weights[1:-1:2], weights[2:-1:2] = 4, 2  # Simpson, exact for squares
+    weights /= weights.sum()
+    energy = C / 2 * (weights[:, None] * weights * (first[:, None] - second) ** 2).sum()
+    assert stamp == pytest.approx(energy, rel=1e-12)
+
+
+def test_loaded_quality():
+    # tank and coil alone: ω L/R of the coil to first order; the slope gives R_p √(C/L) (1 − 1/Q²)^½
+    plain = network(L2[:1, :1], 12.0)
+    result = resonate(plain, measure("a"))
+    assert loaded_quality(plain, result) == pytest.approx(result.quality_factor, rel=2 / result.quality_factor**2)
+    assert loaded_quality(network(L2), resonate(network(L2), measure("a"))) == math.inf
+    # strays store too: more Q than the coil with its strays taken for an inductance
+    circuit = network(L2[:1, :1], 12.0, **STRAYS)
+    result = resonate(circuit, measure("a"))
+    stored = result.parallel_resistance * math.sqrt((120e-12 + (65e-12 + 42e-12) / 2) / 50e-6)
+    assert loaded_quality(circuit, result) == pytest.approx(stored, rel=0.03)
+    assert loaded_quality(circuit, result) > 1.2 * result.quality_factor
+
+
+def test_self_resonance_of_a_state():
+    C = 20e-12
+    circuit = network(L2, 5.0, C=C)
+    series = measure("a", "b", others="open")
+    found = self_resonance_of(circuit, resonate(circuit, series))
+    # two coils in series, a capacitance across each: the lowest mode of (L − 1/(ω² C)) i = 0 at the port
+    omega2 = np.linalg.eigvals(np.linalg.inv(L2 * C)).real
+    assert found == pytest.approx(math.sqrt(omega2.min()) / (2 * math.pi), rel=0.05)
+    bare = network(L2, 5.0)
+    assert self_resonance_of(bare, resonate(bare, measure("a"))) == math.inf
+
+
+def test_resonances_far_from_the_bare_coil():
+    heavy = resonate(network(L2, 12.0, bus_capacitance=1e-9), measure("a"))
+    # a lossy coil in parallel to the tank: ω² = (1 − 1/Q²)/LC with the coil's Q, to second order
+    Q = heavy.quality_factor
+    expected = math.sqrt((1 - 1 / Q**2) / (heavy.effective_inductance * 120e-12)) / (2 * math.pi)
+    assert heavy.frequency == pytest.approx(expected, rel=2 / Q**4)
+    # a tank on each of two coils in series: half the capacitance across twice the inductance and more
+    pair = resonate(network(L2, 12.0, tank_at="coil"), measure("a", "b"))
+    one = resonate(network(L2, 12.0, tank_at="coil"), measure("a", others="open"))
+    assert pair.frequency == pytest.approx(one.frequency, rel=0.15)
 
 
 @pytest.mark.parametrize(
@@ -181,6 +245,8 @@ def test_reciprocity_and_passivity():
         (lambda: solve_state(network(L2), ScanState("s", (("a", 2),)), F), "the sense 1 or -1"),
         (lambda: solve_state(network(L2), measure("a", load_resistance=-1.0), F), "load_resistance of state a must be"),
         (lambda: solve_state(network(L2), measure("a"), 0.0), "frequency must be positive"),
+        (lambda: network(np.array([[1, 2], [2, 1]])), "must be positive definite"),
+        (lambda: network(np.array([[np.nan]])), "must be finite"),
         (lambda: network(L2, on_resistance=-1), "on_resistance must be finite and not negative"),
         (lambda: network(L2, tank_capacitance=0), "tank_capacitance must be positive"),
         (lambda: network(L2, tank_at="moon"), "tank_at must be 'converter' or 'coil'; got 'moon'"),

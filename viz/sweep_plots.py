@@ -13,6 +13,7 @@ from coilarray.viz.palette import COILS, cycled
 from coilarray.viz.plots import new_axes, prefix, styled
 
 _CEILING = 4.0  # of the value at the lowest frequency: what the axis shows of a pole
+_HEADROOM = 1.08
 
 
 @styled
@@ -39,7 +40,7 @@ def plot_sweep(
     quantity, unit : str
         For the vertical axis.
     limited : bool
-        Show from zero to four times the values at the lowest frequency only: for a quantity with a pole.
+        Show from zero to four times the values at the lowest frequency at most: for a quantity with a pole.
     ax : Axes, optional
         Where to draw.
 
@@ -56,8 +57,8 @@ def plot_sweep(
     ax = ax or new_axes(6.5, 3.6)
     for k, (name, colour) in enumerate(cycled(COILS, names).items()):
         ax.plot(f, shown[:, k] * factor, label=name, color=colour, linestyle=("-", "--", ":")[k % 3])
-    if limited:
-        ax.set_ylim(0, _CEILING * float(shown[0].max()) * factor)
+    if limited and float(shown[0].max()) > 0:
+        ax.set_ylim(0, min(_CEILING * float(shown[0].max()), _HEADROOM * float(shown.max())) * factor)
     ax.set_xscale("log")
     ax.set_xlim(f[0], f[-1])
     ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))

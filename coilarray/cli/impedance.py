@@ -49,7 +49,14 @@ def impedance(
 
     from coilarray.files import write_atomically, write_text
     from coilarray.impedance import close_channels, design_network, scan_design, sweep_design
-    from coilarray.report.circuit_tables import limit_table, state_table, sweep_table, winding_table
+    from coilarray.report.circuit_tables import (
+        drive_table,
+        limit_table,
+        state_current_table,
+        state_table,
+        sweep_table,
+        winding_table,
+    )
     from coilarray.report.write import save_dataset
 
     opened = open_design(design, allow_violations=allow_violations)
@@ -82,25 +89,30 @@ def impedance(
                 "design_hash": opened.digest,
                 "states": states.records(),
                 "windings": winding_table(scan).records(),
+                "state_currents": state_current_table(scan).records(),
+                "capacitance_F": scan.capacitance.values.tolist(),
+                "ldc1614_drive": drive_table(scan).records(),
                 "ldc1614": limits.records(),
                 "close_channels": [{"states": [a, b], "relative_distance": d} for a, b, d in close],
                 "sweep": sweep_table(sweep).records(),
             }
         )
         return
-    for table in (states, winding_table(scan)):
+    for table in (states, winding_table(scan), drive_table(scan)):
         print_table([column.header for column in table.columns], table.cells())
         typer.echo()
     broken = [row for row in limits.rows if not row[-1]]
     for state, limit, value, low, high, _ in broken:
-        typer.echo(f"LDC1614, {state}: {limit} is {value:.4g}, allowed {low:g} to {high or 'any'}")
+        typer.echo(
+            f"LDC1614, {state}: {limit} is {value:.4g}, allowed {low:g} to {high if high == '' else f'{high:g}'}"
+        )
     if not broken:
         typer.echo("LDC1614: all limits are kept")
     if close:
         a, b, distance = close[0]
         typer.echo(
             f"warning: {len(close)} pairs of states are closer than 3 % in frequency (closest {a} and {b}, "
-            f"{distance * 100:.2g} %): do not let them oscillate at the same time"
+            f"{distance * 100:.2g} %): harmless one after another, not at the same time"
         )
     for path in (out, plot):
         if path is not None:

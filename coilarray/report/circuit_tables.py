@@ -14,6 +14,7 @@ def winding_table(scan: xr.Dataset) -> Table:
     """One row a coil: what its winding adds to L and the direct-current resistance."""
     columns = (
         Column("coil", "coil"),
+        Column("ac_resistance_frequency_Hz", "at f (MHz)", 1e-6, 3),
         Column("ac_resistance_ohm", "R ac (Ω)", 1, 2),
         Column("resistance_model", "model of R"),
         Column("winding_capacitance_F", "C of the winding (pF)", 1e12, 2),
@@ -25,6 +26,7 @@ def winding_table(scan: xr.Dataset) -> Table:
     rows: tuple[tuple[Value, ...], ...] = tuple(
         (
             str(name),
+            float(scan.attrs["ac_resistance_frequency_Hz"]),
             float(scan.ac_resistance[k]),
             str(scan.resistance_model.values[k]),
             float(scan.winding_capacitance[k]),
@@ -46,12 +48,13 @@ def state_table(scan: xr.Dataset) -> Table:
         Column("effective_inductance_H", "L_eff (µH)", 1e6, 3),
         Column("effective_resistance_ohm", "R_eff (Ω)", 1, 2),
         Column("resistance_ratio", "R_eff ac/dc", 1, 3),
-        Column("quality_factor", "Q", 1, 1),
+        Column("quality_factor", "Q of the coil", 1, 1),
+        Column("loaded_quality_factor", "Q with the tank", 1, 1),
         Column("parallel_resistance_ohm", "R_p (kΩ)", 1e-3, 2),
     )
     names = (
         "frequency", "effective_inductance", "effective_resistance", "resistance_ratio", "quality_factor",
-        "parallel_resistance",
+        "loaded_quality_factor", "parallel_resistance",
     )  # fmt: skip
     rows: tuple[tuple[Value, ...], ...] = tuple(
         (str(state), *(float(scan[name].values[k]) for name in names)) for k, state in enumerate(scan.state.values)
@@ -85,16 +88,19 @@ def limit_table(scan: xr.Dataset) -> Table:
         Column("high", "to", 1, 4),
         Column("kept", "kept"),
     )
-    srf = dict(zip(scan.coil.values.tolist(), scan.self_resonance.values.tolist(), strict=True))
-    lowest = min(srf.values())
     rows: list[tuple[Value, ...]] = []
-    for k, state in enumerate(scan.state.values.tolist()):
-        f, R_p, Q = (float(scan[name].values[k]) for name in ("frequency", "parallel_resistance", "quality_factor"))
-        # a state of several coils has no self-resonance of its own: the lowest of all coils is on the safe side
-        for limit in check_channel(f, R_p, Q, srf.get(state, lowest)):
+    for state, f, R_p, Q, srf in _resonators(scan):
+        for limit in check_channel(f, R_p, Q, srf):
             high = "" if math.isinf(limit.high) else limit.high
-            rows.append((str(state), limit.name, limit.value, limit.low, high, limit.kept))
+            rows.append((state, limit.name, limit.value, limit.low, high, limit.kept))
     return Table("ldc1614", "LDC1614", columns, tuple(rows))
+
+
+def _resonators(scan: xr.Dataset) -> list[tuple[str, float, float, float, float]]:
+    """State, frequency, R_p, Q of the resonator and self-resonance, in SI."""
+    names = ("frequency", "parallel_resistance", "loaded_quality_factor", "state_self_resonance")
+    values = [scan[name].values.tolist() for name in names]
+    return list(zip(scan.state.values.tolist(), *values, strict=True))
 
 
 def drive_table(scan: xr.Dataset) -> Table:
@@ -107,13 +113,12 @@ def drive_table(scan: xr.Dataset) -> Table:
         Column("settle_count", "SETTLECOUNT, at least", 1, 0),
     )
     rows: list[tuple[Value, ...]] = []
-    for k, state in enumerate(scan.state.values.tolist()):
-        f, R_p, Q = (float(scan[name].values[k]) for name in ("frequency", "parallel_resistance", "quality_factor"))
+    for state, f, R_p, Q, _ in _resonators(scan):
         drive = drive_for(R_p)
         setting: tuple[Value, ...] = ("none fits", "", "") if drive is None else (
             str(drive.code), drive.current, drive.amplitude
         )  # fmt: skip
-        rows.append((str(state), *setting, float(settle_count(f, Q))))
+        rows.append((state, *setting, float(settle_count(f, Q))))
     return Table("ldc1614_drive", "Drive of the LDC1614", columns, tuple(rows))
 
 
