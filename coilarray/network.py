@@ -372,8 +372,12 @@ def _nets(names: Sequence[str], state: ScanState) -> dict[str, tuple[str, str]]:
     """Net of both terminals of every coil in the order of `names`; empty where the terminal is open."""
     nets: dict[str, tuple[str, str]] = {}
     closed: dict[Passive, tuple[str, str]] = {
-        "ground": (_GROUND, _GROUND), "ground one end": (_GROUND, ""), "open": ("", ""), "load": ("", ""),
-    }  # fmt: skip
+        "ground": (_GROUND, _GROUND),
+        "ground one end": (_GROUND, ""),
+        "ground other end": ("", _GROUND),
+        "open": ("", ""),
+        "load": ("", ""),
+    }
     for name in names:
         passive = _passive(state, name)
         if passive is not None:

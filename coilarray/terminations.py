@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, get_args
 
 from coilarray.errors import NetworkError
 
-Passive = Literal["ground", "ground one end", "open", "load"]
-"""What closes a coil that is not measured: both ends to ground, its first end only, nothing, or a load resistor."""
+Passive = Literal["ground", "ground one end", "ground other end", "open", "load"]
+"""What closes a coil that is not measured: both ends to ground, its first or its second only, nothing, or a load."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class ScanState:
         The measured coils in order, each with its sense; −1 turns its terminals round.
     connection : {"series", "parallel"}
         How several measured coils are joined.
-    others : {"ground", "ground one end", "open", "load"}
+    others : {"ground", "ground one end", "ground other end", "open", "load"}
         Every other coil.
     exceptions : mapping of str to such a value
         Coils that differ from `others`.
@@ -125,7 +125,7 @@ def check_state(state: ScanState, names: Sequence[str]) -> None:
     if state.connection not in ("series", "parallel"):
         raise NetworkError(f"state {state.name} must join coils in series or parallel; got {state.connection!r}.")
     for passive in (state.others, *state.exceptions.values()):
-        if passive not in ("ground", "ground one end", "open", "load"):
+        if passive not in get_args(Passive):
             raise NetworkError(
                 f"state {state.name}: a coil must be measured, ground, ground one end, open or load; got {passive!r}."
             )

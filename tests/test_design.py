@@ -177,7 +177,7 @@ BAD = {
     "thirds of a turn": (changed("turns_per_layer = 12", "turns_per_layer = 11.33"), "for example 11.3333333333; got 11.33"),
     "nested too deeply": (BASE + "\nx = " + "[" * 5000, "not valid TOML"),
     "unknown coil in a scan": (BASE + '\n[[scan]]\nname = "s"\nmeasure = ["coil9"]\n', "state s names the coil 'coil9'; there are coil1"),
-    "unknown state in a scan": (BASE + '\n[[scan]]\nname = "s"\nmeasure = ["coil1"]\nothers = "loose"\n', "scan.0.others must be 'ground', 'ground one end', 'open' or 'load'; got 'loose'"),
+    "unknown state in a scan": (BASE + '\n[[scan]]\nname = "s"\nmeasure = ["coil1"]\nothers = "loose"\n', "scan.0.others must be 'ground', 'ground one end', 'ground other end', 'open' or 'load'; got 'loose'"),
     "scan states of one name": (BASE + 2 * '\n[[scan]]\nname = "s"\nmeasure = ["coil1"]\n', "scan must name each state differently"),
     "not TOML": (BASE + "\n[[[", "not valid TOML"),
     "empty": ("", "schema is missing"),

@@ -73,7 +73,7 @@ def test_series_coils_pass_through_every_switch():
 
 def test_open_and_one_end():
     circuit = network(L2, 10.0)
-    for others in ("open", "ground one end"):
+    for others in ("open", "ground one end", "ground other end"):
         result = solve_state(circuit, measure("a", others=others), F)
         assert result.effective_inductance == pytest.approx(50e-6, rel=1e-12)
         assert abs(result.currents[1]) < 1e-12
