@@ -11,7 +11,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
-from references import rows
+from references import DECOUPLING_SHIFTS, circle, polygon, rows, spiral_layers
 
 from coilarray import (
     dc_resistance,
@@ -21,7 +21,6 @@ from coilarray import (
     straight_filaments,
 )
 from coilarray.ac_resistance import cross_section, parallel_traces, skin_depth
-from coilarray.geometry import Conductor, Spiral
 from coilarray.layered_strips import interlayer_capacitance
 
 
@@ -45,11 +44,6 @@ def _worst(pairs):
     return max(abs(value / reference - 1) for value, reference in pairs)
 
 
-def _hexagon(radius, z=0.0, turn=0.0, centre=(0.0, 0.0)):
-    angle = turn + np.pi / 3 * (np.arange(7) % 6)
-    return np.column_stack((centre[0] + radius * np.cos(angle), centre[1] + radius * np.sin(angle), np.full(7, z)))
-
-
 def _straight():
     for row in rows("straight_filaments"):
         ends = ([float(part) for part in row[key].split(";")] for key in ("p1", "p2", "q1", "q2"))
@@ -67,28 +61,8 @@ def _hexagons():
     for row in rows("hexagon_loops"):
         v = {key: float(value) for key, value in row.items()}
         centre = (v["dx_mm"] * 1e-3, v["dy_mm"] * 1e-3)
-        second = _hexagon(v["R2_mm"] * 1e-3, v["z_mm"] * 1e-3, np.radians(v["rot_deg"]), centre)
-        yield mutual_inductance([_hexagon(v["R1_mm"] * 1e-3)], [second])[0, 0] * 1e9, v["M_quad_nH"]
-
-
-def _spirals():
-    for row in rows("polygon_spirals_dc"):
-        w, s, t = (float(row[key]) * 1e-3 for key in ("w_mm", "s_mm", "t_mm"))
-        spiral = Spiral(int(row["N_sides"]), float(row["ap_edge_mm"]) * 1e-3, float(row["n_turns_per_layer"]), w, s)
-        layers = []
-        for k, z in enumerate(row["z_list_mm"].split(";")):
-            line = spiral.centre_line(k)
-            layers.append(Conductor(np.column_stack((line, np.full(len(line), float(z) * 1e-3))), w, t))
-        yield row, layers
-
-
-def _circle(sides, radius, centre=(0.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0)):
-    """Inscribed polygon of a circle."""
-    n = np.array(normal) / np.linalg.norm(normal)
-    u = np.cross([0, 1, 0] if abs(n[1]) < 0.9 else [1, 0, 0], n)
-    u /= np.linalg.norm(u)
-    angle = 2 * np.pi * (np.arange(sides + 1) % sides) / sides
-    return np.array(centre) + radius * (np.outer(np.cos(angle), u) + np.outer(np.sin(angle), np.cross(n, u)))
+        second = polygon(6, v["R2_mm"] * 1e-3, v["z_mm"] * 1e-3, np.radians(v["rot_deg"]), centre)
+        yield mutual_inductance([polygon(6, v["R1_mm"] * 1e-3)], [second])[0, 0] * 1e9, v["M_quad_nH"]
 
 
 def _circles():
@@ -96,27 +70,21 @@ def _circles():
     for row in rows("circular_filaments"):
         a, b = float(row["a_m"]), float(row["b_m"])
         centre, normal = [float(row[f"c{k}_m"]) for k in "xyz"], [float(row[f"n{k}"]) for k in "xyz"]
-        wires = _circle(400, a), _circle(400, b, centre, normal)
+        wires = circle(400, a), circle(400, b, centre, normal)
         distance = np.linalg.norm(wires[0][:, None] - wires[1][None], axis=2).min()
         n = 2 ** int(np.ceil(np.log2(max(64, 4 * np.pi * max(a, b) / distance))))
-        M = [mutual_inductance([_circle(k, a)], [_circle(k, b, centre, normal)])[0, 0] for k in (n, 2 * n, 4 * n)]
+        M = [mutual_inductance([circle(k, a)], [circle(k, b, centre, normal)])[0, 0] for k in (n, 2 * n, 4 * n)]
         first = [(4 * fine - coarse) / 3 for coarse, fine in itertools.pairwise(M)]
         yield (16 * first[1] - first[0]) / 15 * 1e9, float(row["M_nH"])
 
 
 def _zero_coupling():
     """Centre distances of polygons at which M vanishes; circles stand in tests/test_references.py."""
-    shifts = {
-        "hexagon_across_flats": (6, np.pi / 6, np.sqrt(3), 1.0),
-        "hexagon_across_corners": (6, 0.0, 2.0, 1.0),
-        "square_along_side": (4, np.pi / 4, np.sqrt(2), np.sqrt(0.5)),
-        "square_along_diagonal": (4, 0.0, 2.0, np.sqrt(0.5)),
-    }
     for row in rows("geometric_decoupling_loops"):
-        if row["shape_direction"] not in shifts:
+        if row["shape_direction"] not in DECOUPLING_SHIFTS:
             continue
-        sides, direction, unit, scale = shifts[row["shape_direction"]]
-        first, z = _circle(sides, 1.0), float(row["h_over_R"]) * scale
+        sides, direction, unit, scale = DECOUPLING_SHIFTS[row["shape_direction"]]
+        first, z = circle(sides, 1.0), float(row["h_over_R"]) * scale
         along = unit * np.array([np.cos(direction), np.sin(direction), 0.0])
 
         def mutual(d, first=first, z=z, along=along):
@@ -154,7 +122,7 @@ def _interlayer():
 
 def measure() -> list[Accuracy]:
     """Compare with every table; seconds."""
-    spirals = list(_spirals())
+    spirals = [(row, spiral_layers(row)) for row in rows("polygon_spirals_dc")]
     inductances = [(inductance_matrix(layers).sum() * 1e6, float(row["L_own_uH"])) for row, layers in spirals]
     fast_henry = [(value, float(row["L_FH_uH"])) for (value, _), (row, _) in zip(inductances, spirals, strict=True)]
     resistances = [(dc_resistance(layers, 1 / 5.8e7).sum(), float(row["R_FH_ohm"])) for row, layers in spirals]

@@ -10,11 +10,10 @@ import itertools
 
 import numpy as np
 import pytest
-from references import rows
+from references import DECOUPLING_SHIFTS, circle, polygon, rows, spiral_layers
 from scipy.optimize import brentq
 
 from coilarray import dc_resistance, inductance_matrix, mutual_inductance, rectangular_bars, straight_filaments
-from coilarray.geometry import Conductor, Spiral
 
 
 def _point(text):
@@ -42,32 +41,16 @@ def test_rectangular_bars(row):
         assert rectangular_bars(first) * 1e9 == pytest.approx(float(row["M_nH"]), rel=1e-9)
 
 
-def _polygon(sides, radius, z=0.0, turn=0.0, centre=(0.0, 0.0)):
-    angle = turn + 2 * np.pi * np.arange(sides + 1) / sides
-    angle[-1] = angle[0]  # closed to the last bit
-    x, y = radius * np.cos(angle) + centre[0], radius * np.sin(angle) + centre[1]
-    return np.column_stack((x, y, np.full(sides + 1, z)))
-
-
 @pytest.mark.parametrize("row", rows("hexagon_loops"), ids=lambda row: "-".join(list(row.values())[:6]))
 def test_hexagon_loops(row):
     v = {key: float(value) for key, value in row.items()}
-    first = _polygon(6, v["R1_mm"] * 1e-3)
-    second = _polygon(
+    first = polygon(6, v["R1_mm"] * 1e-3)
+    second = polygon(
         6, v["R2_mm"] * 1e-3, v["z_mm"] * 1e-3, np.radians(v["rot_deg"]), (v["dx_mm"] * 1e-3, v["dy_mm"] * 1e-3)
     )
     M = mutual_inductance([first], [second])[0, 0]
     # 1e-9: 36 closed forms, none of which dominates
     assert M * 1e9 == pytest.approx(float(row["M_quad_nH"]), rel=1e-9)
-
-
-def _circle(sides, radius, centre, normal):
-    """Inscribed polygon of a circle about `normal`."""
-    n = np.array(normal) / np.linalg.norm(normal)
-    u = np.cross([0, 1, 0] if abs(n[1]) < 0.9 else [1, 0, 0], n)
-    u /= np.linalg.norm(u)
-    flat = _polygon(sides, radius)
-    return np.array(centre) + flat[:, :1] * u + flat[:, 1:2] * np.cross(n, u)
 
 
 @pytest.mark.parametrize("row", rows("circular_filaments"), ids=lambda row: "-".join(list(row.values())[:6]))
@@ -76,11 +59,11 @@ def test_circular_filaments(row):
     centre = [float(row[f"c{axis}_m"]) for axis in "xyz"]
     normal = [float(row[f"n{axis}"]) for axis in "xyz"]
     # the error of inscribed polygons is a series in 1/n² once their sides are shorter than the distance of the wires
-    wires = _circle(400, a, [0, 0, 0], [0, 0, 1]), _circle(400, b, centre, normal)
+    wires = circle(400, a, [0, 0, 0], [0, 0, 1]), circle(400, b, centre, normal)
     distance = np.linalg.norm(wires[0][:, None] - wires[1][None], axis=2).min()
     start = 2 ** int(np.ceil(np.log2(max(64, 4 * np.pi * max(a, b) / distance))))
     sides = [start, 2 * start, 4 * start]
-    M = [mutual_inductance([_circle(n, a, [0, 0, 0], [0, 0, 1])], [_circle(n, b, centre, normal)])[0, 0] for n in sides]
+    M = [mutual_inductance([circle(n, a, [0, 0, 0], [0, 0, 1])], [circle(n, b, centre, normal)])[0, 0] for n in sides]
     order = np.log2(abs((M[1] - M[0]) / (M[2] - M[1])))
     assert order == pytest.approx(2, abs=0.1)  # second order; the next term of the series moves it by less
     first = [(4 * fine - coarse) / 3 for coarse, fine in itertools.pairwise(M)]
@@ -92,13 +75,7 @@ def test_circular_filaments(row):
 
 @pytest.mark.parametrize("row", rows("polygon_spirals_dc"), ids=lambda row: "-".join(list(row.values())[:8]))
 def test_polygon_spirals(row):
-    w, s, t = (float(row[key]) * 1e-3 for key in ("w_mm", "s_mm", "t_mm"))
-    turns = float(row["n_turns_per_layer"])
-    spiral = Spiral(int(row["N_sides"]), float(row["ap_edge_mm"]) * 1e-3, turns, w, s)
-    layers = []
-    for k, z in enumerate(row["z_list_mm"].split(";")):
-        line = spiral.centre_line(k)
-        layers.append(Conductor(np.column_stack((line, np.full(len(line), float(z) * 1e-3))), w, t))
+    layers = spiral_layers(row)
     # layers in series, their junctions without length: the sum of all entries of the layers' matrix
     L = inductance_matrix(layers).sum()
     # 1e-4: the table is converged to about 1e-5
@@ -109,22 +86,13 @@ def test_polygon_spirals(row):
     assert sum(layer.lengths.sum() for layer in layers) * 1e3 == pytest.approx(float(row["length_mm"]), rel=1e-5)
 
 
-_SHIFTS = {
-    # sides, direction of the shift from a corner, normalising length over the circumradius, R of h_over_R over it
-    "hexagon_across_flats": (6, np.pi / 6, np.sqrt(3), 1.0),
-    "hexagon_across_corners": (6, 0.0, 2.0, 1.0),
-    "square_along_side": (4, np.pi / 4, np.sqrt(2), np.sqrt(0.5)),
-    "square_along_diagonal": (4, 0.0, 2.0, np.sqrt(0.5)),
-}
-
-
 def _zero_coupling(sides, direction, height, unit, guess):
     """Shift over `unit` at which two equal polygons of circumradius one do not couple."""
-    first = _polygon(sides, 1.0)
+    first = polygon(sides, 1.0)
 
     def mutual(d):
         centre = (d * unit * np.cos(direction), d * unit * np.sin(direction))
-        return mutual_inductance([first], [_polygon(sides, 1.0, height, centre=centre)])[0, 0]
+        return mutual_inductance([first], [polygon(sides, 1.0, height, centre=centre)])[0, 0]
 
     return brentq(mutual, guess - 0.05, guess + 0.05, xtol=1e-12)
 
@@ -139,7 +107,7 @@ def test_zero_coupling_distance(row):
         coarse, fine = (_zero_coupling(sides, np.pi / sides, h, 2.0, expected) for sides in (n, 2 * n))
         root = (4 * fine - coarse) / 3
     else:
-        sides, direction, unit, scale = _SHIFTS[row["shape_direction"]]
+        sides, direction, unit, scale = DECOUPLING_SHIFTS[row["shape_direction"]]
         root = _zero_coupling(sides, direction, h * scale, unit, expected)
     # 1e-6 of the size; the table has ten digits
     assert root == pytest.approx(expected, abs=1e-6)
