@@ -44,7 +44,33 @@ def all_shorted(count: int) -> tuple[Termination, ...]:
 
 
 @dataclass(frozen=True, eq=False)
-class ActiveCoil:
+class PortImpedance:
+    """What is seen between two terminals at one frequency.
+
+    Parameters
+    ----------
+    frequency : float
+        In Hz.
+    impedance : complex
+        In Ω.
+    """
+
+    frequency: float
+    impedance: complex
+
+    @property
+    def effective_inductance(self) -> float:
+        """L_eff = Im Z/ω in H."""
+        return self.impedance.imag / (2 * math.pi * self.frequency)
+
+    @property
+    def effective_resistance(self) -> float:
+        """R_eff = Re Z in Ω."""
+        return self.impedance.real
+
+
+@dataclass(frozen=True, eq=False)
+class ActiveCoil(PortImpedance):
     """What one active coil sees; amounts per ampere of its current.
 
     Parameters
@@ -59,20 +85,8 @@ class ActiveCoil:
         Part of each passive coil in L_eff − L in H: Re(M_ak i_k), 0 for the active one. They add up to L_eff − L.
     """
 
-    frequency: float
-    impedance: complex
     currents: ComplexArray
     contributions: FloatArray
-
-    @property
-    def effective_inductance(self) -> float:
-        """L_eff = Im Z/ω in H."""
-        return self.impedance.imag / (2 * math.pi * self.frequency)
-
-    @property
-    def effective_resistance(self) -> float:
-        """R_eff = Re Z in Ω."""
-        return self.impedance.real
 
 
 def impedance_matrix(inductance: npt.ArrayLike, resistance: npt.ArrayLike, frequency: float) -> ComplexArray:
@@ -105,9 +119,8 @@ def impedance_matrix(inductance: npt.ArrayLike, resistance: npt.ArrayLike, frequ
            [0.+1.j, 3.+2.j]])
     """
     L, R = checked_network(inductance, resistance)
-    if not (math.isfinite(frequency) and frequency > 0):
-        raise NetworkError(f"frequency must be positive and finite; got {frequency} Hz.")
-    return np.asarray(np.diag(R) + 2j * math.pi * frequency * L)
+    _check_frequency(frequency)
+    return _impedance(L, R, frequency)
 
 
 def active_coil(
@@ -151,25 +164,9 @@ def active_coil(
     1.5
     """
     L, R = checked_network(inductance, resistance)
-    n = len(L)
-    states = ["short"] * n if terminations is None else list(terminations)
-    if len(states) != n or not set(states) <= {"short", "open"}:
-        raise NetworkError(f"terminations must be {n} of 'short' or 'open'; got {states}.")
-    if not 0 <= active < n:
-        raise NetworkError(f"the active coil must be 0 to {n - 1}; got {active}.")
-    if not (math.isfinite(short_resistance) and short_resistance >= 0):
-        raise NetworkError(f"short_resistance must be finite and not negative; got {short_resistance} Ω.")
-    Z = impedance_matrix(L, R, frequency)
-    shorted = [k for k in range(n) if k != active and states[k] == "short"]
-    currents = np.zeros(n, dtype=np.complex128)
-    currents[active] = 1
-    if shorted:
-        passive = Z[np.ix_(shorted, shorted)] + short_resistance * np.eye(len(shorted))
-        currents[shorted] = np.linalg.solve(passive, -Z[shorted, active])
-    impedance = complex(Z[active] @ currents)
-    contributions = np.real(L[active] * currents)
-    contributions[active] = 0
-    return ActiveCoil(frequency, impedance, currents, contributions)
+    shorted = _checked_shorts(len(L), active, terminations, short_resistance)
+    _check_frequency(frequency)
+    return _solve(L, R, active, shorted, short_resistance, frequency)
 
 
 def resonance(
@@ -206,12 +203,11 @@ def resonance(
     if not (math.isfinite(capacitance) and capacitance > 0):
         raise NetworkError(f"capacitance must be positive and finite; got {capacitance} F.")
     L, R = checked_network(inductance, resistance)
-    if not 0 <= active < len(L):
-        raise NetworkError(f"the active coil must be 0 to {len(L) - 1}; got {active}.")
+    shorted = _checked_shorts(len(L), active, terminations, short_resistance)
 
     def mismatch(log_frequency: float) -> float:
         frequency = math.exp(log_frequency)
-        state = active_coil(L, R, active, frequency, terminations, short_resistance)
+        state = _solve(L, R, active, shorted, short_resistance, frequency)
         return math.log((2 * math.pi * frequency) ** 2 * state.effective_inductance * capacitance)
 
     # L_eff falls with frequency from L to its value with ideal shorts, 1/(L⁻¹)_aa: the resonance lies between theirs
@@ -219,7 +215,7 @@ def resonance(
     low, high = (-0.5 * math.log(L_eff * capacitance) - math.log(2 * math.pi) for L_eff in (L[active, active], least))
     margin = 1e-9
     root = brentq(mismatch, low - margin, high + margin, xtol=1e-15, rtol=1e-14)
-    return active_coil(L, R, active, math.exp(root), terminations, short_resistance)
+    return _solve(L, R, active, shorted, short_resistance, math.exp(root))
 
 
 def checked_network(inductance: npt.ArrayLike, resistance: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -258,3 +254,41 @@ def checked_network(inductance: npt.ArrayLike, resistance: npt.ArrayLike) -> tup
     if not (np.isfinite(R).all() and (R >= 0).all()):
         raise NetworkError(f"resistances must be finite and not negative; got {R.min()} Ω.")
     return L, R
+
+
+def _check_frequency(frequency: float) -> None:
+    if not (math.isfinite(frequency) and frequency > 0):
+        raise NetworkError(f"frequency must be positive and finite; got {frequency} Hz.")
+
+
+def _checked_shorts(
+    n: int, active: int, terminations: Sequence[Termination] | None, short_resistance: float
+) -> list[int]:
+    """Return the indices of the passive coils that are shorted."""
+    states = list(all_shorted(n) if terminations is None else terminations)
+    if len(states) != n or not set(states) <= {"short", "open"}:
+        raise NetworkError(f"terminations must be {n} of 'short' or 'open'; got {states}.")
+    if not 0 <= active < n:
+        raise NetworkError(f"the active coil must be 0 to {n - 1}; got {active}.")
+    if not (math.isfinite(short_resistance) and short_resistance >= 0):
+        raise NetworkError(f"short_resistance must be finite and not negative; got {short_resistance} Ω.")
+    return [k for k in range(n) if k != active and states[k] == "short"]
+
+
+def _impedance(L: FloatArray, R: FloatArray, frequency: float) -> ComplexArray:
+    return np.asarray(np.diag(R) + 2j * math.pi * frequency * L)
+
+
+def _solve(
+    L: FloatArray, R: FloatArray, active: int, shorted: list[int], short_resistance: float, frequency: float
+) -> ActiveCoil:
+    """`active_coil` of values that have been checked."""
+    Z = _impedance(L, R, frequency)
+    currents = np.zeros(len(L), dtype=np.complex128)
+    currents[active] = 1
+    if shorted:
+        passive = Z[np.ix_(shorted, shorted)] + short_resistance * np.eye(len(shorted))
+        currents[shorted] = np.linalg.solve(passive, -Z[shorted, active])
+    contributions = np.real(L[active] * currents)
+    contributions[active] = 0
+    return ActiveCoil(frequency, complex(Z[active] @ currents), currents, contributions)

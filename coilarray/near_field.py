@@ -7,7 +7,6 @@ import numpy.typing as npt
 import xarray as xr
 
 from coilarray.blocks import Progress
-from coilarray.circuit import all_open, resonance
 from coilarray.coupling import provenance
 from coilarray.design import Design
 from coilarray.errors import GeometryError
@@ -43,15 +42,10 @@ def operating_currents(design: Design, coupling: xr.Dataset, active: str, *, ter
     names = design.array.names
     if active not in names:
         raise GeometryError(f"there is no coil {active!r}; there are {', '.join(names)}.")
-    circuit = design.circuit
-    return resonance(
-        coupling.inductance.values,
-        coupling.resistance.values,
-        names.index(active),
-        circuit.capacitance,
-        circuit.terminations if terminated else all_open(len(names)),
-        circuit.short_resistance,
-    ).currents
+    if not terminated:
+        return np.asarray(np.eye(len(names), dtype=np.complex128)[names.index(active)])
+    mine = coupling.sel(coil=active)
+    return np.asarray(mine.current_real.values + 1j * mine.current_imag.values)
 
 
 def _half(progress: Progress, k: int) -> Progress:

@@ -22,7 +22,7 @@ from scipy.optimize import brentq
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from coilarray.circuit import checked_network
+from coilarray.circuit import PortImpedance, checked_network
 from coilarray.errors import NetworkError
 from coilarray.terminations import Passive, ScanState, Switches, check_state
 
@@ -88,17 +88,17 @@ class Network:
 
 
 @dataclass(frozen=True, eq=False)
-class StateResult:
+class StateResult(PortImpedance):
     """What the converter sees in one state at one frequency.
 
     Parameters
     ----------
-    state : ScanState
-        The state.
     frequency : float
         In Hz.
     impedance : complex
         In Ω, between the sides of the converter without the tank's capacitor.
+    state : ScanState
+        The state.
     admittance : complex
         In S, with the tank's capacitor.
     currents : ndarray of complex, shape (n,)
@@ -106,20 +106,8 @@ class StateResult:
     """
 
     state: ScanState
-    frequency: float
-    impedance: complex
     admittance: complex
     currents: ComplexArray
-
-    @property
-    def effective_inductance(self) -> float:
-        """L_eff = Im Z/ω in H."""
-        return self.impedance.imag / (2 * math.pi * self.frequency)
-
-    @property
-    def effective_resistance(self) -> float:
-        """R_eff = Re Z in Ω."""
-        return self.impedance.real
 
     @property
     def quality_factor(self) -> float:
@@ -179,7 +167,7 @@ def solve_state(network: Network, state: ScanState, frequency: float) -> StateRe
     else:
         admittance = 1 / _solve(network, state, frequency, winding + at_coil)[0]
     first = network.names.index(state.measured[0][0])
-    return StateResult(state, frequency, impedance, admittance, currents / (currents[first] * state.measured[0][1]))
+    return StateResult(frequency, impedance, state, admittance, currents / (currents[first] * state.measured[0][1]))
 
 
 def resonate(network: Network, state: ScanState) -> StateResult:

@@ -375,7 +375,7 @@ class RulesTable(Table):
 class Document(Table):
     """The whole file."""
 
-    schema_: Annotated[int, Field(ge=1, le=1)] = Field(alias="schema")
+    schema_: Annotated[int, Field(ge=SCHEMA, le=SCHEMA)] = Field(alias="schema")
     name: Name
     title: str = ""
     source: str = ""

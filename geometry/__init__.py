@@ -4,7 +4,7 @@ from coilarray.geometry.array import CoilArray, Placement, lattice
 from coilarray.geometry.coil import Coil, Leads, PlatedHole, path_coil, spiral_coil
 from coilarray.geometry.conductor import Conductor
 from coilarray.geometry.copper import CopperFeature, Drill, board_outline, copper_features, drills, layer_copper
-from coilarray.geometry.rules import FabRules, Margin, check_rules, require_rules
+from coilarray.geometry.rules import FabRules, Margin, check_rules, require_kept, require_rules
 from coilarray.geometry.sheet import Sheet
 from coilarray.geometry.solids import solids
 from coilarray.geometry.spiral import Spiral, apothem_from_size
@@ -32,6 +32,7 @@ __all__ = [
     "lattice",
     "layer_copper",
     "path_coil",
+    "require_kept",
     "require_rules",
     "solids",
     "spiral_coil",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, fields
 from itertools import combinations
 
@@ -174,7 +174,23 @@ def require_rules(array: CoilArray, rules: FabRules) -> None:
     RuleViolationError
         Names the worst violation and how many more there are.
     """
-    broken = [margin for margin in check_rules(array, rules) if not margin.kept]
+    require_kept(check_rules(array, rules))
+
+
+def require_kept(margins: Iterable[Margin]) -> None:
+    """Raise where one of the margins is broken; for those that `check_rules` has measured already.
+
+    Parameters
+    ----------
+    margins : iterable of Margin
+        The smallest first.
+
+    Raises
+    ------
+    RuleViolationError
+        As `require_rules`.
+    """
+    broken = [margin for margin in margins if not margin.kept]
     if not broken:
         return
     worst = broken[0]

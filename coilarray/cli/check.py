@@ -22,12 +22,13 @@ def check(
     Example: coilarray check gast2020 --all
     """
     from coilarray.design import load_design
-    from coilarray.geometry import check_rules, require_rules
+    from coilarray.geometry import check_rules, require_kept
     from coilarray.geometry.rules import KEPT_WITHIN
     from coilarray.report.tables import rules_table
 
     opened = load_design(design)
-    table = rules_table(check_rules(opened.array, opened.rules))
+    margins = check_rules(opened.array, opened.rules)
+    table = rules_table(margins)
     if as_json:
         print_json({"design": opened.name, "design_hash": opened.digest, "rules": table.records()})
     else:
@@ -41,7 +42,7 @@ def check(
         if len(shown) < len(table.rows):
             typer.echo(f"… and {len(table.rows) - len(shown)} larger margins (--all)")
     if not allow_violations:
-        require_rules(opened.array, opened.rules)
+        require_kept(margins)
     if not as_json:
         broken = sum(not row[-1] for row in table.rows)
         typer.echo(

@@ -7,7 +7,7 @@ import math
 import xarray as xr
 
 from coilarray.hardware import check_channel, drive_for, settle_count
-from coilarray.report.tables import Column, Table, Value
+from coilarray.report.tables import Column, Table, Value, crossed_rows
 
 
 def winding_table(scan: xr.Dataset) -> Table:
@@ -70,11 +70,7 @@ def state_current_table(scan: xr.Dataset) -> Table:
         Column("current_real", "i, in phase (A/A)", 1, 5),
         Column("current_imag", "i, quadrature (A/A)", 1, 5),
     )
-    rows: tuple[tuple[Value, ...], ...] = tuple(
-        (str(state), str(coil), float(scan.current_real.values[s, c]), float(scan.current_imag.values[s, c]))
-        for s, state in enumerate(scan.state.values)
-        for c, coil in enumerate(scan.coil.values)
-    )
+    rows = crossed_rows(scan, "state", "coil", ("current_real", "current_imag"))
     return Table("state_currents", "Currents in each state", columns, rows)
 
 
@@ -133,9 +129,5 @@ def sweep_table(sweep: xr.Dataset) -> Table:
         Column("quality_factor", "Q", 1, 2),
     )
     names = ("impedance_real", "impedance_imag", "apparent_inductance", "quality_factor")
-    rows: tuple[tuple[Value, ...], ...] = tuple(
-        (float(f), str(state), *(float(sweep[name].values[i, k]) for name in names))
-        for i, f in enumerate(sweep.frequency.values)
-        for k, state in enumerate(sweep.state.values)
-    )
+    rows = crossed_rows(sweep, "frequency", "state", names)
     return Table("sweep", "Impedance over frequency", columns, rows)

@@ -72,6 +72,15 @@ class Table:
         return [[c.text(value) for c, value in zip(self.columns, row, strict=True)] for row in self.rows]
 
 
+def crossed_rows(dataset: xr.Dataset, first: str, second: str, names: Sequence[str]) -> tuple[tuple[Value, ...], ...]:
+    """One row for each pair of labels of two dimensions, with the values of the variables `names` (first, second)."""
+    return tuple(
+        (a, b, *(float(dataset[name].values[i, j]) for name in names))
+        for i, a in enumerate(dataset[first].values.tolist())
+        for j, b in enumerate(dataset[second].values.tolist())
+    )
+
+
 def coil_table(design: Design, coupling: xr.Dataset) -> Table:
     """One row a coil: what it is alone and with its neighbours terminated."""
     columns = (
@@ -110,12 +119,7 @@ def pair_table(coupling: xr.Dataset) -> Table:
         Column("contribution_H", "part in L_eff − L (µH)", 1e6, 4),
     )
     names = ("inductance", "coupling", "current_real", "current_imag", "contribution")
-    rows = tuple(
-        (active, other, *(float(coupling[name].values[a, b]) for name in names))
-        for a, active in enumerate(coupling.coil.values.tolist())
-        for b, other in enumerate(coupling.other.values.tolist())
-        if a != b
-    )
+    rows = tuple(row for row in crossed_rows(coupling, "coil", "other", names) if row[0] != row[1])
     return Table("pairs", "Pairs of coils", columns, rows)
 
 
