@@ -23,6 +23,10 @@ class NetworkError(CoilarrayError, ValueError):
     """A circuit that has no solution, or a state that names what is not there: which state, which coil."""
 
 
+class ElastomerError(CoilarrayError, ValueError):
+    """An indentation that cannot be, or a contact that does not converge: what, which value, what is allowed."""
+
+
 class OutputError(CoilarrayError):
     """A result that cannot be written: the path and the reason."""
 

@@ -20,11 +20,22 @@ class Sheet:
         In m.
     relative_permeability : float
         1 for a plain elastomer, above 1 for a filled one.
+    youngs_modulus : float or None
+        In Pa; None where it is not known, and then the sheet cannot be indented.
+    poissons_ratio : float
+        From 0 to 0.5; 0.5 is incompressible.
+
+    Raises
+    ------
+    GeometryError
+        A value that is not allowed.
     """
 
     name: str
     thickness: float
     relative_permeability: float = 1.0
+    youngs_modulus: float | None = None
+    poissons_ratio: float = 0.4999
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.thickness) and self.thickness > 0):
@@ -35,3 +46,9 @@ class Sheet:
             raise GeometryError(
                 f"relative permeability of sheet {self.name!r} must be at least 1; got {self.relative_permeability}."
             )
+        if self.youngs_modulus is not None and not (math.isfinite(self.youngs_modulus) and self.youngs_modulus > 0):
+            raise GeometryError(
+                f"Young's modulus of sheet {self.name!r} must be positive and finite; got {self.youngs_modulus} Pa."
+            )
+        if not 0 <= self.poissons_ratio <= 0.5:
+            raise GeometryError(f"Poisson's ratio of sheet {self.name!r} must be 0 to 0.5; got {self.poissons_ratio}.")
