@@ -13,7 +13,12 @@ if TYPE_CHECKING:
     from coilarray.circuit import active_coil, impedance_matrix, resonance
     from coilarray.coupling import couple, couple_design
     from coilarray.design import Design, load_design, parse_design
-    from coilarray.errors import CoilarrayError, DesignError, GeometryError, RuleViolationError
+    from coilarray.elastomer.contact import indent
+    from coilarray.elastomer.dent import dent_of
+    from coilarray.elastomer.dented_layer import dent_inductance
+    from coilarray.elastomer.filled import bruggeman_permeability, guth_gold_modulus, maxwell_garnett_permeability
+    from coilarray.elastomer.flat_layer import layer_inductance
+    from coilarray.errors import CoilarrayError, DesignError, ElastomerError, GeometryError, RuleViolationError
     from coilarray.field import grid_points, magnetic_field, vector_potential
     from coilarray.geometry import CoilArray, Conductor
     from coilarray.inductance import (
@@ -24,9 +29,11 @@ if TYPE_CHECKING:
         self_inductance,
         straight_filaments,
     )
+    from coilarray.line_response import line_response
     from coilarray.near_field import operating_currents, operating_field
     from coilarray.report import write_report
     from coilarray.resistance import dc_resistance
+    from coilarray.response import Imperfections, response_map
 
 __all__ = [
     "CoilArray",
@@ -34,24 +41,35 @@ __all__ = [
     "Conductor",
     "Design",
     "DesignError",
+    "ElastomerError",
     "GeometryError",
+    "Imperfections",
     "RuleViolationError",
     "active_coil",
+    "bruggeman_permeability",
     "couple",
     "couple_design",
     "coupling_matrix",
     "dc_resistance",
+    "dent_inductance",
+    "dent_of",
     "grid_points",
+    "guth_gold_modulus",
     "impedance_matrix",
+    "indent",
     "inductance_matrix",
+    "layer_inductance",
+    "line_response",
     "load_design",
     "magnetic_field",
+    "maxwell_garnett_permeability",
     "mutual_inductance",
     "operating_currents",
     "operating_field",
     "parse_design",
     "rectangular_bars",
     "resonance",
+    "response_map",
     "self_inductance",
     "straight_filaments",
     "vector_potential",
@@ -62,7 +80,12 @@ _HOME = {
     "circuit": ("active_coil", "impedance_matrix", "resonance"),
     "coupling": ("couple", "couple_design"),
     "design": ("Design", "load_design", "parse_design"),
-    "errors": ("CoilarrayError", "DesignError", "GeometryError", "RuleViolationError"),
+    "elastomer.contact": ("indent",),
+    "elastomer.dent": ("dent_of",),
+    "elastomer.dented_layer": ("dent_inductance",),
+    "elastomer.filled": ("bruggeman_permeability", "guth_gold_modulus", "maxwell_garnett_permeability"),
+    "elastomer.flat_layer": ("layer_inductance",),
+    "errors": ("CoilarrayError", "DesignError", "ElastomerError", "GeometryError", "RuleViolationError"),
     "field": ("grid_points", "magnetic_field", "vector_potential"),
     "geometry": ("CoilArray", "Conductor"),
     "inductance": (
@@ -73,9 +96,11 @@ _HOME = {
         "self_inductance",
         "straight_filaments",
     ),
+    "line_response": ("line_response",),
     "near_field": ("operating_currents", "operating_field"),
     "report": ("write_report",),
     "resistance": ("dc_resistance",),
+    "response": ("Imperfections", "response_map"),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 

@@ -12,9 +12,12 @@ import xarray as xr
 from coilarray.blocks import Progress
 from coilarray.circuit import Termination, all_open, all_shorted, checked_network, resonance
 from coilarray.design import Design
+from coilarray.elastomer.flat_layer import layer_inductance
 from coilarray.errors import NetworkError
 from coilarray.inductance import coupling_matrix, inductance_matrix
 from coilarray.resistance import dc_resistance
+
+FloatArray = npt.NDArray[np.float64]
 
 
 def couple_design(design: Design, progress: Progress | None = None) -> xr.Dataset:
@@ -30,31 +33,58 @@ def couple_design(design: Design, progress: Progress | None = None) -> xr.Datase
     Returns
     -------
     xarray.Dataset
-        As `couple`, with the coils' centres ``x`` and ``y`` in m, and the attributes of `provenance`.
+        As `couple`, under the flat sheets; also ``sheet_inductance`` (coil, other) in H, the part of the magnetic sheets
+        in it, the coils' centres ``x`` and ``y`` in m, and the attributes of `provenance`.
 
     Examples
     --------
     >>> from coilarray import load_design
     >>> result = couple_design(load_design("gast2020"))
     >>> round(float(result.open_inductance[0]) * 1e6, 1), round(float(result.coupling[0, 1]), 3)
-    (57.0, -0.055)
+    (58.2, -0.051)
     """
     conductors = design.array.conductors()
     circuit = design.circuit
+    inductance, by_sheets = design_inductance(design, progress)
     result = couple(
         design.array.names,
-        inductance_matrix(conductors, progress),
+        inductance,
         dc_resistance(conductors, circuit.resistivity),
         circuit.capacitance,
         circuit.terminations,
         circuit.short_resistance,
     )
+    result["sheet_inductance"] = (
+        ("coil", "other"), by_sheets, {"units": "H", "long_name": "part of the magnetic sheets in the inductance"}
+    )  # fmt: skip
     centres = design.array.centres
     result = result.assign_coords(
         x=("coil", centres[:, 0], {"units": "m", "long_name": "centre of the coil, x"}),
         y=("coil", centres[:, 1], {"units": "m", "long_name": "centre of the coil, y"}),
     )
     return result.assign_attrs(provenance(design))
+
+
+def design_inductance(design: Design, progress: Progress | None = None) -> tuple[FloatArray, FloatArray]:
+    """Inductance matrix of a design under its flat sheets.
+
+    Parameters
+    ----------
+    design : Design
+        As `coilarray.load_design` returns it.
+    progress : callable, optional
+        Called with (done, total) as the matrix of the bare board is computed.
+
+    Returns
+    -------
+    inductance : ndarray, shape (n, n)
+        In H, the magnetic sheets included.
+    by_sheets : ndarray, shape (n, n)
+        The part of it that the magnetic sheets make.
+    """
+    conductors = design.array.conductors()
+    by_sheets = layer_inductance(conductors, design.sheets)
+    return inductance_matrix(conductors, progress) + by_sheets, by_sheets
 
 
 def provenance(design: Design) -> dict[str, str]:

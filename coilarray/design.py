@@ -16,7 +16,7 @@ from pydantic import ValidationError
 
 from coilarray import designs
 from coilarray.errors import DesignError, GeometryError, NetworkError
-from coilarray.geometry import Coil, CoilArray, FabRules, Sheet
+from coilarray.geometry import Coil, CoilArray, FabRules, Indenter, Sheet
 from coilarray.schema import Document, StateTable, first_error
 from coilarray.terminations import Passive, ScanState, Switches, check_state
 
@@ -55,6 +55,42 @@ class Circuit:
     elastomer_permittivity: float
 
 
+@dataclass(frozen=True)
+class Indentation:
+    """What presses on the elastomer, how deep and where.
+
+    Parameters
+    ----------
+    indenter : Indenter
+        The rigid body.
+    base : {"bonded", "frictionless"}
+        How the lowest sheet lies on the board.
+    depths : tuple of float
+        In m, rising.
+    x, y : tuple of float
+        Positions of the map in m, relative to `origin_point`.
+    origin : str or None
+        Name of the coil whose centre is the origin; None for the origin of the board.
+    origin_point : tuple of float
+        x and y in m of that origin on the board.
+    sample_radius : float or None
+        Of a finite sample around the indenter in m, half the width under a cylinder; None for a wide one.
+    sample_bounds : tuple of float or None
+        Edges (x_min, y_min, x_max, y_max) in m of the sample relative to `origin_point`; None where it covers
+        everything.
+    """
+
+    indenter: Indenter
+    base: Literal["bonded", "frictionless"]
+    depths: tuple[float, ...]
+    x: tuple[float, ...]
+    y: tuple[float, ...]
+    origin: str | None = None
+    origin_point: tuple[float, float] = (0.0, 0.0)
+    sample_radius: float | None = None
+    sample_bounds: tuple[float, float, float, float] | None = None
+
+
 @dataclass(frozen=True, eq=False)
 class Design:
     """A design file, read and checked.
@@ -67,6 +103,8 @@ class Design:
         The coils on their board.
     sheets : tuple of Sheet
         Elastomer on top of the board, upwards.
+    indentation : Indentation or None
+        How the elastomer is pressed; None where the file says nothing of it.
     circuit : Circuit
         Terminations and tank.
     rules : FabRules
@@ -88,6 +126,7 @@ class Design:
     source: str
     array: CoilArray
     sheets: tuple[Sheet, ...]
+    indentation: Indentation | None
     circuit: Circuit
     rules: FabRules
     field_height: float
@@ -202,6 +241,7 @@ def _build(parsed: Document, document: Mapping[str, Any]) -> Design:
         source=parsed.source,
         array=array,
         sheets=tuple(sheet.build() for sheet in parsed.elastomer),
+        indentation=_indentation(parsed, array),
         circuit=Circuit(
             circuit.capacitance_pF * 1e-12,
             circuit.short_resistance_ohm,
@@ -225,6 +265,48 @@ def _build(parsed: Document, document: Mapping[str, Any]) -> Design:
         given=frozenset(_flatten(document)),
         assumed=dict(parsed.assumed),
         digest=hashlib.sha256(json.dumps(entering, sort_keys=True).encode()).hexdigest(),
+    )
+
+
+def _indentation(parsed: Document, array: CoilArray) -> Indentation | None:
+    """Put the tables [indenter] and [indentation] together, which say nothing one without the other."""
+    indenter, table = parsed.indenter, parsed.indentation
+    if indenter is None and table is None:
+        return None
+    if indenter is None or table is None:
+        there, missing = ("indentation", "indenter") if indenter is None else ("indenter", "indentation")
+        raise DesignError(f"[{there}] needs the table [{missing}] too.")
+    if not parsed.elastomer:
+        raise DesignError("[indentation] needs at least one [[elastomer]] to press on.")
+    for k, sheet in enumerate(parsed.elastomer):
+        if sheet.youngs_modulus_kPa is None:
+            raise DesignError(f"elastomer.{k}.youngs_modulus_kPa is missing; [indentation] needs it of every sheet.")
+    thickness = sum(sheet.thickness_mm for sheet in parsed.elastomer)
+    if table.depths_mm[-1] >= thickness:
+        raise DesignError(
+            f"indentation.depths_mm must be less than the {thickness:g} mm of all sheets; got {table.depths_mm[-1]:g}."
+        )
+    if table.origin is not None and table.origin not in array.names:
+        raise DesignError(
+            f"indentation.origin names no coil; there are {', '.join(array.names)}; got {table.origin!r}."
+        )
+    origin = (0.0, 0.0)
+    if table.origin is not None:
+        place = array.placements[array.names.index(table.origin)]
+        origin = (place.x, place.y)
+    x, y = table.positions()
+    with _named("indenter"):
+        body = indenter.build()
+    return Indentation(
+        indenter=body,
+        base=table.base,
+        depths=tuple(depth * 1e-3 for depth in table.depths_mm),
+        x=x,
+        y=y,
+        origin=table.origin,
+        origin_point=origin,
+        sample_radius=None if table.sample_radius_mm is None else table.sample_radius_mm * 1e-3,
+        sample_bounds=table.sample_bounds(),
     )
 
 

@@ -14,9 +14,8 @@ import xarray as xr
 from coilarray.ac_resistance import resistance_matrix
 from coilarray.blocks import Progress
 from coilarray.capacitance import coil_capacitance, elastomer_effect, self_resonance
-from coilarray.coupling import provenance
+from coilarray.coupling import design_inductance, provenance
 from coilarray.design import Design
-from coilarray.inductance import inductance_matrix
 from coilarray.network import Network, loaded_quality, resonate, self_resonance_of, solve_state
 from coilarray.resistance import dc_resistance
 
@@ -67,7 +66,7 @@ def design_network(design: Design) -> DesignNetwork:
     R = np.diag(dc_resistance(conductors, design.circuit.resistivity))
     network = Network(
         design.array.names,
-        inductance_matrix(conductors),
+        design_inductance(design)[0],
         lambda frequency: R,
         parts.coil_capacitance.values,
         np.maximum(0.5 * (between + between.T), 0.0),  # rounding

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -134,7 +135,8 @@ def self_inductance(source: Source) -> FloatArray:
     GeometryError
         A thin filament: its self-inductance is infinite.
     """
-    return np.diag(_matrix(as_conductors(source), own=True, mutual=False)).copy()
+    conductors = as_conductors(source)
+    return np.diag(_matrix(conductors, [(i, i) for i in range(len(conductors))])).copy()
 
 
 def mutual_inductance(first: Source, second: Source) -> FloatArray:
@@ -163,7 +165,8 @@ def mutual_inductance(first: Source, second: Source) -> FloatArray:
     2.6301
     """
     a, b = as_conductors(first), as_conductors(second)
-    return _matrix(a + b, own=False, mutual=True)[: len(a), len(a) :]
+    wanted = itertools.product(range(len(a)), range(len(a), len(a) + len(b)))
+    return _matrix(a + b, wanted)[: len(a), len(a) :]
 
 
 def inductance_matrix(source: Source, progress: Progress | None = None) -> FloatArray:
@@ -202,7 +205,8 @@ def inductance_matrix(source: Source, progress: Progress | None = None) -> Float
     >>> round(float(inductance_matrix(loop)[0, 0]) * 1e9, 2)
     37.64
     """
-    return _matrix(as_conductors(source), own=True, mutual=True, progress=progress)
+    conductors = as_conductors(source)
+    return _matrix(conductors, itertools.combinations_with_replacement(range(len(conductors)), 2), progress)
 
 
 def coupling_matrix(inductance: npt.ArrayLike) -> FloatArray:
@@ -283,15 +287,9 @@ def _shapes(conductors: tuple[Conductor, ...], quantum: float) -> tuple[list[_Sh
 
 
 def _matrix(
-    conductors: tuple[Conductor, ...], *, own: bool, mutual: bool, progress: Progress | None = None
+    conductors: tuple[Conductor, ...], wanted: Iterable[tuple[int, int]], progress: Progress | None = None
 ) -> FloatArray:
-    if own:
-        for conductor in conductors:
-            if conductor.is_filament:
-                raise GeometryError(
-                    f"{conductor.name} has segments without a cross-section: the self-inductance of a thin filament "
-                    "is infinite; give widths and thicknesses."
-                )
+    """Symmetric matrix of the wanted pairs of paths (i ≤ j) in H, zero elsewhere."""
     extent = float(np.ptp(np.concatenate([conductor.vertices for conductor in conductors]), axis=0).max())
     quantum = _SAME_PLACE * extent
     shapes, of_path, origin = _shapes(conductors, quantum)
@@ -299,14 +297,18 @@ def _matrix(
     # every distinct (shape, shape, offset) once; M(i, j, d) = M(j, i, −d)
     pairs: dict[tuple[int, int, int, int, int], list[tuple[int, int]]] = {}
     shifts: dict[tuple[int, int, int, int, int], FloatArray] = {}
-    for i in range(n):
-        for j in range(i if own else i + 1, n if mutual else i + 1):
-            a, b, shift = of_path[i], of_path[j], origin[j] - origin[i]
-            x, y, z = np.round(shift / quantum).astype(np.int64).tolist()
-            if (b, a, -x, -y, -z) < (a, b, x, y, z):
-                a, b, x, y, z, shift = b, a, -x, -y, -z, -shift
-            pairs.setdefault((a, b, x, y, z), []).append((i, j))
-            shifts.setdefault((a, b, x, y, z), shift)
+    for i, j in wanted:
+        if i == j and conductors[i].is_filament:
+            raise GeometryError(
+                f"{conductors[i].name} has segments without a cross-section: the self-inductance of a thin filament "
+                "is infinite; give widths and thicknesses."
+            )
+        a, b, shift = of_path[i], of_path[j], origin[j] - origin[i]
+        x, y, z = np.round(shift / quantum).astype(np.int64).tolist()
+        if (b, a, -x, -y, -z) < (a, b, x, y, z):
+            a, b, x, y, z, shift = b, a, -x, -y, -z, -shift
+        pairs.setdefault((a, b, x, y, z), []).append((i, j))
+        shifts.setdefault((a, b, x, y, z), shift)
     blocks = []
     for key in pairs:
         rows = len(shapes[key[0]].table)

@@ -32,6 +32,8 @@ ComplexArray = npt.NDArray[np.complex128]
 # how far from the bare coil a resonance is looked for, and in how many steps of a tenth
 _SEARCH, _SEARCH_POINTS = 30.0, 72
 _FINE_POINTS = 172  # steps of 2 %
+_SLOPE_STEP = 1e-4  # of the frequency; the difference errs by 1e-8
+_NEWTON_STEPS, _NEWTON_TOLERANCE = 40, 1e-12  # relative
 _GROUND, _SIDE_A, _SIDE_B = "ground", "A", "B"
 
 
@@ -154,20 +156,34 @@ def solve_state(network: Network, state: ScanState, frequency: float) -> StateRe
     check_state(state, network.names)
     if not (math.isfinite(frequency) and frequency > 0):
         raise NetworkError(f"frequency must be positive and finite; got {frequency} Hz.")
+    at = np.array([frequency])
+    impedance, currents, admittance = _solve_with_tank(network, state, at, network.inductance)
+    first = network.names.index(state.measured[0][0])
+    own = currents[0] / (currents[0, first] * state.measured[0][1])
+    return StateResult(frequency, complex(impedance[0]), state, complex(admittance[0]), own)
+
+
+def _solve_with_tank(
+    network: Network,
+    state: ScanState,
+    frequencies: FloatArray,
+    inductances: FloatArray,
+    winding_capacitances: FloatArray | None = None,
+) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+    """As `_solve`, and the admittances (f,) in S with the tank's capacitor."""
     switches = network.switches
     measured = {name for name, _ in state.measured}
-    winding = network.winding_capacitance.copy()
-    at_coil = np.array([switches.tank_capacitance if switches.tank_at == "coil" else 0.0] * len(winding))
+    winding = network.winding_capacitance if winding_capacitances is None else winding_capacitances
+    at_coil = np.full(len(network.names), switches.tank_capacitance if switches.tank_at == "coil" else 0.0)
     bare_tank = np.array([0.0 if name in measured else c for name, c in zip(network.names, at_coil, strict=True)])
-    impedance, currents = _solve(network, state, frequency, winding + bare_tank)
-    if impedance == 0:
-        raise NetworkError(f"state {state.name} shorts the converter at {frequency:.6g} Hz.")
+    impedance, currents = _solve(network, state, frequencies, winding + bare_tank, inductances)
+    if not impedance.all():
+        raise NetworkError(f"state {state.name} shorts the converter at {frequencies[0]:.6g} Hz.")
     if switches.tank_at == "converter":
-        admittance = 1 / impedance + 2j * math.pi * frequency * switches.tank_capacitance
+        admittance = 1 / impedance + 2j * math.pi * frequencies * switches.tank_capacitance
     else:
-        admittance = 1 / _solve(network, state, frequency, winding + at_coil)[0]
-    first = network.names.index(state.measured[0][0])
-    return StateResult(frequency, impedance, state, admittance, currents / (currents[first] * state.measured[0][1]))
+        admittance = 1 / _solve(network, state, frequencies, winding + at_coil, inductances)[0]
+    return impedance, currents, admittance
 
 
 def resonate(network: Network, state: ScanState) -> StateResult:
@@ -227,7 +243,7 @@ def loaded_quality(network: Network, result: StateResult) -> float:
     """
     if result.admittance.real <= 0:
         return math.inf
-    step = 1e-4 * result.frequency  # errs by 1e-8, far above the rounding of the difference
+    step = _SLOPE_STEP * result.frequency
     above, below = (
         solve_state(network, result.state, result.frequency + sign * step).admittance.imag for sign in (1, -1)
     )
@@ -256,6 +272,54 @@ def self_resonance_of(network: Network, result: StateResult) -> float:
     return math.inf if crossing is None else crossing
 
 
+def resonances_near(
+    network: Network, result: StateResult, inductances: FloatArray, winding_capacitances: FloatArray | None = None
+) -> FloatArray:
+    """Frequencies of a resonance while inductances and capacitances change a little.
+
+    Parameters
+    ----------
+    network : Network
+        Coils and switches.
+    result : StateResult
+        As `resonate` returns it for this network.
+    inductances : ndarray, shape (cases, n, n)
+        In H, in place of the network's own.
+    winding_capacitances : ndarray, shape (cases, n), optional
+        In F, in place of the network's own; a change may make them negative, as the tank is in parallel.
+
+    Returns
+    -------
+    ndarray, shape (cases,)
+        In Hz.
+
+    Raises
+    ------
+    NetworkError
+        A resonance that Newton's method does not find from the given one.
+
+    Notes
+    -----
+    Newton's method on Im Y(f) = 0 for all cases at once, with the slope of the given resonance: the error falls by
+    about the relative change of L at every step.
+    """
+    f0 = result.frequency
+    pair = f0 * np.array([1 - _SLOPE_STEP, 1 + _SLOPE_STEP])
+    below, above = _solve_with_tank(network, result.state, pair, network.inductance)[2].imag
+    slope = (above - below) / (pair[1] - pair[0])
+    frequencies = np.full(len(inductances), f0)
+    for _ in range(_NEWTON_STEPS):
+        solved = _solve_with_tank(network, result.state, frequencies, inductances, winding_capacitances)
+        step = solved[2].imag / slope
+        frequencies -= step
+        if not len(step) or np.abs(step).max() <= _NEWTON_TOLERANCE * f0:
+            return frequencies
+    raise NetworkError(
+        f"state {result.state.name}: no resonance found near {f0:.6g} Hz for a changed inductance matrix; "
+        f"the last step of Newton's method was {np.abs(step).max():.3g} Hz."
+    )
+
+
 def _upward_crossing(function: Callable[[float], float], grid: FloatArray) -> float | None:
     """Lowest zero that a function crosses upwards between neighbours of a rising grid."""
     before = function(float(grid[0]))
@@ -281,13 +345,18 @@ def _bare_inductance(network: Network, state: ScanState) -> float:
 class _Circuit:
     """Everything but the coils: branches of an impedance, which may be zero, and capacitors, by names of nodes."""
 
-    branches: list[tuple[str, str, complex]]
-    capacitors: list[tuple[str, str, float]]
+    branches: list[tuple[str, str, complex | npt.NDArray[np.complexfloating]]]
+    capacitors: list[tuple[str, str, float | FloatArray]]
 
 
-def _solve(network: Network, state: ScanState, frequency: float, across: FloatArray) -> tuple[complex, ComplexArray]:
-    """Impedance between the converter's sides in Ω and the coils' currents in A per A fed in there."""
-    omega = 2 * math.pi * frequency
+def _solve(
+    network: Network, state: ScanState, frequencies: FloatArray, across: FloatArray, inductances: FloatArray
+) -> tuple[ComplexArray, ComplexArray]:
+    """Impedances (f,) between the converter's sides in Ω and the coils' currents (f, n) in A per A fed in there.
+
+    `inductances` (n, n) and the capacitances `across` the coils (n,) may have one more axis in front, (f,).
+    """
+    omega = 2 * math.pi * frequencies
     circuit = _wire(network, state, omega, across)
     coils = [(f"{name}.1", f"{name}.2") for name in network.names]
     pairs = [*coils, *((a, b) for a, b, _ in circuit.branches), *((a, b) for a, b, _ in circuit.capacitors)]
@@ -297,36 +366,37 @@ def _solve(network: Network, state: ScanState, frequency: float, across: FloatAr
     # in units of the first coil's reactance all entries are of order one
     unit = omega * network.inductance[0, 0]
     nodes, n, branches = len(number), len(coils), len(coils) + len(circuit.branches)
-    matrix = np.zeros((nodes + branches, nodes + branches), dtype=np.complex128)
+    matrix = np.zeros((len(omega), nodes + branches, nodes + branches), dtype=np.complex128)
     for k, (a, b) in enumerate(ends[:branches].tolist()):
-        matrix[[a, nodes + k], [nodes + k, a]] += 1
-        matrix[[b, nodes + k], [nodes + k, b]] -= 1
+        matrix[:, [a, nodes + k], [nodes + k, a]] += 1
+        matrix[:, [b, nodes + k], [nodes + k, b]] -= 1
     for (a, b), (_, _, farads) in zip(ends[branches:].tolist(), circuit.capacitors, strict=True):
-        admittance = 1j * omega * farads * unit
-        matrix[[a, b], [a, b]] += admittance
-        matrix[[a, b], [b, a]] -= admittance
-    matrix[nodes : nodes + n, nodes : nodes + n] = (
-        -(network.resistance(frequency) + 1j * omega * network.inductance) / unit
+        admittance = (1j * omega * farads * unit)[:, None]
+        matrix[:, [a, b], [a, b]] += admittance
+        matrix[:, [a, b], [b, a]] -= admittance
+    R = np.array([network.resistance(frequency) for frequency in frequencies.tolist()])
+    matrix[:, nodes : nodes + n, nodes : nodes + n] = (
+        -(R + 1j * omega[:, None, None] * inductances) / unit[:, None, None]
     )
     for k, (_, _, impedance) in enumerate(circuit.branches):
-        matrix[nodes + n + k, nodes + n + k] = -impedance / unit
-    source = np.zeros(len(matrix), dtype=np.complex128)
+        matrix[:, nodes + n + k, nodes + n + k] = -impedance / unit
+    source = np.zeros((matrix.shape[1], 1), dtype=np.complex128)
     source[1], source[2] = 1, -1
-    keep = np.setdiff1d(np.arange(len(matrix)), reference)
-    solution = np.zeros(len(matrix), dtype=np.complex128)
+    keep = np.setdiff1d(np.arange(len(source)), reference)
+    solution = np.zeros(matrix.shape[:2], dtype=np.complex128)
     try:
-        solution[keep] = np.linalg.solve(matrix[np.ix_(keep, keep)], source[keep])
+        solution[:, keep] = np.linalg.solve(matrix[:, keep[:, None], keep], source[keep])[..., 0]
     except np.linalg.LinAlgError:
-        raise NetworkError(f"state {state.name} makes a singular network at {frequency:.6g} Hz.") from None
-    return complex(solution[1] - solution[2]) * unit, solution[nodes : nodes + n]
+        raise NetworkError(f"state {state.name} makes a singular network at {frequencies[0]:.6g} Hz.") from None
+    return (solution[:, 1] - solution[:, 2]) * unit, solution[:, nodes : nodes + n]
 
 
-def _wire(network: Network, state: ScanState, omega: float, across: FloatArray) -> _Circuit:
+def _wire(network: Network, state: ScanState, omega: FloatArray, across: FloatArray) -> _Circuit:
     """Connect every element of the circuit but the coils."""
     switches = network.switches
-    branches: list[tuple[str, str, complex]] = []
-    capacitors: list[tuple[str, str, float]] = []
-    for (name, nets), farads in zip(_nets(network.names, state).items(), across.tolist(), strict=True):
+    branches: list[tuple[str, str, complex | npt.NDArray[np.complexfloating]]] = []
+    capacitors: list[tuple[str, str, float | FloatArray]] = []
+    for (name, nets), farads in zip(_nets(network.names, state).items(), np.moveaxis(across, -1, 0), strict=True):
         for end, closed in enumerate(nets, start=1):
             terminal = f"{name}.{end}"
             if closed:
@@ -346,7 +416,7 @@ def _wire(network: Network, state: ScanState, omega: float, across: FloatArray) 
     for side in (_SIDE_A, _SIDE_B):
         branches.append((f"converter {side}", side, 1j * omega * switches.lead_inductance))
         capacitors.append((side, _GROUND, switches.bus_capacitance))
-    return _Circuit(branches, [capacitor for capacitor in capacitors if capacitor[2] != 0])
+    return _Circuit(branches, [capacitor for capacitor in capacitors if np.any(capacitor[2])])
 
 
 def _passive(state: ScanState, name: str) -> Passive | None:

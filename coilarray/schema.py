@@ -6,6 +6,7 @@ Numbers stay in the units of their key names up to the `build` methods, which re
 from __future__ import annotations
 
 import difflib
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Literal
@@ -17,8 +18,13 @@ from coilarray.constants import RESISTIVITY_COPPER
 from coilarray.errors import DesignError, GeometryError
 from coilarray.geometry import (
     Coil,
+    Cone,
+    CylinderEdge,
     FabRules,
+    FlatPunch,
+    Hemisphere,
     Leads,
+    Paraboloid,
     Placement,
     PlatedHole,
     Sheet,
@@ -34,7 +40,7 @@ from coilarray.terminations import Passive, ScanState
 SCHEMA = 1
 """Version of the design file format."""
 
-_MM, _UM, _DEG = 1e-3, 1e-6, math.pi / 180
+_MM, _UM, _DEG, _KPA = 1e-3, 1e-6, math.pi / 180, 1e3
 
 # Bounds far beyond any board: a typo is refused where it stands instead of overflowing or running for hours.
 Millimetres = Annotated[float, Field(gt=0, le=10_000)]
@@ -50,9 +56,16 @@ LoadOhms = Annotated[float, Field(gt=0, le=1e9)]
 Resistivity = Annotated[float, Field(ge=1e-10, le=1.0)]
 Relative = Annotated[float, Field(ge=1, le=1e6)]
 Turns = Annotated[float, Field(gt=0, le=1000)]
+Kilopascals = Annotated[float, Field(ge=1e-6, le=1e9)]
+PoissonsRatio = Annotated[float, Field(ge=0, le=0.5)]
+HalfAngle = Annotated[float, Field(gt=0, lt=90)]
+StepMillimetres = Annotated[float, Field(ge=1e-3, le=10_000)]
 _MOST_SEGMENTS = 100_000
+_MOST_POSITIONS = 100_000
+_WHOLE_STEPS = 1e-6  # of a step: what a range may lack of a whole number of them
 _LONGEST_VALUE = 80  # characters shown of a wrong value
 Point = Annotated[list[Position], Field(min_length=2, max_length=2)]
+Range = Annotated[list[Position], Field(min_length=2, max_length=2)]
 Name = Annotated[str, Field(min_length=1, pattern=r"^[A-Za-z0-9_.+][A-Za-z0-9_.+-]*$")]
 
 
@@ -298,10 +311,124 @@ class SheetTable(Table):
     name: Name
     thickness_mm: Millimetres
     relative_permeability: Relative = 1.0
+    youngs_modulus_kPa: Kilopascals | None = None  # noqa: N815 - the unit
+    poissons_ratio: PoissonsRatio = 0.4999
 
     def build(self) -> Sheet:
         """Return the sheet in SI."""
-        return Sheet(self.name, self.thickness_mm * _MM, self.relative_permeability)
+        modulus = None if self.youngs_modulus_kPa is None else self.youngs_modulus_kPa * _KPA
+        return Sheet(self.name, self.thickness_mm * _MM, self.relative_permeability, modulus, self.poissons_ratio)
+
+
+class HemisphereTable(Table):
+    """``[indenter]`` with ``shape = "hemisphere"``."""
+
+    shape: Literal["hemisphere"]
+    radius_mm: Millimetres
+
+    def build(self) -> Hemisphere:
+        """Return the indenter in SI."""
+        return Hemisphere(self.radius_mm * _MM)
+
+
+class ParaboloidTable(Table):
+    """``[indenter]`` with ``shape = "paraboloid"``; the radius is that of curvature at the tip."""
+
+    shape: Literal["paraboloid"]
+    radius_mm: Millimetres
+
+    def build(self) -> Paraboloid:
+        """Return the indenter in SI."""
+        return Paraboloid(self.radius_mm * _MM)
+
+
+class FlatPunchTable(Table):
+    """``[indenter]`` with ``shape = "flat_punch"``."""
+
+    shape: Literal["flat_punch"]
+    radius_mm: Millimetres
+
+    def build(self) -> FlatPunch:
+        """Return the indenter in SI."""
+        return FlatPunch(self.radius_mm * _MM)
+
+
+class ConeTable(Table):
+    """``[indenter]`` with ``shape = "cone"``; the angle is between its axis and its side."""
+
+    shape: Literal["cone"]
+    half_angle_deg: HalfAngle
+    radius_mm: Millimetres | None = None
+
+    def build(self) -> Cone:
+        """Return the indenter in SI."""
+        angle = self.half_angle_deg * _DEG
+        return Cone(angle) if self.radius_mm is None else Cone(angle, self.radius_mm * _MM)
+
+
+class CylinderEdgeTable(Table):
+    """``[indenter]`` with ``shape = "cylinder_edge"``: a long cylinder that lies along y."""
+
+    shape: Literal["cylinder_edge"]
+    radius_mm: Millimetres
+
+    def build(self) -> CylinderEdge:
+        """Return the indenter in SI."""
+        return CylinderEdge(self.radius_mm * _MM)
+
+
+class IndentationTable(Table):
+    """``[indentation]``: how deep and where the indenter presses."""
+
+    base: Literal["bonded", "frictionless"] = "bonded"
+    depths_mm: list[Millimetres] = Field(min_length=1)
+    x_mm: Range
+    y_mm: Range
+    step_mm: StepMillimetres
+    origin: str | None = None
+    sample_radius_mm: Millimetres | None = None
+    sample_x_mm: Range | None = None
+    sample_y_mm: Range | None = None
+
+    @model_validator(mode="after")
+    def _consistent(self) -> IndentationTable:
+        if not all(shallow < deep for shallow, deep in itertools.pairwise(self.depths_mm)):
+            raise ValueError(f"needs depths_mm that rise from each to the next; got {self.depths_mm}")
+        for key, (low, high) in (("x_mm", self.x_mm), ("y_mm", self.y_mm)):
+            if low > high:
+                raise ValueError(f"needs {key} from low to high; got [{low:g}, {high:g}]")
+            steps = (high - low) / self.step_mm
+            if abs(steps - round(steps)) > _WHOLE_STEPS:
+                raise ValueError(
+                    f"needs {key} to span a whole number of steps of {self.step_mm:g} mm; "
+                    f"{low:g} to {high:g} are {steps:g}"
+                )
+        count = math.prod(round((high - low) / self.step_mm) + 1 for low, high in (self.x_mm, self.y_mm))
+        if count > _MOST_POSITIONS:
+            raise ValueError(f"may have {_MOST_POSITIONS} positions; x_mm, y_mm and step_mm give {count}")
+        if (self.sample_x_mm is None) != (self.sample_y_mm is None):
+            raise ValueError("needs both sample_x_mm and sample_y_mm, or neither")
+        for key, bounds in (("sample_x_mm", self.sample_x_mm), ("sample_y_mm", self.sample_y_mm)):
+            if bounds is not None and not bounds[0] < bounds[1]:
+                raise ValueError(f"needs {key} from low to high, with a width; got [{bounds[0]:g}, {bounds[1]:g}]")
+        return self
+
+    def positions(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Return the x and the y of the map in m, ends included."""
+        x, y = (self._row(*bounds) for bounds in (self.x_mm, self.y_mm))
+        return x, y
+
+    def sample_bounds(self) -> tuple[float, float, float, float] | None:
+        """Return the edges (x_min, y_min, x_max, y_max) of the sample in m, or None where it covers everything."""
+        if self.sample_x_mm is None or self.sample_y_mm is None:
+            return None
+        (x_min, x_max), (y_min, y_max) = self.sample_x_mm, self.sample_y_mm
+        return x_min * _MM, y_min * _MM, x_max * _MM, y_max * _MM
+
+    def _row(self, low: float, high: float) -> tuple[float, ...]:
+        steps = round((high - low) / self.step_mm)
+        # divided, not multiplied by 1e-3: positions are labels, and -26 mm is to be -0.026 m
+        return tuple((low + (high - low) * k / max(steps, 1)) / 1e3 for k in range(steps + 1))
 
 
 class CircuitTable(Table):
@@ -384,6 +511,14 @@ class Document(Table):
     array: Annotated[LatticeArray | FreeArray, Field(discriminator="lattice")]
     board: BoardTable = BoardTable()
     elastomer: list[SheetTable] = []
+    indenter: (
+        Annotated[
+            HemisphereTable | ParaboloidTable | FlatPunchTable | ConeTable | CylinderEdgeTable,
+            Field(discriminator="shape"),
+        ]
+        | None
+    ) = None
+    indentation: IndentationTable | None = None
     circuit: CircuitTable = CircuitTable()
     scan: list[StateTable] = []
     field: FieldTable = FieldTable()
@@ -426,9 +561,13 @@ def _describe(details: ErrorDetails, document: Mapping[str, Any]) -> str:
         return f"{key} is missing."
     if kind in ("union_tag_not_found", "union_tag_invalid"):
         tag = str(details["ctx"]["discriminator"]).strip("'")
-        allowed = {"shape": "'polygon', 'circle' or 'path'", "lattice": "'linear', 'square', 'hexagonal' or 'free'"}
+        allowed = {
+            "coils": "'polygon', 'circle' or 'path'",
+            "array": "'linear', 'square', 'hexagonal' or 'free'",
+            "indenter": "'hemisphere', 'paraboloid', 'flat_punch', 'cone' or 'cylinder_edge'",
+        }[str(where[0])]
         value = got.get(tag) if isinstance(got, Mapping) else None
-        return f"{key}.{tag} must be {allowed[tag]}; got {'nothing' if value is None else repr(value)}."
+        return f"{key}.{tag} must be {allowed}; got {'nothing' if value is None else repr(value)}."
     if kind == "value_error":
         return f"{key} {details['msg'].removeprefix('Value error, ')}."
     if kind == "string_pattern_mismatch":
@@ -441,6 +580,7 @@ def _describe(details: ErrorDetails, document: Mapping[str, Any]) -> str:
         "greater_than": f"be greater than {limits.get('gt', 0):g}",
         "greater_than_equal": f"be at least {limits.get('ge', 0):g}",
         "less_than_equal": f"be at most {limits.get('le', 0):g}",
+        "less_than": f"be less than {limits.get('lt', 0):g}",
         "finite_number": "be a finite number",
         "float_type": "be a number",
         "int_type": "be a whole number",

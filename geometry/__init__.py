@@ -4,6 +4,7 @@ from coilarray.geometry.array import CoilArray, Placement, lattice
 from coilarray.geometry.coil import Coil, Leads, PlatedHole, path_coil, spiral_coil
 from coilarray.geometry.conductor import Conductor
 from coilarray.geometry.copper import CopperFeature, Drill, board_outline, copper_features, drills, layer_copper
+from coilarray.geometry.indenter import Cone, CylinderEdge, FlatPunch, Hemisphere, Indenter, Paraboloid
 from coilarray.geometry.rules import FabRules, Margin, check_rules, require_kept, require_rules
 from coilarray.geometry.sheet import Sheet
 from coilarray.geometry.solids import solids
@@ -14,11 +15,17 @@ __all__ = [
     "Coil",
     "CoilArray",
     "Conductor",
+    "Cone",
     "CopperFeature",
+    "CylinderEdge",
     "Drill",
     "FabRules",
+    "FlatPunch",
+    "Hemisphere",
+    "Indenter",
     "Leads",
     "Margin",
+    "Paraboloid",
     "Placement",
     "PlatedHole",
     "Sheet",

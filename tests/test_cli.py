@@ -282,7 +282,7 @@ def test_a_failed_report_leaves_nothing_half_written(capsys, monkeypatch):
         path.write_bytes(b"half of it")
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("coilarray.report.write._to_netcdf", full)
+    monkeypatch.setattr("coilarray.storage._to_netcdf", full)
     assert "No space left on device" in refused(capsys, "report", "starter")
     left = [path.name for path in Path().rglob("*") if path.is_file()]
     assert not [name for name in left if name.startswith(".") or name.endswith(".nc")]

@@ -6,11 +6,13 @@ from __future__ import annotations
 import math
 import tomllib
 
+import numpy as np
 import pytest
 
 from coilarray import load_design, parse_design
 from coilarray.designs import names, read
 from coilarray.errors import DesignError
+from coilarray.geometry import Cone, CylinderEdge, FlatPunch, Hemisphere, Paraboloid
 
 BASE = read("starter")
 
@@ -18,6 +20,15 @@ BASE = read("starter")
 def changed(old, new):
     assert old in BASE
     return BASE.replace(old, new, 1)
+
+
+def without(start, end, *lines):
+    """Leave out what stands from `start` up to `end`, and whole lines that begin with one of `lines`."""
+    text = BASE[: BASE.index(start)] + BASE[BASE.index(end) :]
+    return "\n".join(line for line in text.splitlines() if not line.startswith(lines)) if lines else text
+
+
+ASSUMED = ('"elastomer.0.', '"elastomer.1.')
 
 
 @pytest.mark.parametrize("name", names())
@@ -56,6 +67,14 @@ def test_every_value_of_a_published_board_is_given_by_its_paper_or_assumed(name)
         "elastomer.1.name", "elastomer.1.thickness_mm", "elastomer.1.relative_permeability",
         "circuit.capacitance_pF", "circuit.default_termination",
     }  # fmt: skip
+    # Table 1 of each: one gives the indenter, depth and grid, the other Poisson's ratio
+    from_the_papers |= {
+        "gast2020": {
+            "indenter.shape", "indenter.radius_mm",
+            "indentation.depths_mm", "indentation.x_mm", "indentation.y_mm", "indentation.step_mm",
+        },
+        "gast_fem": {"elastomer.0.poissons_ratio", "elastomer.1.poissons_ratio"},
+    }[name]  # fmt: skip
     design = load_design(name)
     assert design.given - set(design.assumed) <= from_the_papers | {f"assumed.{key}" for key in design.assumed}
     assert all(design.assumed.values())
@@ -179,6 +198,39 @@ BAD = {
     "unknown coil in a scan": (BASE + '\n[[scan]]\nname = "s"\nmeasure = ["coil9"]\n', "state s names the coil 'coil9'; there are coil1"),
     "unknown state in a scan": (BASE + '\n[[scan]]\nname = "s"\nmeasure = ["coil1"]\nothers = "loose"\n', "scan.0.others must be 'ground', 'ground one end', 'ground other end', 'open' or 'load'; got 'loose'"),
     "scan states of one name": (BASE + 2 * '\n[[scan]]\nname = "s"\nmeasure = ["coil1"]\n', "scan must name each state differently"),
+    "no modulus": (changed("youngs_modulus_kPa = 60.0", "").replace('"elastomer.0.', "# "), r"elastomer.0.youngs_modulus_kPa is missing; \[indentation\] needs it of every sheet"),
+    "zero modulus": (changed("youngs_modulus_kPa = 60.0", "youngs_modulus_kPa = 0"), "elastomer.0.youngs_modulus_kPa must be at least 1e-06; got 0"),
+    "modulus in another unit": (changed("youngs_modulus_kPa", "youngs_modulus_MPa"), r"elastomer.0 has no key 'youngs_modulus_MPa'; did you mean youngs_modulus_kPa\?"),
+    "Poisson's ratio": (changed("poissons_ratio = 0.4999", "poissons_ratio = 0.51"), "elastomer.0.poissons_ratio must be at most 0.5; got 0.51"),
+    "negative Poisson's ratio": (changed("poissons_ratio = 0.4999", "poissons_ratio = -0.1"), "elastomer.0.poissons_ratio must be at least 0; got -0.1"),
+    "no indenter": (without("[indenter]", "[indentation]"), r"\[indentation\] needs the table \[indenter\] too"),
+    "no indentation": (without("[indentation]", "[circuit]"), r"\[indenter\] needs the table \[indentation\] too"),
+    "no sheet to press on": (without("[[elastomer]]", "# What presses", *ASSUMED), r"\[indentation\] needs at least one \[\[elastomer\]\] to press on"),
+    "wrong indenter": (changed('shape = "hemisphere"', 'shape = "needle"'), "indenter.shape must be 'hemisphere', 'paraboloid', 'flat_punch', 'cone' or 'cylinder_edge'; got 'needle'"),
+    "no shape of the indenter": (changed('shape = "hemisphere"', ""), "indenter.shape must be 'hemisphere', .*; got nothing"),
+    "indenter without radius": (changed("radius_mm = 2.0", ""), "indenter.radius_mm is missing"),
+    "indenter of no size": (changed("radius_mm = 2.0", "radius_mm = 0"), "indenter.radius_mm must be greater than 0; got 0"),
+    "hemisphere with an angle": (changed("radius_mm = 2.0", "radius_mm = 2.0\nhalf_angle_deg = 70"), "indenter has no key 'half_angle_deg'; Allowed are radius_mm, shape"),
+    "cone without angle": (changed('shape = "hemisphere"', 'shape = "cone"'), "indenter.half_angle_deg is missing"),
+    "blunt cone": (changed('shape = "hemisphere"', 'shape = "cone"\nhalf_angle_deg = 90'), "indenter.half_angle_deg must be less than 90; got 90"),
+    "wrong base": (changed('base = "bonded"', 'base = "glued"'), "indentation.base must be 'bonded' or 'frictionless'; got 'glued'"),
+    "no depth": (changed("depths_mm = [0.3, 0.6]", "depths_mm = []"), "indentation.depths_mm must have at least 1 entries"),
+    "depth of zero": (changed("depths_mm = [0.3, 0.6]", "depths_mm = [0.0, 0.6]"), "indentation.depths_mm.0 must be greater than 0; got 0.0"),
+    "falling depths": (changed("depths_mm = [0.3, 0.6]", "depths_mm = [0.6, 0.3]"), r"indentation needs depths_mm that rise from each to the next; got \[0.6, 0.3\]"),
+    "a depth twice": (changed("depths_mm = [0.3, 0.6]", "depths_mm = [0.6, 0.6]"), "indentation needs depths_mm that rise"),
+    "through the elastomer": (changed("depths_mm = [0.3, 0.6]", "depths_mm = [0.3, 4.0]"), "indentation.depths_mm must be less than the 4 mm of all sheets; got 4"),
+    "range the wrong way round": (changed("x_mm = [-14, 14]", "x_mm = [14, -14]"), r"indentation needs x_mm from low to high; got \[14, -14\]"),
+    "range of three": (changed("y_mm = [-6, 6]", "y_mm = [-6, 0, 6]"), "indentation.y_mm must have at most 2 entries"),
+    "a part of a step": (changed("step_mm = 2.0", "step_mm = 1.5"), "indentation needs x_mm to span a whole number of steps of 1.5 mm; -14 to 14 are 18.6667"),
+    "step of zero": (changed("step_mm = 2.0", "step_mm = 0.0"), "indentation.step_mm must be at least 0.001; got 0.0"),
+    "too many positions": (changed("step_mm = 2.0", "step_mm = 0.02"), "indentation may have 100000 positions; x_mm, y_mm and step_mm give 842001"),
+    "origin": (changed('origin = "coil2"', 'origin = "coil9"'), "indentation.origin names no coil; there are coil1, coil2, coil3; got 'coil9'"),
+    "half an outline": (changed("# sample_x_mm", "sample_x_mm"), "indentation needs both sample_x_mm and sample_y_mm, or neither"),
+    "outline without width": (
+        changed("# sample_x_mm", "sample_x_mm").replace("# sample_y_mm = [-20, 20]", "sample_y_mm = [20, 20]"),
+        r"indentation needs sample_y_mm from low to high, with a width; got \[20, 20\]",
+    ),
+    "sample of no radius": (changed("# sample_radius_mm = 30.0", "sample_radius_mm = 0"), "indentation.sample_radius_mm must be greater than 0; got 0"),
     "not TOML": (BASE + "\n[[[", "not valid TOML"),
     "empty": ("", "schema is missing"),
 }  # fmt: skip
@@ -255,3 +307,90 @@ def test_values_and_given():
     document = tomllib.loads(BASE)
     assert "coils.hexagon.via.drill_mm" in design.given
     assert document["name"] == design.name
+
+
+def test_gast2020_is_pressed_as_in_its_table_1():
+    design = load_design("gast2020")
+    indentation = design.indentation
+    assert indentation.indenter == Hemisphere(2.5e-3)
+    assert indentation.depths == (1e-3,)
+    assert indentation.base == "bonded"
+    assert (len(indentation.x), len(indentation.y)) == (27, 7)
+    np.testing.assert_allclose(indentation.x, np.linspace(-26e-3, 26e-3, 27), atol=1e-15)
+    np.testing.assert_allclose(indentation.y, np.linspace(-6e-3, 6e-3, 7), atol=1e-15)
+    assert 0.0 in indentation.x
+    assert -0.026 in indentation.x  # positions are labels
+    # the paper's fitted centres of coils 1 to 3 are -13.4, 0 and 13.3 mm; the pitch is 13.28 mm
+    centres = design.array.centres[:3, 0] - indentation.origin_point[0]
+    np.testing.assert_allclose(centres, [-13.28e-3, 0.0, 13.28e-3], atol=1e-12)
+    assert indentation.sample_radius is None
+    assert indentation.sample_bounds is None
+    base, magnetic = design.sheets
+    assert base.youngs_modulus == pytest.approx(8 * 6894.757, rel=3e-3)  # 8 psi, written as 55 kPa
+    guth_gold = 1 + 2.5 * 0.3 + 14.1 * 0.3**2
+    assert magnetic.youngs_modulus / base.youngs_modulus == pytest.approx(guth_gold, rel=1e-3)  # written as 166 kPa
+    assert {base.poissons_ratio, magnetic.poissons_ratio} == {0.4999}
+
+
+def test_gast_fem_is_pressed_on_a_line():
+    design = load_design("gast_fem")
+    assert design.indentation.y == (0.0,)
+    assert len(design.indentation.x) == 27
+    assert design.indentation.depths == pytest.approx((0.5e-3, 1e-3, 1.5e-3))
+
+
+@pytest.mark.parametrize(
+    ("table", "expected"),
+    [
+        ('shape = "hemisphere"\nradius_mm = 2.0', Hemisphere(2e-3)),
+        ('shape = "paraboloid"\nradius_mm = 2.0', Paraboloid(2e-3)),
+        ('shape = "flat_punch"\nradius_mm = 2.0', FlatPunch(2e-3)),
+        ('shape = "cone"\nhalf_angle_deg = 60', Cone(math.radians(60))),
+        ('shape = "cone"\nhalf_angle_deg = 60\nradius_mm = 2.0', Cone(math.radians(60), 2e-3)),
+        ('shape = "cylinder_edge"\nradius_mm = 2.0', CylinderEdge(2e-3)),
+    ],
+)
+def test_every_indenter(table, expected):
+    text = without("[indenter]", "[indentation]").replace("[indentation]", f"[indenter]\n{table}\n[indentation]")
+    assert parse_design(text).indentation.indenter == expected
+
+
+def test_indentation_in_si():
+    text = changed("# sample_radius_mm", "sample_radius_mm").replace("# sample_x_mm", "sample_x_mm")
+    text = text.replace("# sample_y_mm", "sample_y_mm").replace('base = "bonded"', 'base = "frictionless"')
+    indentation = parse_design(text).indentation
+    assert indentation.base == "frictionless"
+    assert indentation.sample_radius == pytest.approx(30e-3)
+    assert indentation.sample_bounds == pytest.approx((-40e-3, -20e-3, 40e-3, 20e-3))
+    assert indentation.depths == pytest.approx((0.3e-3, 0.6e-3))
+    assert indentation.origin == "coil2"
+    from_the_board = parse_design(changed('origin = "coil2"', "")).indentation
+    assert (from_the_board.origin, from_the_board.origin_point) == (None, (0.0, 0.0))
+
+
+def test_a_design_may_say_nothing_of_indentation():
+    text = without("# What presses", "[circuit]").replace("youngs_modulus_kPa = 60.0 ", "# ", 1)
+    text = "\n".join(line for line in text.splitlines() if not line.startswith('"elastomer.0.youngs'))
+    design = parse_design(text)
+    assert design.indentation is None
+    assert design.sheets[0].youngs_modulus is None
+    assert not [key for key in design.values if key.startswith(("indent", "elastomer.0.youngs"))]
+
+
+def test_steps_of_a_tenth_are_whole():
+    """28 mm / 0.1 mm is 280.00000000000006 in floating point; both ends stay what they are."""
+    x = parse_design(changed("step_mm = 2.0", "step_mm = 0.1")).indentation.x
+    assert len(x) == 281
+    assert (x[0], x[-1]) == (-0.014, 0.014)
+
+
+def test_the_digest_counts_what_is_pressed():
+    base = parse_design(BASE).digest
+    for old, new in (
+        ("youngs_modulus_kPa = 60.0", "youngs_modulus_kPa = 61.0"),
+        ("poissons_ratio = 0.4999", "poissons_ratio = 0.49"),
+        ("radius_mm = 2.0", "radius_mm = 2.1"),
+        ("depths_mm = [0.3, 0.6]", "depths_mm = [0.3]"),
+    ):
+        assert parse_design(changed(old, new)).digest != base
+    assert parse_design(changed('base = "bonded"', "")).digest == base  # the default

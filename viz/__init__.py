@@ -8,11 +8,21 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING
 
-from coilarray.viz.datasets import barrel_mesh, board_mesh, copper_mesh, field_grid, path_lines, sheet_meshes
+from coilarray.viz.datasets import (
+    barrel_mesh,
+    board_mesh,
+    copper_mesh,
+    dented_sheet_meshes,
+    field_grid,
+    indenter_mesh,
+    path_lines,
+    sheet_meshes,
+)
 from coilarray.viz.offscreen import rendering_problem
-from coilarray.viz.scenes import board_scene, save_board_picture, show_board
+from coilarray.viz.scenes import board_scene, dent_scene, save_board_picture, save_dent_picture, show_board
 
 if TYPE_CHECKING:
+    from coilarray.viz.indentation_plots import indentation_figure, plot_dent, plot_force_depth
     from coilarray.viz.plots import (
         plot_board,
         plot_copper,
@@ -22,6 +32,7 @@ if TYPE_CHECKING:
         plot_field_map,
         plot_matrix,
     )
+    from coilarray.viz.response_plots import plot_response, plot_response_profile, response_figure
     from coilarray.viz.sweep_plots import plot_sweep
 
 __all__ = [
@@ -29,26 +40,42 @@ __all__ = [
     "board_mesh",
     "board_scene",
     "copper_mesh",
+    "dent_scene",
+    "dented_sheet_meshes",
     "field_grid",
+    "indentation_figure",
+    "indenter_mesh",
     "path_lines",
     "plot_board",
     "plot_copper",
     "plot_currents",
+    "plot_dent",
     "plot_effective_inductance",
     "plot_field_lines",
     "plot_field_map",
+    "plot_force_depth",
     "plot_matrix",
+    "plot_response",
+    "plot_response_profile",
     "plot_sweep",
     "rendering_problem",
+    "response_figure",
     "save_board_picture",
+    "save_dent_picture",
     "sheet_meshes",
     "show_board",
 ]
+
+_HOME = {
+    "indentation_plots": ("indentation_figure", "plot_dent", "plot_force_depth"),
+    "response_plots": ("plot_response", "plot_response_profile", "response_figure"),
+    "sweep_plots": ("plot_sweep",),
+}
 
 
 def __getattr__(name: str) -> object:
     """Load the plots, and with them Matplotlib, when the first of them is asked for."""
     if name in __all__:
-        module = "sweep_plots" if name == "plot_sweep" else "plots"
+        module = next((home for home, names in _HOME.items() if name in names), "plots")
         return getattr(importlib.import_module(f"coilarray.viz.{module}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -6,6 +6,7 @@ SI and their names say the unit, as in ``"B (T)"``. PyVista is imported when the
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
@@ -13,12 +14,19 @@ import numpy as np
 import numpy.typing as npt
 
 from coilarray.geometry.conductor import Conductor
+from coilarray.geometry.indenter import Indenter
+from coilarray.geometry.sheet import Sheet
 
 if TYPE_CHECKING:
     import pyvista
     import trimesh
+    import xarray as xr
+
+FloatArray = npt.NDArray[np.float64]
 
 MM_PER_M = 1e3
+_ANGLES, _RADII = 271, 96  # directions and circles of a dent's mesh: 1° and, near the axis, 1/9000 of its width
+_OPENED = (-math.pi / 2, math.pi)  # directions that stay when a quarter is cut out, that of the lower left
 
 
 def solid_mesh(solid: trimesh.Trimesh) -> pyvista.PolyData:
@@ -157,6 +165,196 @@ def field_grid(
     grid = pyvista.RectilinearGrid(*(axis * MM_PER_M for axis in axes))
     grid.point_data[name] = vectors.transpose(2, 1, 0, 3).reshape(-1, 3)  # VTK counts x fastest
     return grid
+
+
+def indenter_outline(indenter: Indenter, height: float) -> tuple[FloatArray, FloatArray]:
+    """Return the outline of an indenter from its tip up to a height, as seen from the side.
+
+    Parameters
+    ----------
+    indenter : Indenter
+        The body.
+    height : float
+        In m above the tip.
+
+    Returns
+    -------
+    r, z : ndarray, shape (n,)
+        Radius, or half the width, and height above the tip in m; the first point is the tip. Above its reach an
+        indenter goes on as a rod.
+
+    Examples
+    --------
+    >>> from coilarray.geometry import FlatPunch
+    >>> r, z = indenter_outline(FlatPunch(1e-3), 2e-3)
+    >>> float(r[0]), float(r[1]), float(z[1]), float(z[-1])
+    (0.0, 0.001, 0.0, 0.002)
+    """
+    # heights that grow as squares: even steps of the radius at a round tip
+    z = height * np.linspace(0.0, 1.0, _RADII) ** 2
+    r = np.array([indenter.radius_at(level) for level in z.tolist()])
+    return np.r_[0.0, r], np.r_[0.0, z]
+
+
+def at_depth(indentation: xr.Dataset, depth: int) -> xr.Dataset:
+    """Return one depth of a dataset by its position; ValueError where there is none."""
+    count = indentation.sizes["depth"]
+    if not -count <= depth < count:
+        raise ValueError(f"depth must be the position of one of {count} depths; got {depth}.")
+    return indentation.isel(depth=depth)
+
+
+def dented_sheet_meshes(
+    indentation: xr.Dataset,
+    sheets: Sequence[Sheet],
+    centre: tuple[float, float],
+    extent: tuple[float, float, float, float],
+) -> dict[str, pyvista.PolyData]:
+    """Return the surfaces of the deformed sheets by name, with the quarter of lower x and lower y cut out.
+
+    Parameters
+    ----------
+    indentation : xarray.Dataset
+        One depth of what `coilarray.elastomer.indent` returns: ``displacement_r`` and ``displacement_z``
+        (interface, r) in m.
+    sheets : sequence of Sheet
+        From the board upwards, as they were indented.
+    centre : tuple of float
+        x and y of the indenter in m.
+    extent : tuple of float
+        x_min, y_min, x_max, y_max in m of the rectangle of flat sheet that is shown; a finite sample ends where it
+        ends.
+
+    Returns
+    -------
+    dict of str to pyvista.PolyData
+        In mm, closed, z = 0 at the board.
+
+    Raises
+    ------
+    ValueError
+        Another number of interfaces than of sheets and one, or a centre that is not inside the extent.
+    """
+    if indentation.sizes["interface"] != len(sheets) + 1:
+        raise ValueError(
+            f"{len(sheets)} sheets must have {len(sheets) + 1} interfaces; got {indentation.sizes['interface']}."
+        )
+    plane = indentation.attrs["symmetry"] == "plane"
+    angles, lengths = _rays(centre, extent, float(indentation.r[-1]), plane=plane)
+    radii = lengths[:, None] * np.linspace(0.0, 1.0, _RADII) ** 2  # fine near the axis, where the dent is
+    faces = [
+        _displaced(angles, radii, centre, indentation.isel(interface=k), plane=plane) for k in range(len(sheets) + 1)
+    ]
+    return {sheet.name: _opened_solid(faces[k], faces[k + 1]) for k, sheet in enumerate(sheets)}
+
+
+def indenter_mesh(
+    indenter: Indenter,
+    tip: float,
+    centre: tuple[float, float],
+    extent: tuple[float, float, float, float],
+    height: float,
+) -> pyvista.PolyData:
+    """Return the surface of an indenter up to a height above its tip, cut open as in `dented_sheet_meshes`.
+
+    Parameters
+    ----------
+    indenter : Indenter
+        The body.
+    tip : float
+        Height in m of its tip above the board.
+    centre, extent
+        As in `dented_sheet_meshes`; a cylinder goes from end to end of the extent.
+    height : float
+        In m above the tip.
+
+    Returns
+    -------
+    pyvista.PolyData
+        In mm, closed.
+
+    Raises
+    ------
+    ValueError
+        A centre that is not inside the extent.
+    """
+    plane, end = indenter.symmetry == "plane", indenter.radius_at(height)
+    angles, lengths = _rays(centre, extent, end, plane=plane)
+    radii = lengths[:, None] * np.sin(np.linspace(0.0, math.pi / 2, _RADII))  # fine at the rim, where a ball is steep
+    distance = np.abs(radii * np.cos(angles)[:, None]) if plane else radii
+    bottom = np.empty((*radii.shape, 3))
+    bottom[..., 0] = centre[0] + radii * np.cos(angles)[:, None]
+    bottom[..., 1] = centre[1] + radii * np.sin(angles)[:, None]
+    # a distance that rounding has put beyond the rim has no height
+    bottom[..., 2] = tip + indenter.profile(np.minimum(distance, end))
+    top = bottom.copy()
+    top[..., 2] = tip + height
+    return _opened_solid(bottom, top)
+
+
+def _rays(
+    centre: tuple[float, float], extent: tuple[float, float, float, float], end: float, *, plane: bool
+) -> tuple[FloatArray, FloatArray]:
+    """Directions over three quarters, those of corners among them, and the length of each ray in m.
+
+    Rays go to the edge of the extent, or to where the body ends: at the radius `end` or, plane, at that |x|.
+    """
+    (x, y), (x_min, y_min, x_max, y_max) = centre, extent
+    if not (x_min < x < x_max and y_min < y < y_max):
+        raise ValueError(f"centre must be inside the extent {extent}; got {centre}.")
+    if plane:
+        x_min, x_max, end = max(x_min, x - end), min(x_max, x + end), math.inf
+    corners = [math.atan2(v - y, u - x) for u, v in ((x_max, y_min), (x_max, y_max), (x_min, y_max))]
+    angles = np.unique(np.r_[np.linspace(*_OPENED, _ANGLES), corners])
+    cosine, sine = np.cos(angles), np.sin(angles)
+    across = np.where(cosine > 0, x_max - x, x - x_min)
+    along = np.where(sine > 0, y_max - y, y - y_min)
+    with np.errstate(divide="ignore"):  # a ray along an axis never meets the sides beside it
+        return angles, np.minimum(np.minimum(across / np.abs(cosine), along / np.abs(sine)), end)
+
+
+def _displaced(
+    angles: FloatArray, radii: FloatArray, centre: tuple[float, float], face: xr.Dataset, *, plane: bool
+) -> FloatArray:
+    """Points in m, shape (angles, radii, 3), of one interface of one depth, displaced."""
+    x, y = radii * np.cos(angles)[:, None], radii * np.sin(angles)[:, None]
+    distance = np.abs(x) if plane else radii
+    outwards, upwards = (
+        np.interp(distance, face.r.values, face[name].values) for name in ("displacement_r", "displacement_z")
+    )
+    points = np.empty((*radii.shape, 3))
+    points[..., 0] = centre[0] + x + outwards * (np.sign(x) if plane else np.cos(angles)[:, None])
+    points[..., 1] = centre[1] + y + (0.0 if plane else outwards * np.sin(angles)[:, None])
+    points[..., 2] = float(face.height) + upwards
+    return points
+
+
+def _opened_solid(bottom: FloatArray, top: FloatArray) -> pyvista.PolyData:
+    """Close the solid between two faces, each of shape (angles, radii, 3) in m from the axis outwards."""
+    rays, circles = bottom.shape[:2]
+    # point [ray, circle] of a face; all rays begin at the same point, the one on the axis
+    lower = np.arange(rays * circles).reshape(rays, circles)
+    lower[:, 0] = lower[0, 0]
+    upper = lower + rays * circles
+
+    def strip(a: npt.NDArray[np.intp], b: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
+        """Triangles between two rows of points, seen from outside a below b and both from left to right."""
+        quads = np.stack((a[:-1], a[1:], b[1:], b[:-1]), axis=-1)
+        return np.concatenate((quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]))
+
+    faces = [
+        *(strip(upper[k], upper[k + 1]) for k in range(rays - 1)),
+        *(strip(lower[k + 1], lower[k]) for k in range(rays - 1)),
+        strip(lower[:, -1], upper[:, -1]),
+        strip(lower[0], upper[0]),
+        strip(upper[-1], lower[-1]),
+    ]
+    triangles = np.concatenate(faces)
+    a, b, c = triangles.T
+    triangles = triangles[(a != b) & (b != c) & (c != a)]  # on the axis one side of a quad is a point
+    used, numbers = np.unique(triangles, return_inverse=True)
+    points = np.concatenate((bottom.reshape(-1, 3), top.reshape(-1, 3)))[used]
+    return _triangles(points, numbers.reshape(triangles.shape))
 
 
 def _merged(solids: Sequence[tuple[trimesh.Trimesh | None, int]]) -> pyvista.PolyData:

@@ -18,6 +18,7 @@ import shapely
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import PatchCollection
+from matplotlib.colorbar import Colorbar
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Patch, PathPatch
@@ -327,7 +328,7 @@ def plot_field_map(
     if field.shape != (across.size, along.size):
         raise ValueError(f"Bz must have shape (nx, ny) = {(across.size, along.size)}; got {field.shape}.")
     factor, shown_unit = prefix(field, unit)
-    ax = ax or new_axes(*_figure_size(np.ptp(across), np.ptp(along)))
+    ax = ax or new_axes(*figure_size(np.ptp(across), np.ptp(along)))
     limit = float(np.abs(field * factor).max())
     mesh = ax.pcolormesh(
         across, along, field.T * factor, cmap="RdBu_r", vmin=-limit, vmax=limit, shading="nearest", rasterized=True
@@ -338,7 +339,7 @@ def plot_field_map(
     ax.set_xlabel("x (mm)")
     ax.set_ylabel("y (mm)")
     ax.set_title(title)
-    _colour_bar(ax, mesh, f"$B_z$ ({shown_unit})")
+    colour_bar(ax, mesh, f"$B_z$ ({shown_unit})")
     return ax
 
 
@@ -349,21 +350,21 @@ def new_axes(width: float, height: float) -> Axes:
 
 def _board_axes(array: CoilArray) -> Axes:
     x_min, y_min, x_max, y_max = array.bounds
-    return new_axes(*_figure_size(x_max - x_min, y_max - y_min))
+    return new_axes(*figure_size(x_max - x_min, y_max - y_min))
 
 
-def _figure_size(width: float, height: float) -> tuple[float, float]:
+def figure_size(width: float, height: float) -> tuple[float, float]:
     """Size in inches of a figure for a picture of equal scales, with room for labels; long ones stay readable."""
     scale = min(8.0 / width, 6.0 / height)
     return max(width * scale, 2.5) + 1.2, max(height * scale, 1.5) + 1.0
 
 
-def _colour_bar(ax: Axes, image: ScalarMappable, label: str) -> None:
-    """Draw a colour bar exactly as high as the axes."""
+def colour_bar(ax: Axes, image: ScalarMappable, label: str) -> Colorbar:
+    """Draw a colour bar exactly as high as the axes; bands of colour are as high as what they stand for."""
     figure = ax.get_figure(root=True)
     if figure is None:
         raise ValueError("ax must belong to a figure.")
-    figure.colorbar(image, cax=ax.inset_axes((1.03, 0.0, 0.03, 1.0)), label=label)
+    return figure.colorbar(image, cax=ax.inset_axes((1.03, 0.0, 0.03, 1.0)), label=label, spacing="proportional")
 
 
 def _patch(shape: shapely.Polygon, **look: object) -> PathPatch:
@@ -430,7 +431,7 @@ def _heat_map(
     ax.tick_params(length=0)
     ax.spines[:].set_visible(False)
     ax.set_title(title)
-    _colour_bar(ax, image, unit)
+    colour_bar(ax, image, unit)
     _write_cells(ax, texts, image.to_rgba(numbers), np.ma.getmaskarray(numbers))
     return ax
 

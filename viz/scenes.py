@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,16 +15,30 @@ import numpy.typing as npt
 from coilarray.errors import MissingDependencyError
 from coilarray.files import write_atomically
 from coilarray.geometry.array import CoilArray
+from coilarray.geometry.indenter import Indenter
 from coilarray.geometry.sheet import Sheet
 from coilarray.geometry.solids import solids
-from coilarray.viz.datasets import MM_PER_M, barrel_mesh, board_mesh, copper_mesh, sheet_meshes
+from coilarray.viz.datasets import (
+    MM_PER_M,
+    at_depth,
+    barrel_mesh,
+    board_mesh,
+    copper_mesh,
+    dented_sheet_meshes,
+    indenter_mesh,
+    sheet_meshes,
+)
 from coilarray.viz.offscreen import has_screen, rendering_problem
 from coilarray.viz.palette import BARREL, INK, LAMINATE, LAYERS, SHEETS, cycled
 
 if TYPE_CHECKING:
     import pyvista
+    import xarray as xr
 
 _ELEVATION, _AZIMUTH = math.radians(48), math.radians(-97)  # from where the camera looks, seen from the board
+_DENT_ELEVATION, _DENT_AZIMUTH = math.radians(28), math.radians(-118)  # into the quarter that is cut out
+_DENT_WIDTH = 2.5  # thicknesses of the stack shown on each side of a dent
+_STEEL = "#7C828A"
 _FILLED = 0.88  # of the picture's height or width by the scene, without the numbers of the rulers
 
 
@@ -105,18 +120,113 @@ def save_board_picture(
     MissingDependencyError
         Where this machine cannot render; the text names the system packages.
     """
-    problem = rendering_problem()
-    if problem is not None:
-        raise MissingDependencyError(problem)
-    import pyvista
-
-    plotter: Any = pyvista.Plotter(off_screen=True, window_size=list(size))
-    try:
-        plotter.enable_anti_aliasing("ssaa")  # several samples a pixel: turns are about as wide as a pixel
+    with _off_screen(size) as plotter:
         board_scene(array, sheets, plotter=plotter)
         write_atomically(path, lambda temporary: _screenshot(plotter, temporary))
-    finally:
-        plotter.close()
+
+
+def dent_scene(
+    array: CoilArray,
+    sheets: Sequence[Sheet],
+    indentation: xr.Dataset,
+    indenter: Indenter,
+    *,
+    plotter: pyvista.Plotter,
+    depth: int = -1,
+    centre: tuple[float, float] = (0.0, 0.0),
+) -> None:
+    """Put a dent into a plotter: the board, the deformed sheets on it and the indenter, a quarter of them cut out.
+
+    Parameters
+    ----------
+    array : CoilArray
+        The board.
+    sheets : sequence of Sheet
+        From the board upwards, as they were indented.
+    indentation : xarray.Dataset
+        As `coilarray.elastomer.indent` returns it.
+    indenter : Indenter
+        The body that made the dent.
+    plotter : pyvista.Plotter
+        Filled with actors; lengths in mm.
+    depth : int
+        Position of the depth in the dataset; the deepest by default.
+    centre : tuple of float
+        x and y in m of the indenter on the board.
+
+    Raises
+    ------
+    ValueError
+        A depth that the dataset does not have, or a centre that is not on the board.
+    """
+    scene: Any = plotter
+    at = at_depth(indentation, depth)
+    thickness = float(at.height[-1])
+    extent = _around(array, centre, _DENT_WIDTH * thickness)
+    parts = solids(array)
+    box = [MM_PER_M * edge for edge in (extent[0], extent[2], extent[1], extent[3])]
+    entries: list[list[str]] = []
+    scene.set_background("white")
+    scene.add_mesh(
+        indenter_mesh(indenter, thickness - float(at.depth), centre, extent, 0.7 * thickness),
+        color=_STEEL,
+        split_sharp_edges=True,
+        smooth_shading=True,
+        ambient=0.3,
+        name="indenter",
+    )
+    entries.append([f"{indenter.name}, {float(at.depth) * MM_PER_M:g} mm deep", _STEEL])
+    colours = cycled(SHEETS, [sheet.name for sheet in sheets])
+    for name, mesh in reversed(dented_sheet_meshes(at, sheets, centre, extent).items()):
+        scene.add_mesh(
+            mesh, color=colours[name], split_sharp_edges=True, smooth_shading=True, ambient=0.2, name=f"sheet {name}"
+        )
+        thick = next(sheet.thickness for sheet in sheets if sheet.name == name)
+        entries.append([f"{name} {thick * MM_PER_M:g} mm", colours[name]])
+    for layer, colour in cycled(LAYERS, array.stackup.names).items():
+        copper = copper_mesh(parts, array.names, layer)
+        near = copper.clip_box([*box, *copper.bounds[4:]], invert=False) if copper.n_cells else copper
+        if near.n_cells:
+            scene.add_mesh(near, color=colour, ambient=0.45, diffuse=0.6, name=f"copper {layer}")
+            entries.append([f"copper {layer}", colour])
+    board = board_mesh(parts)
+    if board.n_cells:
+        near = board.clip_box([*box, *board.bounds[4:]], invert=False)
+        scene.add_mesh(near, color=LAMINATE, opacity=0.3, ambient=0.3, name="board")
+        entries.append(["laminate", LAMINATE])
+    scene.add_legend(entries, face="rectangle", bcolor=None, size=(0.16, 0.033 * len(entries)), loc="upper left")
+    _aim(scene, _DENT_ELEVATION, _DENT_AZIMUTH)
+
+
+def save_dent_picture(
+    array: CoilArray,
+    path: Path,
+    sheets: Sequence[Sheet],
+    indentation: xr.Dataset,
+    indenter: Indenter,
+    depth: int = -1,
+    centre: tuple[float, float] = (0.0, 0.0),
+    size: tuple[int, int] = (1600, 900),
+) -> None:
+    """Render a dent off-screen into an image file.
+
+    Parameters
+    ----------
+    array, sheets, indentation, indenter, depth, centre
+        As in `dent_scene`.
+    path, size
+        As in `save_board_picture`.
+
+    Raises
+    ------
+    ValueError
+        As in `dent_scene`.
+    MissingDependencyError
+        Where this machine cannot render; the text names the system packages.
+    """
+    with _off_screen(size) as plotter:
+        dent_scene(array, sheets, indentation, indenter, plotter=plotter, depth=depth, centre=centre)
+        write_atomically(path, lambda temporary: _screenshot(plotter, temporary))
 
 
 def show_board(array: CoilArray, sheets: Sequence[Sheet] = ()) -> None:
@@ -138,6 +248,31 @@ def show_board(array: CoilArray, sheets: Sequence[Sheet] = ()) -> None:
     plotter.enable_anti_aliasing("ssaa")
     board_scene(array, sheets, plotter=plotter)
     plotter.show()
+
+
+@contextmanager
+def _off_screen(size: tuple[int, int]) -> Iterator[Any]:
+    """Open a plotter that has no window; MissingDependencyError where this machine cannot render."""
+    problem = rendering_problem()
+    if problem is not None:
+        raise MissingDependencyError(problem)
+    import pyvista
+
+    plotter: Any = pyvista.Plotter(off_screen=True, window_size=list(size))
+    try:
+        plotter.enable_anti_aliasing("ssaa")  # several samples a pixel: turns are about as wide as a pixel
+        yield plotter
+    finally:
+        plotter.close()
+
+
+def _around(array: CoilArray, centre: tuple[float, float], half: float) -> tuple[float, float, float, float]:
+    """Square about a point cut to the board, in m."""
+    x_min, y_min, x_max, y_max = array.bounds
+    x, y = centre
+    if not (x_min < x < x_max and y_min < y < y_max):
+        raise ValueError(f"centre must be on the board, {array.bounds} m; got {centre} m.")
+    return max(x_min, x - half), max(y_min, y - half), min(x_max, x + half), min(y_max, y + half)
 
 
 def _screenshot(scene: Any, path: Path) -> None:
@@ -210,11 +345,11 @@ def _write(
     )
 
 
-def _aim(scene: Any) -> None:
+def _aim(scene: Any, elevation: float = _ELEVATION, azimuth: float = _AZIMUTH) -> None:
     """Look at the whole scene obliquely from the front, without perspective so that lengths compare."""
-    sine, cosine = math.sin(_ELEVATION), math.cos(_ELEVATION)
-    towards = np.array([cosine * math.cos(_AZIMUTH), cosine * math.sin(_AZIMUTH), sine])
-    right = np.array([-math.sin(_AZIMUTH), math.cos(_AZIMUTH), 0.0])
+    sine, cosine = math.sin(elevation), math.cos(elevation)
+    towards = np.array([cosine * math.cos(azimuth), cosine * math.sin(azimuth), sine])
+    right = np.array([-math.sin(azimuth), math.cos(azimuth), 0.0])
     upwards = np.cross(towards, right)
     corners = np.array(list(itertools.product(*np.reshape(scene.bounds, (3, 2)))))
     seen = corners @ np.column_stack((right, upwards))

@@ -122,7 +122,7 @@ def _points(low: float, high: float, step: float) -> int:
 
 def _save(result: xr.Dataset, path: Path) -> None:
     if path.suffix.lower() == ".nc":
-        from coilarray.report.write import save_dataset
+        from coilarray.storage import save_dataset
 
         save_dataset(result, path)
         return

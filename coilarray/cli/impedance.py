@@ -57,7 +57,7 @@ def impedance(
         sweep_table,
         winding_table,
     )
-    from coilarray.report.write import save_dataset
+    from coilarray.storage import save_dataset
 
     opened = open_design(design, allow_violations=allow_violations)
     network = design_network(opened)

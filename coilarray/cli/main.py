@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import typer
 
-from coilarray.cli import check, field, impedance, init, matrix, report, view
+from coilarray.cli import check, field, impedance, indent, init, matrix, report, response, view
 from coilarray.errors import CoilarrayError
 
 _BAD_INPUT = 2
@@ -30,6 +30,8 @@ app.command("check")(check.check)
 app.command("matrix")(matrix.matrix)
 app.command("field")(field.field)
 app.command("impedance")(impedance.impedance)
+app.command("indent")(indent.indent)
+app.command("response")(response.response)
 app.command("view")(view.view)
 
 

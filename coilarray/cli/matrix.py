@@ -43,7 +43,7 @@ def matrix(
     from coilarray.exchange import export_network, fasthenry_input
     from coilarray.files import write_text
     from coilarray.report.tables import coil_table, pair_table
-    from coilarray.report.write import save_dataset
+    from coilarray.storage import save_dataset
 
     opened = open_design(design, allow_violations=allow_violations)
     with progress_bar("inductance matrix") as progress:

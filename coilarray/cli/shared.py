@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+from coilarray.errors import ElastomerError
 
 if TYPE_CHECKING:
     from coilarray.blocks import Progress
@@ -23,6 +26,7 @@ AllowViolations = Annotated[
 AsJson = Annotated[bool, typer.Option("--json", help="Print the numbers as JSON in SI units, and nothing else.")]
 
 
+_MOST_LENGTHS, _LONGEST_MM = 1000, 100_000.0
 _PIPE_WIDTH = 1000  # characters; output that is read by a program is never cut
 
 
@@ -45,6 +49,34 @@ def open_design(name: str | None, *, allow_violations: bool) -> Design:
         except RuleViolationError as error:
             raise RuleViolationError(f"{design.name}: {error}") from None
     return design
+
+
+def lengths(option: str, text: str) -> list[float]:
+    """Rising lengths in m from a list or a range in mm, as 0.5,1 or START:STOP:COUNT.
+
+    Raises
+    ------
+    ElastomerError
+        Anything else.
+    """
+    import numpy as np
+
+    parts = text.split(":")
+    try:
+        if len(parts) == 3:
+            start, stop, count = float(parts[0]), float(parts[1]), int(parts[2])
+            values = np.linspace(start, stop, count).tolist() if 2 <= count <= _MOST_LENGTHS else []
+        else:
+            values = [float(part) for part in text.split(",")]
+    except ValueError:
+        values = []
+    rising = all(low < high for low, high in itertools.pairwise(values))
+    if not (0 < len(values) <= _MOST_LENGTHS and rising and np.abs(values).max() <= _LONGEST_MM):
+        raise ElastomerError(
+            f"{option} must be rising numbers of mm, as 0.5,1 or START:STOP:COUNT with 2 to {_MOST_LENGTHS} of them; "
+            f"got {text!r}."
+        )
+    return [value * 1e-3 for value in values]
 
 
 def print_json(data: Any) -> None:

@@ -8,26 +8,38 @@ import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
+import numpy as np
+import numpy.typing as npt
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from coilarray.design import Design
+from coilarray.geometry import Indenter
 from coilarray.viz import (
     plot_board,
     plot_copper,
     plot_currents,
+    plot_dent,
     plot_effective_inductance,
     plot_field_lines,
     plot_field_map,
+    plot_force_depth,
     plot_matrix,
+    plot_response_profile,
     plot_sweep,
     rendering_problem,
+    response_figure,
     save_board_picture,
+    save_dent_picture,
 )
 
+FloatArray = npt.NDArray[np.float64]
+
 _DPI = 130
+_DENT_SIZE = (1280, 720)  # pixels; the page is 1100 wide
 
 
 @dataclass(frozen=True)
@@ -53,10 +65,8 @@ def board_picture(design: Design) -> Picture:
     """Show the board: rendered where this machine can, else drawn from above."""
     problem = rendering_problem()
     if problem is None:
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / "board.png"
-            save_board_picture(design.array, path, design.sheets)
-            return Picture("board", "The board; lengths in mm.", _uri(path.read_bytes()))
+        caption = "The board; lengths in mm."
+        return _render("board", caption, lambda path: save_board_picture(design.array, path, design.sheets))
     return _draw("board", f"The board from above; lengths in mm. {problem}", lambda: plot_board(design.array))
 
 
@@ -107,7 +117,7 @@ def field_pictures(
 ) -> list[Picture]:
     """B_z above the board: along a line through the active coil, and on the plane, one for each entry."""
     place = design.array.placements[design.array.names.index(active)]
-    outline = place.to_board(place.coil.outline)
+    outline = _outline(design, active)
     height = f"{design.field_height * 1e3:g} mm above the board"
     first = next(iter(line.values()))
     pictures = [
@@ -122,7 +132,7 @@ def field_pictures(
             ),
         )
     ]
-    outlines = [other.to_board(other.coil.outline) for other in design.array.placements]
+    outlines = [_outline(design, name) for name in design.array.names]
     for k, (label, data) in enumerate(plane.items()):
         pictures.append(
             _draw(
@@ -158,8 +168,88 @@ def sweep_pictures(sweep: xr.Dataset) -> list[Picture]:
     ]
 
 
-def _draw(name: str, caption: str, plot: Callable[[], Axes]) -> Picture:
-    figure = plot().figure
+def indentation_pictures(design: Design, indenter: Indenter, indentation: xr.Dataset, coil: str) -> list[Picture]:
+    """Force over depth, the deepest dent in section and, where this machine can render, in the middle of a coil."""
+    deepest = f"{float(indentation.depth[-1]) * 1e3:g} mm deep"
+    pictures = [
+        _draw("force_depth", "Force and contact over the depth.", lambda: plot_force_depth(indentation)),
+        _draw(
+            "dent_section",
+            f"The sheets under the {indenter.name} in section, {deepest}; dashed where they lay flat.",
+            lambda: plot_dent(indentation, indenter),
+        ),
+    ]
+    if rendering_problem() is None:
+        outline = _outline(design, coil)
+        x, y = ((outline.min(axis=0) + outline.max(axis=0)) / 2).tolist()
+        caption = f"The deformed sheets over {coil}, {deepest}; a quarter is cut out."
+        pictures.append(
+            _render(
+                "dent",
+                caption,
+                lambda path: save_dent_picture(
+                    design.array, path, design.sheets, indentation, indenter, centre=(x, y), size=_DENT_SIZE
+                ),
+            )
+        )
+    return pictures
+
+
+def response_pictures(design: Design, response: xr.Dataset) -> list[Picture]:
+    """Show δ as maps with the outlines of the coils, as profiles along x, and of one state at every depth."""
+    mapped = min(response.sizes["x"], response.sizes["y"]) > 1
+    deepest = f"{float(response.depth[-1]) * 1e3:g} mm deep"
+    pictures = []
+    if mapped:
+        pictures.append(
+            _draw(
+                "response_maps",
+                f"δ of each state over the position of the indenter, {deepest}, with the outlines of the coils.",
+                lambda: response_figure(response, map_outlines(design, response)),
+            )
+        )
+    along: Literal["x", "y"] = "y" if response.sizes["x"] == 1 else "x"
+    pictures.append(
+        _draw(
+            "response_profile",
+            f"δ of each state along {along}, {deepest}; dotted lines are the centres of the coils.",
+            lambda: plot_response_profile(response, depth=-1, along=along),
+        )
+    )
+    if response.sizes["depth"] > 1:
+        state = response.state.values.tolist()[(response.sizes["state"] - 1) // 2]
+        pictures.append(
+            _draw(
+                "response_depths",
+                f"δ of {state} along {along} for each depth.",
+                lambda: plot_response_profile(response, state, None, along=along),
+            )
+        )
+    return pictures
+
+
+def map_outlines(design: Design, response: xr.Dataset) -> list[FloatArray]:
+    """Outline of every coil, shape (m, 2), in m from the origin of a response map."""
+    shifts = np.column_stack((response.coil_x, response.coil_y)) - design.array.centres
+    return [_outline(design, name) + shift for name, shift in zip(design.array.names, shifts, strict=True)]
+
+
+def _outline(design: Design, coil: str) -> FloatArray:
+    """Corners of a coil's outline in m on the board."""
+    place = design.array.placements[design.array.names.index(coil)]
+    return place.to_board(place.coil.outline)
+
+
+def _render(name: str, caption: str, save: Callable[[Path], None]) -> Picture:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"{name}.png"
+        save(path)
+        return Picture(name, caption, _uri(path.read_bytes()))
+
+
+def _draw(name: str, caption: str, plot: Callable[[], Axes | Figure]) -> Picture:
+    drawn = plot()
+    figure = drawn if isinstance(drawn, Figure) else drawn.figure
     assert isinstance(figure, Figure)  # plots draw on figures, never on sub-figures
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=_DPI, bbox_inches="tight")

@@ -7,10 +7,12 @@ import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
 import xarray as xr
 
 from coilarray.design import Design
 from coilarray.geometry import Margin
+from coilarray.inductance import coupling_matrix
 
 Value = str | float | bool
 
@@ -90,6 +92,7 @@ def coil_table(design: Design, coupling: xr.Dataset) -> Table:
         Column("y_m", "y (mm)", 1e3, 2),
         Column("resistance_ohm", "R dc (Ω)", 1, 2),
         Column("inductance_H", "L (µH)", 1e6, 3),
+        Column("sheet_inductance_H", "of L by the sheets (µH)", 1e6, 3),
         Column("effective_inductance_H", "L_eff (µH)", 1e6, 3),
         Column("inductance_change", "L_eff/L − 1 (%)", 100, 3),
         Column("effective_resistance_ohm", "R_eff (Ω)", 1, 2),
@@ -98,28 +101,35 @@ def coil_table(design: Design, coupling: xr.Dataset) -> Table:
         Column("frequency_Hz", "f (MHz)", 1e-6, 4),
     )
     names = (
-        "x", "y", "resistance", "open_inductance", "effective_inductance", "inductance_change",
-        "effective_resistance", "quality_factor", "open_frequency", "frequency",
+        "x", "y", "resistance", "open_inductance", "own_sheet_inductance", "effective_inductance",
+        "inductance_change", "effective_resistance", "quality_factor", "open_frequency", "frequency",
     )  # fmt: skip
+    single = coupling.assign(own_sheet_inductance=("coil", np.diag(coupling.sheet_inductance)))
     rows: list[tuple[Value, ...]] = []
     for k, place in enumerate(design.array.placements):
-        rows.append((place.name, "+".join(place.layers), *(float(coupling[name][k]) for name in names)))
+        rows.append((place.name, "+".join(place.layers), *(float(single[name][k]) for name in names)))
     return Table("coils", "Coils", columns, tuple(rows))
 
 
 def pair_table(coupling: xr.Dataset) -> Table:
-    """One row for each active coil and other coil."""
+    """One row for each active coil and other coil; the coupling also without the magnetic sheets."""
     columns = (
         Column("active", "active"),
         Column("other", "other"),
         Column("mutual_inductance_H", "M (µH)", 1e6, 4),
+        Column("sheet_inductance_H", "of M by the sheets (µH)", 1e6, 4),
         Column("coupling", "k", 1, 5),
+        Column("bare_coupling", "k without sheets", 1, 5),
         Column("current_real", "i, in phase (A/A)", 1, 5),
         Column("current_imag", "i, quadrature (A/A)", 1, 5),
         Column("contribution_H", "part in L_eff − L (µH)", 1e6, 4),
     )
-    names = ("inductance", "coupling", "current_real", "current_imag", "contribution")
-    rows = tuple(row for row in crossed_rows(coupling, "coil", "other", names) if row[0] != row[1])
+    names = (
+        "inductance", "sheet_inductance", "coupling", "bare_coupling", "current_real", "current_imag", "contribution",
+    )  # fmt: skip
+    bare = coupling_matrix(coupling.inductance.values - coupling.sheet_inductance.values)
+    both = coupling.assign(bare_coupling=(("coil", "other"), bare))
+    rows = tuple(row for row in crossed_rows(both, "coil", "other", names) if row[0] != row[1])
     return Table("pairs", "Pairs of coils", columns, rows)
 
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -15,12 +16,15 @@ import xarray as xr
 from coilarray.blocks import Progress
 from coilarray.coupling import couple_design, provenance
 from coilarray.design import Design
-from coilarray.errors import GeometryError, NetworkError
-from coilarray.files import make_folder, write_atomically, write_text
+from coilarray.elastomer.contact import indent
+from coilarray.errors import CoilarrayError, GeometryError, NetworkError
+from coilarray.files import make_folder, write_text
 from coilarray.geometry import check_rules
 from coilarray.impedance import close_channels, design_network, scan_design, sweep_design
 from coilarray.near_field import operating_field
-from coilarray.report import circuit_tables, figures, tables
+from coilarray.report import circuit_tables, figures, indentation_tables, tables
+from coilarray.response import response_map
+from coilarray.storage import save_dataset
 from coilarray.viz import rendering_problem
 
 # The line resolves the flanks of the bell to 1/200 of the board, the plane shows about a pixel a sample
@@ -29,6 +33,9 @@ _PLANE_STEP = 0.5e-3
 _PLANE_POINTS = 400
 # from a tenth of the resonance to beyond the self-resonance of common windings
 _SWEEP, _SWEEP_POINTS = (0.1, 4.0), 60
+# depths of the force curve, none nearer to one of the design's than this part of the deepest
+_CURVE_POINTS, _CURVE_APART = 8, 0.02
+_ENTERING = ("elastomer.", "indenter.", "indentation.")  # keys of the design shown beside the indentation
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,16 +89,19 @@ def write_report(design: Design, where: str | Path = ".", progress: Progress | N
     -----
     Every number on the page also stands in the folder: ``coils.csv``, ``pairs.csv``, ``design.csv``, ``rules.csv``,
     ``field_line.csv``, ``windings.csv``, ``states.csv``, ``state_currents.csv``, ``ldc1614.csv``,
-    ``ldc1614_drive.csv`` and ``sweep.csv``, all of them in ``report.json``; ``coupling.nc``, ``field.nc``, ``scan.nc``
-    and ``impedance.nc`` hold the arrays.
+    ``ldc1614_drive.csv``, ``sweep.csv``, ``indentation.csv`` and ``response.csv``, all of them in ``report.json``;
+    ``coupling.nc``, ``field.nc``, ``scan.nc``, ``impedance.nc``, ``indentation.nc`` and ``response.nc`` hold the
+    arrays. What a design does not ask for is left out; what it asks for in vain too, and the page says why.
     """
     folder = Path(where)
     data_folder = folder / "report"
     make_folder(folder)  # a folder that cannot be written is known before the work begins
-    steps = _Steps(progress, 7)
-    with ThreadPoolExecutor(max_workers=2) as beside:
+    steps = _Steps(progress, 8)
+    # NumPy, SciPy and kernels on threads of their own, while pictures are drawn here
+    with ThreadPoolExecutor(max_workers=3) as beside:
         probe = beside.submit(rendering_problem)  # starts a process that takes seconds
-        circuit = beside.submit(_circuit, design)  # NumPy and kernels, while pictures are drawn here
+        circuit = beside.submit(_circuit, design)
+        pressing = beside.submit(_press, design)
         coupling = couple_design(design)
         steps.next()
         active = design.array.names[(len(design.array.names) - 1) // 2]
@@ -106,10 +116,13 @@ def write_report(design: Design, where: str | Path = ".", progress: Progress | N
         ]
         steps.next()
         problem = probe.result()
+        pictures.append(figures.board_picture(design))
+        steps.next()
+        pressed = pressing.result()
+        pictures += _pressed_pictures(design, pressed, active)
+        steps.next()
         scan, sweep, circuit_problem = circuit.result()
-    steps.next()
     pictures += [] if sweep is None else figures.sweep_pictures(sweep)
-    pictures.insert(0, figures.board_picture(design))
     steps.next()
     all_tables = [
         tables.coil_table(design, coupling),
@@ -118,6 +131,8 @@ def write_report(design: Design, where: str | Path = ".", progress: Progress | N
         tables.rules_table(margins),
         tables.line_table(line["others open"], line["others as terminated"]),
         *_circuit_tables(scan, sweep),
+        *([] if pressed.indentation is None else [indentation_tables.indentation_table(pressed.indentation)]),
+        *([] if pressed.response is None else [indentation_tables.response_table(pressed.response)]),
     ]
     made = {**provenance(design), "date": datetime.now(UTC).isoformat(timespec="seconds")}
     data: dict[str, object] = {
@@ -133,6 +148,8 @@ def write_report(design: Design, where: str | Path = ".", progress: Progress | N
             {"states": [a, b], "relative_distance": distance}
             for a, b, distance in ([] if scan is None else close_channels(scan.state.values.tolist(), scan.frequency))
         ],
+        "indentation_problem": pressed.problem,
+        "sheet_share": _sheet_share(coupling),
         "field_coil": active,
         "field_height_m": design.field_height,
         **{table.name: table.records() for table in all_tables},
@@ -144,19 +161,20 @@ def write_report(design: Design, where: str | Path = ".", progress: Progress | N
     make_folder(data_folder)
     for name, text in texts.items():
         write_text(data_folder / name, text)
-    datasets = {"coupling": coupling, "field": _both(plane)}
-    if scan is not None and sweep is not None:
-        datasets |= {"scan": scan, "impedance": sweep}
+    datasets = {
+        "coupling": coupling,
+        "field": _both(plane),
+        "scan": scan,
+        "impedance": sweep,
+        "indentation": pressed.indentation,
+        "response": pressed.response,
+    }
     for name, dataset in datasets.items():
-        save_dataset(dataset, data_folder / f"{name}.nc")
+        if dataset is not None:
+            save_dataset(dataset, data_folder / f"{name}.nc")
     write_text(folder / "report.html", page)
     steps.next()
     return Report(folder / "report.html", data_folder, coupling, data, problem)
-
-
-def save_dataset(dataset: xr.Dataset, path: Path) -> None:
-    """Write a dataset as netCDF, whole or not at all; OutputError where that fails."""
-    write_atomically(path, lambda temporary: _to_netcdf(dataset, temporary))
 
 
 def _circuit(design: Design) -> tuple[xr.Dataset | None, xr.Dataset | None, str]:
@@ -168,6 +186,52 @@ def _circuit(design: Design) -> tuple[xr.Dataset | None, xr.Dataset | None, str]
         return scan, sweep_design(design, middle * np.geomspace(*_SWEEP, _SWEEP_POINTS), prepared=network), ""
     except (GeometryError, NetworkError) as error:  # a winding without turns has no capacitance model, for example
         return None, None, str(error)
+
+
+def _sheet_share(coupling: xr.Dataset) -> dict[str, float]:
+    """Least and largest part of the coils' inductances that the magnetic sheets make."""
+    share = np.diag(coupling.sheet_inductance) / coupling.open_inductance.values
+    return {"least": float(share.min()), "most": float(share.max())}
+
+
+@dataclass(frozen=True, eq=False)
+class _Pressed:
+    """What the indenter does, and the reason where a part of it is missing."""
+
+    indentation: xr.Dataset | None = None
+    response: xr.Dataset | None = None
+    problem: str = ""
+
+
+def _press(design: Design) -> _Pressed:
+    """Force curve, dents and response map of the design's indentation."""
+    setup = design.indentation
+    if setup is None:
+        return _Pressed()
+    indentation = None
+    try:
+        depths = _curve(setup.depths)
+        indentation = indent(design.sheets, setup.indenter, depths, base=setup.base, radius=setup.sample_radius)
+        indentation = indentation.assign_attrs(provenance(design))
+        return _Pressed(indentation, response_map(design))
+    except CoilarrayError as error:
+        return _Pressed(indentation, None, str(error))
+
+
+def _curve(depths: Sequence[float]) -> list[float]:
+    """Depths in m of a design, and others between zero and the deepest for a smooth curve."""
+    between = np.linspace(0.0, depths[-1], _CURVE_POINTS + 1)[1:-1]
+    apart = np.abs(between[:, None] - depths).min(axis=1) > _CURVE_APART * depths[-1]
+    return sorted([*depths, *between[apart].tolist()])
+
+
+def _pressed_pictures(design: Design, pressed: _Pressed, coil: str) -> list[figures.Picture]:
+    pictures = []
+    if design.indentation is not None and pressed.indentation is not None:
+        pictures += figures.indentation_pictures(design, design.indentation.indenter, pressed.indentation, coil)
+    if pressed.response is not None:
+        pictures += figures.response_pictures(design, pressed.response)
+    return pictures
 
 
 def _circuit_tables(scan: xr.Dataset | None, sweep: xr.Dataset | None) -> list[tables.Table]:
@@ -225,10 +289,6 @@ def _both(plane: dict[str, xr.Dataset]) -> xr.Dataset:
     return joined.assign_coords(others=[label.removeprefix("others ") for label in plane])
 
 
-def _to_netcdf(dataset: xr.Dataset, path: Path) -> None:
-    dataset.to_netcdf(path, engine="h5netcdf")
-
-
 def _page(
     design: Design,
     data: dict[str, object],
@@ -243,10 +303,13 @@ def _page(
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    by_name = {table.name: table for table in all_tables}
+    rows = tuple(row for row in by_name["design"].rows if str(row[0]).startswith(_ENTERING))
     return environment.get_template("page.html.j2").render(
         design=design,
         data=data,
-        tables={table.name: table for table in all_tables},
+        tables=by_name,
+        entering=replace(by_name["design"], rows=rows),
         pictures={picture.name: picture for picture in pictures},
         copper=[picture for picture in pictures if picture.name.startswith("copper_")],
         maps=[picture for picture in pictures if picture.name.startswith("field_map_")],

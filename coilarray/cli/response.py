@@ -1,0 +1,148 @@
+"""``coilarray response``."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from coilarray.cli.shared import (
+    AllowViolations,
+    AsJson,
+    DesignArgument,
+    lengths,
+    open_design,
+    print_json,
+    print_table,
+    progress_bar,
+)
+from coilarray.errors import ElastomerError, OutputError
+
+
+def response(
+    design: DesignArgument = None,
+    depth_mm: Annotated[
+        str | None, typer.Option("--depth-mm", help="Depths, as 0.5,1 or START:STOP:COUNT; the design's by default.")
+    ] = None,
+    x_mm: Annotated[
+        str | None, typer.Option("--x-mm", help="Positions along x from the map's origin, as 0,5 or START:STOP:COUNT.")
+    ] = None,
+    y_mm: Annotated[str | None, typer.Option("--y-mm", help="The same along y.")] = None,
+    tilt: Annotated[
+        tuple[float, float], typer.Option("--tilt", help="Rise of the sample along x and y, mm per mm.")
+    ] = (0.0, 0.0),
+    offset_mm: Annotated[
+        tuple[float, float], typer.Option("--offset-mm", help="True less believed position of the indenter.")
+    ] = (0.0, 0.0),
+    depth_error_mm: Annotated[float, typer.Option("--depth-error-mm", help="True less believed depth.")] = 0.0,
+    thickness_error_mm: Annotated[
+        list[str] | None,
+        typer.Option("--thickness-error-mm", help="SHEET=VALUE, true less designed thickness; may be repeated."),
+    ] = None,
+    noise: Annotated[float, typer.Option("--noise", help="Relative standard deviation of each reading of L.")] = 0.0,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the noise.")] = 0,
+    strays: Annotated[
+        bool, typer.Option("--strays", help="With the capacitance of windings and between coils in the circuit.")
+    ] = False,
+    dielectric: Annotated[
+        bool, typer.Option("--dielectric", help="Count what the dent does to the coils' capacitance too.")
+    ] = False,
+    out: Annotated[Path, typer.Option("--out", "-o", help="File to write: .nc (netCDF) or .csv.")] = Path(
+        "response.nc"
+    ),
+    plot: Annotated[
+        Path | None, typer.Option("--plot", help="Also draw the maps of the deepest dent: .png, .svg or .pdf.")
+    ] = None,
+    as_json: AsJson = False,
+    allow_violations: AllowViolations = False,
+) -> None:
+    """Map what an indentation does to every coil.
+
+    δ = (L_peak − L_0)/L_0 of every state of the scan, for every position and depth of the indenter, with the other
+    coils as the scan terminates them. The table shows the peak of every map. An interrupted map goes on from the folder
+    FILE.parts when the same command runs again.
+
+    Example: coilarray response gast2020 --depth-mm 0.5,1 --out map.nc --plot map.png
+    """
+    _check_file("--out", out, (".nc", ".csv"))
+    if plot is not None:
+        _check_file("--plot", plot, (".png", ".svg", ".pdf"))
+    depths, x, y = (
+        None if text is None else lengths(option, text)
+        for option, text in (("--depth-mm", depth_mm), ("--x-mm", x_mm), ("--y-mm", y_mm))
+    )
+    errors = _thickness_errors(thickness_error_mm or ())
+    from coilarray.files import make_folder, write_atomically, write_text
+    from coilarray.impedance import design_network
+    from coilarray.report.indentation_tables import response_table
+    from coilarray.response import Imperfections, response_map
+    from coilarray.storage import save_dataset
+
+    opened = open_design(design, allow_violations=allow_violations)
+    faults = Imperfections(tilt, (offset_mm[0] * 1e-3, offset_mm[1] * 1e-3), depth_error_mm * 1e-3, errors, noise, seed)
+    network = design_network(opened).network if strays else None
+    parts = out.with_name(f"{out.name}.parts")
+    make_folder(parts)
+    try:
+        with progress_bar("response") as progress:
+            result = response_map(
+                opened,
+                depths=depths,
+                x=x,
+                y=y,
+                imperfections=faults,
+                network=network,
+                dielectric=dielectric,
+                parts=parts,
+                progress=progress,
+            )
+    finally:
+        if not any(parts.iterdir()):  # refused before anything was computed
+            parts.rmdir()
+    table = response_table(result)
+    if out.suffix.lower() == ".nc":
+        save_dataset(result, out)
+    else:
+        in_metres = result.delta.rename(depth="depth_m", y="y_m", x="x_m")
+        write_text(out, in_metres.to_dataframe().to_csv(lineterminator="\n"))
+    shutil.rmtree(parts, ignore_errors=True)
+    if plot is not None:
+        from coilarray.report.figures import map_outlines
+        from coilarray.viz import response_figure
+
+        write_atomically(plot, response_figure(result, map_outlines(opened, result)).savefig)
+    if as_json:
+        print_json({"file": str(out), "design": opened.name, "design_hash": opened.digest, "response": table.records()})
+        return
+    print_table([column.header for column in table.columns], table.cells())
+    typer.echo(f"wrote {out}: {' × '.join(str(n) for n in result.delta.shape)} values over {result.delta.dims}")
+    if plot is not None:
+        typer.echo(f"wrote {plot}")
+
+
+def _check_file(option: str, path: Path, suffixes: Sequence[str]) -> None:
+    """Refuse before a long computation what could not be written after it."""
+    if path.suffix.lower() not in suffixes:
+        raise OutputError(f"{option} must end in {', '.join(suffixes[:-1])} or {suffixes[-1]}; got {path}.")
+    if path.is_dir():
+        raise OutputError(f"cannot write {path}: it is a folder.")
+    if not path.parent.is_dir():
+        raise OutputError(f"cannot write {path}: there is no folder {path.parent}.")
+
+
+def _thickness_errors(texts: Sequence[str]) -> dict[str, float]:
+    """Errors in m by the sheet's name."""
+    errors: dict[str, float] = {}
+    for text in texts:
+        sheet, _, value = text.partition("=")
+        try:
+            error = float(value) * 1e-3
+        except ValueError:
+            raise ElastomerError(f"--thickness-error-mm must be SHEET=VALUE; got {text!r}.") from None
+        if sheet in errors:
+            raise ElastomerError(f"--thickness-error-mm must name a sheet once; got {sheet!r} again.")
+        errors[sheet] = error
+    return errors

@@ -1,0 +1,204 @@
+"""What a sheet sees of the coils: the plane-wave spectrum of their field, and its harmonics about any point.
+
+Above a closed current path H = −∇Ψ with
+
+    Ψ(x, y, z) = ∫∫ d²k/(2π)² S(k, α) e^{ik·(x, y)} e^{−kz},
+    S = i/(2k) Σ ∮ (cos α dy − sin α dx) e^{−ik·(x, y)} e^{kz},
+
+from the vector potential of the segments with 1/(4π|r|) = ∫∫ d²k/(2π)² e^{ik·(x, y)} e^{−k|z|}/(2k). About a point p
+the plane waves become harmonics of the angle θ (Jacobi–Anger),
+
+    Ψ = Σ_m e^{imθ} ∫ k dk/(2π) c_m(k) J_m(kr) e^{−kz},   c_m(k) = i^m/(2π) ∫ dα S(k, α) e^{ik·p} e^{−imα}.
+
+By Green's theorem 2 S is also the Fourier transform of 1 inside the path and 0 outside (for a path at z = 0,
+anticlockwise; S → area/2 as k → 0). So weighted paths make the spectrum of any potential that is constant in pieces.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from coilarray.blocks import run_blocks
+from coilarray.conductors import Source, as_conductors
+
+FloatArray = npt.NDArray[np.float64]
+ComplexArray = npt.NDArray[np.complex128]
+
+_SAME_SHAPE = 1e-9  # of the size; coils that differ by less share a spectrum
+_SPARE_ANGLES = 40  # above the bandwidth: the rest decays like the Bessel functions beyond their turning point
+
+
+@dataclass(frozen=True, eq=False)
+class Segments:
+    """Straight pieces of the closed paths of one coil.
+
+    Parameters
+    ----------
+    start, stop : ndarray, shape (n, 3)
+        In m.
+    weights : ndarray, shape (n,)
+        Of each piece in S: its current per current of the coil; twice the potential inside a path of an electrode.
+    """
+
+    start: FloatArray
+    stop: FloatArray
+    weights: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class CoilSpectra:
+    """Spectra of coils about their own centres.
+
+    Parameters
+    ----------
+    wavenumbers : ndarray, shape (k,)
+        In 1/m.
+    centres : ndarray, shape (coils, 2)
+        In m.
+    radius : float
+        Largest distance of a coil's corner from its centre in m.
+    shape_of : tuple of int, length coils
+        Index of each coil's spectrum.
+    series : tuple of tuple of ndarray
+        For every shape and wavenumber the Fourier series of S over the angle α, m per A (of an electrode m² per V).
+    """
+
+    wavenumbers: FloatArray
+    centres: FloatArray
+    radius: float
+    shape_of: tuple[int, ...]
+    series: tuple[tuple[ComplexArray, ...], ...]
+
+
+def coil_centres(source: Source) -> tuple[FloatArray, float]:
+    """Centres of the coils' bounding rectangles, shape (coils, 2), and the largest radius about them, both in m."""
+    return _centres([conductor.vertices for conductor in as_conductors(source)])
+
+
+def segment_centres(coils: Sequence[Segments]) -> tuple[FloatArray, float]:
+    """As `coil_centres`, of coils given by their segments."""
+    return _centres([np.concatenate((coil.start, coil.stop)) for coil in coils])
+
+
+def _centres(corners: Sequence[FloatArray]) -> tuple[FloatArray, float]:
+    plane = [points[:, :2] for points in corners]
+    centres = np.array([(points.min(axis=0) + points.max(axis=0)) / 2 for points in plane])
+    radius = max(float(np.hypot(*(points - centre).T).max()) for points, centre in zip(plane, centres, strict=True))
+    return centres, radius
+
+
+def coil_spectra(source: Source, wavenumbers: FloatArray) -> CoilSpectra:
+    """Compute the spectra of coils, each distinct shape once.
+
+    Parameters
+    ----------
+    source : CoilArray, Conductor, polyline or sequence of them
+        Paths at z ≤ 0. A path whose ends lie apart is closed by a straight line between them, since only a closed
+        current has a potential.
+    wavenumbers : ndarray, shape (k,)
+        In 1/m, positive.
+
+    Returns
+    -------
+    CoilSpectra
+    """
+    vertices = [conductor.vertices for conductor in as_conductors(source)]
+    return segment_spectra([Segments(v, np.roll(v, -1, axis=0), np.ones(len(v))) for v in vertices], wavenumbers)
+
+
+def segment_spectra(coils: Sequence[Segments], wavenumbers: FloatArray) -> CoilSpectra:
+    """Compute the spectra of coils given by their segments, each distinct shape once.
+
+    Parameters
+    ----------
+    coils : sequence of Segments
+        At z ≤ 0.
+    wavenumbers : ndarray, shape (k,)
+        In 1/m, positive.
+
+    Returns
+    -------
+    CoilSpectra
+    """
+    centres, radius = segment_centres(coils)
+    known: dict[bytes, int] = {}
+    shapes: list[Segments] = []
+    shape_of = []
+    for coil, centre in zip(coils, centres, strict=True):
+        shape = replace(coil, start=coil.start - [*centre, 0.0], stop=coil.stop - [*centre, 0.0])
+        ends = np.hstack((shape.start, shape.stop)) / radius
+        key = np.round(np.column_stack((ends, shape.weights)) / _SAME_SHAPE).tobytes()
+        if key not in known:
+            known[key] = len(shapes)
+            shapes.append(shape)
+        shape_of.append(known[key])
+    series = [run_blocks(lambda k, shape=shape: _series(shape, k, radius), wavenumbers.tolist()) for shape in shapes]  # type: ignore[misc]
+    return CoilSpectra(wavenumbers, centres, radius, tuple(shape_of), tuple(tuple(rows) for rows in series))
+
+
+def harmonics_about(spectra: CoilSpectra, points: FloatArray, highest: int) -> ComplexArray:
+    """Harmonics c_m(k) of every coil's potential about every point.
+
+    Parameters
+    ----------
+    spectra : CoilSpectra
+        As `coil_spectra` returns them.
+    points : ndarray, shape (points, 2)
+        In m.
+    highest : int
+        Highest harmonic.
+
+    Returns
+    -------
+    ndarray of complex, shape (k, points, coils, highest + 1)
+        In m per A; those of −m are the conjugates.
+    """
+    distance = np.hypot(*(points[:, None] - spectra.centres).T).max()
+    order = np.arange(highest + 1)
+
+    def at(index: int) -> ComplexArray:
+        k = float(spectra.wavenumbers[index])
+        n = _angles(k * (distance + spectra.radius) + highest)
+        alpha = 2 * np.pi * np.arange(n) / n
+        along = k * np.array([np.cos(alpha), np.sin(alpha)])
+        own = [_on_angles(spectra.series[shape][index], n) for shape in range(len(spectra.series))]
+        waves = np.array([own[shape] for shape in spectra.shape_of]) * np.exp(-1j * (spectra.centres @ along))
+        turns = (1j**order / n)[:, None] * np.exp(-1j * np.outer(order, alpha))
+        table = waves[:, None] * turns
+        values = np.exp(1j * (points @ along)) @ table.reshape(-1, n).T
+        return np.asarray(values.reshape(len(points), len(spectra.centres), -1))
+
+    return np.array(run_blocks(at, range(len(spectra.wavenumbers))))
+
+
+def _angles(bandwidth: float) -> int:
+    """Even number of angles that resolves a bandwidth in radians per radian."""
+    return 2 * (int(np.ceil(bandwidth)) + _SPARE_ANGLES // 2)
+
+
+def _series(shape: Segments, k: float, radius: float) -> ComplexArray:
+    """Fourier series of S(k, α) over α of closed paths, in numpy's order."""
+    n = _angles(k * radius)
+    alpha = 2 * np.pi * np.arange(n // 2) / n  # S(k, α + π) is the conjugate
+    cos, sin = np.cos(alpha), np.sin(alpha)
+    step, middle = shape.stop - shape.start, (shape.stop + shape.start) / 2
+    flat = np.hypot(step[:, 0], step[:, 1]) > 0  # vertical segments make no field along z
+    (dx, dy, dz), (x, y, z) = step[flat].T[:, :, None], middle[flat].T[:, :, None]
+    # ∫ e^{−ik·x} e^{kz} along a segment: the value in its middle times sinh(w)/w, w = k (dz − i(dx cos α + dy sin α))/2
+    turns = k * (dx * cos + dy * sin) / (2 * np.pi)
+    mean = np.sinc(turns + 0.5j * k * dz / np.pi) if dz.any() else np.sinc(turns)
+    wave = np.exp(k * z - 1j * k * (x * cos + y * sin)) * mean
+    half = 0.5j / k * (shape.weights[flat, None] * (dy * cos - dx * sin) * wave).sum(axis=0)
+    return np.asarray(np.fft.fft(np.concatenate((half, half.conj()))) / n)
+
+
+def _on_angles(series: ComplexArray, n: int) -> ComplexArray:
+    """Values of a Fourier series at n equal angles, n at least its length."""
+    half = len(series) // 2
+    padded = np.zeros(n, dtype=np.complex128)
+    padded[:half], padded[-half:] = series[:half], series[-half:]
+    return np.asarray(np.fft.ifft(padded) * n)

@@ -1,0 +1,302 @@
+"""Contact of a rigid indenter with elastomer sheets on a board: dent of every interface, force, contact radius.
+
+With f_j the force on hat j of the pressure and C the compliance of the top (`coilarray.elastomer.compliance`), the mean
+gap between the indenter and hat i is
+
+    G_i = profile_i − depth + Σ_j C_ij f_j,      f_j ≥ 0,  G_j ≥ 0,  f_j G_j = 0:
+
+a linear complementarity problem with a symmetric positive definite matrix, so it has one solution, the least of
+½ fᵀCf + fᵀG(f = 0) over f ≥ 0. The elastic system is factorised once; each depth is one such small problem.
+Strains are small, the contact has neither friction nor adhesion.
+
+K. L. Johnson, Contact Mechanics, Cambridge University Press 1985, section 5.9.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import get_args
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+from scipy.linalg import LinAlgError, cholesky, solve_triangular
+from scipy.optimize import nnls
+
+from coilarray.elastomer.compliance import Base, Compliance, Stack, compliance, stack_of
+from coilarray.elastomer.contact_mesh import ContactMesh, ContactZone
+from coilarray.errors import ElastomerError
+from coilarray.geometry import Indenter, Sheet
+
+FloatArray = npt.NDArray[np.float64]
+
+DEFAULT_MESH = ContactMesh()
+"""Force and contact radius to about 0.1 % and 0.3 %: the convergence study is in tests/test_elastomer_contact.py."""
+
+_SEARCH = 4.0  # contact is looked for up to profile = 4 depths; over an incompressible film it ends at 3 or less
+_COARSE = ContactMesh(elements=8, growth=1.5)  # for the first guess of the contact radius
+_GUESSES = 4
+_NOMINAL = 0.01  # depth in thicknesses that the mesh is made for where no depth is above zero
+_TAIL = 4  # the last quarter of the elements of a contact tells its radius
+_RESIDUAL = 1e-9  # of the complementarity problem, relative to the depth
+
+
+def hat_forces(system: Compliance, depth: float) -> FloatArray:
+    """Solve the complementarity problem of one depth.
+
+    Parameters
+    ----------
+    system : Compliance
+        Of the stack under the indenter.
+    depth : float
+        Above zero, in thicknesses of the stack.
+
+    Returns
+    -------
+    ndarray, shape (m,)
+        Force on each hat in the stack's units, over 2π about an axis and over 2 in plane strain; never negative.
+
+    Raises
+    ------
+    ElastomerError
+        The problem does not converge.
+    """
+    start = system.profile - depth
+    try:
+        lower = cholesky(system.matrix, lower=True)
+        force = nnls(lower.T, -solve_triangular(lower, start, lower=True))[0]
+    except (LinAlgError, RuntimeError) as error:
+        raise ElastomerError(
+            f"the contact at a depth of {depth:.3g} thicknesses does not converge: {error}."
+        ) from error
+    gap = start + system.matrix @ force
+    residual = float(np.abs(np.minimum(gap, system.matrix.diagonal() * force)).max()) / depth
+    if not residual <= _RESIDUAL:
+        raise ElastomerError(
+            f"the contact at a depth of {depth:.3g} thicknesses does not converge: its residual must be at most "
+            f"{_RESIDUAL:.0e} of the depth; got {residual:.1e}."
+        )
+    return np.asarray(force)
+
+
+def contact_radius(hats: FloatArray, pressure: FloatArray, tail: int) -> float:
+    """Radius at which the pressure of a smooth indenter ends, finer than the mesh.
+
+    Near the edge a, p = √s (c₀ + c₁s) with s = a − r. The moments F_k = ∫p (r − r₀)ᵏ dr of the tail beyond r₀ are
+    safer than values of p, which waver next to the edge. With c₀ and c₁ eliminated they leave
+    8 F₀L² − 56 F₁L + 63 F₂ = 0 for L = a − r₀; its lesser root is the edge.
+
+    Parameters
+    ----------
+    hats : ndarray, shape (m,)
+        Radii of the hats.
+    pressure : ndarray, shape (m,)
+        At the hats; the last one is zero.
+    tail : int
+        Elements in the tail.
+
+    Returns
+    -------
+    float
+        In the unit of `hats`.
+
+    Examples
+    --------
+    >>> r = np.linspace(0, 1, 101)
+    >>> round(contact_radius(r, np.sqrt(np.maximum(0, 1 - (r / 0.615) ** 2)), 15), 3)
+    0.615
+    """
+    last = int(np.flatnonzero(pressure)[-1])
+    first = max(0, last - tail)
+    r, p = hats[first : last + 2] - hats[first], pressure[first : last + 2]
+    middle_r, middle_p = (r[1:] + r[:-1]) / 2, (p[1:] + p[:-1]) / 2
+    moments = [
+        float(np.diff(r) @ (p[:-1] * r[:-1] ** k + 4 * middle_p * middle_r**k + p[1:] * r[1:] ** k)) / 6
+        for k in range(3)  # Simpson's rule, exact for a linear p
+    ]
+    root = math.sqrt(max(0.0, 49 * moments[1] ** 2 - 31.5 * moments[0] * moments[2]))
+    return float(hats[first] + (7 * moments[1] - root) / (2 * moments[0]))
+
+
+def _contact_end(system: Compliance, zone: ContactZone, depth: float, mesh: ContactMesh) -> tuple[FloatArray, float]:
+    """Force on every hat at a depth, and the radius where contact ends; the end of the search if it goes so far."""
+    force = hat_forces(system, depth)
+    if force[-1] > 0:
+        return force, zone.search
+    return force, contact_radius(system.hats, force / system.mass, mesh.elements // _TAIL)
+
+
+def _expected_zone(
+    stack: Stack, indenter: Indenter, depths: FloatArray, base: Base, radius: float | None
+) -> ContactZone:
+    """Where contact ends at the least and the greatest of some depths, from coarse meshes, each for the one before."""
+
+    def cut(height: float) -> float:
+        return min(indenter.radius_at(height * stack.length) / stack.length, radius or math.inf)
+
+    least, greatest = depths.min(), depths.max()
+    zone = ContactZone(cut(least) / 2, cut(greatest), cut(_SEARCH * greatest))
+    for _ in range(_GUESSES):
+        system = compliance(stack, indenter, zone, base, radius, _COARSE)
+        smallest, largest = (_contact_end(system, zone, depth, _COARSE)[1] for depth in (least, greatest))
+        resolved = smallest > zone.smallest / 2
+        zone = ContactZone(smallest, largest, zone.search, sharp=largest == zone.search)
+        if resolved:
+            break
+    if zone.sharp and zone.search * stack.length < indenter.reach:
+        raise ElastomerError(
+            f"the contact must end inside the sample, within a radius of {zone.search * stack.length:.4g} m; "
+            f"at a depth of {greatest * stack.length:.4g} m it does not."
+        )
+    return zone
+
+
+def _checked_depths(depths: npt.ArrayLike, stack: Stack) -> FloatArray:
+    """Depths in m, or one line about what is wrong with them."""
+    values = np.atleast_1d(np.asarray(depths, dtype=float))
+    if values.ndim != 1 or not values.size:
+        raise ElastomerError(f"depths must be one row of numbers, at least one; got shape {values.shape}.")
+    for depth in values:
+        if not (math.isfinite(depth) and 0 <= depth < stack.length):
+            raise ElastomerError(
+                f"depth of an indentation must be from 0 to below the thickness of all sheets, {stack.length:.4g} m; "
+                f"got {depth:.4g} m."
+            )
+    return values
+
+
+def _check_arguments(sheets: Sequence[Sheet], base: str, radius: float | None) -> None:
+    """Refuse names that clash, an unknown base and a sample without extent."""
+    names = ["board", *(sheet.name for sheet in sheets)]
+    if len(set(names)) < len(names):
+        raise ElastomerError(f"names of the sheets must differ from each other and from 'board'; got {names[1:]}.")
+    if base not in get_args(Base):
+        raise ElastomerError(f"base must be {' or '.join(map(repr, get_args(Base)))}; got {base!r}.")
+    if radius is not None and not (math.isfinite(radius) and radius > 0):
+        raise ElastomerError(f"radius of a sample must be positive and finite; got {radius} m.")
+
+
+def _check_unfolded(system: Compliance, displacement: FloatArray, depth: float, names: Sequence[str]) -> None:
+    """Refuse a deformation in which an interface folds over itself or through the one below it."""
+    r = system.r + displacement[0]
+    z = system.heights[:, None] + displacement[1]
+    for k, name in enumerate(names):
+        folded = (np.diff(r[k]) <= 0).any()
+        if folded or (k and (z[k] <= np.interp(r[k], r[k - 1], z[k - 1])).any()):
+            raise ElastomerError(
+                f"depth of an indentation must leave every interface unfolded, for strains are taken as small; "
+                f"at {depth:.4g} m that of {name!r} folds."
+            )
+
+
+def indent(
+    sheets: Sequence[Sheet],
+    indenter: Indenter,
+    depths: npt.ArrayLike,
+    *,
+    base: Base = "bonded",
+    radius: float | None = None,
+    mesh: ContactMesh = DEFAULT_MESH,
+) -> xr.Dataset:
+    """Press a rigid indenter into elastomer sheets.
+
+    Parameters
+    ----------
+    sheets : sequence of Sheet
+        From the board up, bonded to each other.
+    indenter : Indenter
+        Its symmetry decides between a body of revolution and plane strain.
+    depths : array_like, shape (d,) or scalar
+        How far the tip goes below the flat top, in m; 0 is a touch.
+    base : {"bonded", "frictionless"}
+        How the lowest sheet lies on the board.
+    radius : float, optional
+        Of a sample with a free edge, the indenter at its centre, in m; half its width in plane strain. Without it the
+        sample is wide.
+    mesh : ContactMesh
+        Fineness of the mesh.
+
+    Returns
+    -------
+    xarray.Dataset
+        Dimensions depth, interface ("board" and the upper face of each sheet, by its name) and r (undeformed radius).
+        displacement_r and displacement_z (depth, interface, r) in m, upwards positive; force (depth) in N, in plane
+        strain N/m; contact_radius (depth) in m; pressure (depth, r) in Pa on the top; height (interface) in m, flat.
+
+    Raises
+    ------
+    ElastomerError
+        A sheet without Young's modulus, a depth that is not allowed or folds an interface, a contact that goes beyond
+        the sample or does not converge, an unknown base.
+
+    Notes
+    -----
+    The edge of a wide sample is far away and carries the traction of what lies beyond it: u_r = B/r (in plane strain
+    a constant), the field of a layer that slides as a whole; that of a bonded layer has died out.
+
+    Examples
+    --------
+    >>> from coilarray.geometry import Hemisphere
+    >>> sheet = Sheet("silicone", thickness=6e-3, youngs_modulus=100e3, poissons_ratio=0.5)
+    >>> dent = indent([sheet], Hemisphere(radius=2.5e-3), [0.5e-3, 1e-3])
+    >>> [f"{force:.2f} N" for force in dent.force.values]
+    ['0.14 N', '0.47 N']
+    """
+    stack = stack_of(sheets)
+    _check_arguments(sheets, base, radius)
+    depth = _checked_depths(depths, stack)
+    span = None if radius is None else radius / stack.length
+    scaled = depth / stack.length
+    pressed = scaled[scaled > 0] if scaled.any() else np.array([_NOMINAL])
+    zone = _expected_zone(stack, indenter, pressed, base, span)
+    system = compliance(stack, indenter, zone, base, span, mesh)
+
+    force, end = np.zeros((len(depth), len(system.hats))), np.zeros(len(depth))
+    for k, one in enumerate(scaled):
+        if one > 0:
+            force[k], end[k] = _contact_end(system, zone, one, mesh)
+    moved = np.moveaxis(system.surfaces @ force.T, -1, 0)
+    names = ["board", *(sheet.name for sheet in sheets)]
+    for k in range(len(depth)):
+        _check_unfolded(system, moved[k], depth[k], names)
+    pressure = np.array([np.interp(system.r, system.hats, row / system.mass, right=0.0) for row in force])
+    return _dataset(stack, indenter, depth, names, system, moved, force.sum(axis=1), end, pressure, base)
+
+
+def _dataset(
+    stack: Stack,
+    indenter: Indenter,
+    depth: FloatArray,
+    names: list[str],
+    system: Compliance,
+    moved: FloatArray,
+    force: FloatArray,
+    end: FloatArray,
+    pressure: FloatArray,
+    base: Base,
+) -> xr.Dataset:
+    """Results in SI units, with their names and units."""
+    axial = indenter.symmetry == "axial"
+    whole = 2 * math.pi * stack.length**2 if axial else 2 * stack.length  # hats weigh r dr, or dx of one half
+    where = ("depth", "interface", "r")
+
+    def named(text: str, unit: str) -> dict[str, str]:
+        return {"long_name": text, "units": unit}
+
+    return xr.Dataset(
+        {
+            "displacement_r": (where, moved[:, 0] * stack.length, named("displacement outwards", "m")),
+            "displacement_z": (where, moved[:, 1] * stack.length, named("displacement upwards", "m")),
+            "force": ("depth", force * whole * stack.stress, named("force on the indenter", "N" if axial else "N/m")),
+            "contact_radius": ("depth", end * stack.length, named("radius of the contact", "m")),
+            "pressure": (("depth", "r"), pressure * stack.stress, named("pressure on the top", "Pa")),
+        },
+        coords={
+            "depth": ("depth", depth, named("depth of the indentation", "m")),
+            "interface": ("interface", names, named("interface", "1")),
+            "r": ("r", system.r * stack.length, named("distance from the indenter's axis", "m")),
+            "height": ("interface", system.heights * stack.length, named("height of the flat interface", "m")),
+        },
+        attrs={"symmetry": indenter.symmetry, "base": base, "indenter": repr(indenter)},
+    )

@@ -1,0 +1,139 @@
+"""Meshes for a contact: rectangles in (r, z), small under the indenter and growing away from it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+from skfem import MeshQuad
+
+from coilarray.errors import ElastomerError
+
+FloatArray = npt.NDArray[np.float64]
+
+_MARGIN = 1.1  # elements grow from this multiple of the expected contact radius on
+_NEAR = 6.0  # beyond this many thicknesses from the contact the elements grow without bound
+_SUBSTEPS = 8  # of the march that places the points, per element
+
+
+@dataclass(frozen=True)
+class ContactMesh:
+    """Fineness and extent of a contact's mesh.
+
+    Parameters
+    ----------
+    elements : int
+        Across the contact radius.
+    growth : float
+        Ratio of neighbouring elements away from the contact; it also sets how many elements lie in a sheet.
+    extent : float
+        Radius of the mesh of a wide sample, beyond the contact, in thicknesses of the stack.
+
+    Raises
+    ------
+    ElastomerError
+        Fewer than 4 elements, growth that is not above 1 and at most 2, or an extent that is not finite and at least 1.
+    """
+
+    elements: int = 24
+    growth: float = 1.3
+    extent: float = 25.0
+
+    def __post_init__(self) -> None:
+        if self.elements < 4:
+            raise ElastomerError(f"elements across a contact must be at least 4; got {self.elements}.")
+        if not 1 < self.growth <= 2:
+            raise ElastomerError(f"growth of a contact's mesh must be above 1 and at most 2; got {self.growth}.")
+        if not (math.isfinite(self.extent) and self.extent >= 1):
+            raise ElastomerError(
+                f"extent of a contact's mesh must be finite and at least 1 thickness; got {self.extent}."
+            )
+
+    def refined(self) -> ContactMesh:
+        """Half the size of every element: twice the elements, the square root of the growth."""
+        return ContactMesh(2 * self.elements, math.sqrt(self.growth), self.extent)
+
+
+@dataclass(frozen=True)
+class ContactZone:
+    """Where the contact is expected to end, in any unit of length.
+
+    Parameters
+    ----------
+    smallest, largest : float
+        Radii of the contact at the least and the greatest depth.
+    search : float
+        Contact is looked for up to this radius.
+    sharp : bool
+        The indenter ends at `search`, and the contact reaches it: the pressure is singular there.
+    """
+
+    smallest: float
+    largest: float
+    search: float
+    sharp: bool = False
+
+
+def graded(start: float, end: float, size: Callable[[float], float], least: int = 1) -> FloatArray:
+    """Points from `start` to `end` with about the spacing size(x) at x, in at least `least` intervals."""
+    fine = [start]
+    while fine[-1] < end:
+        fine.append(fine[-1] + size(fine[-1]) / _SUBSTEPS)
+    steps = len(fine) - 1
+    last = steps - 1 + (end - fine[-2]) / (fine[-1] - fine[-2])  # where the march meets the end
+    count = max(least, math.ceil(last / _SUBSTEPS))
+    points = np.interp(np.linspace(0, last, count + 1), np.arange(steps + 1), fine)
+    points[-1] = end
+    return points
+
+
+def _finest(zone: ContactZone, mesh: ContactMesh) -> float:
+    """Smallest element: at the edge of a sharp indenter, else under the tip."""
+    return zone.largest / mesh.elements**2 if zone.sharp else zone.smallest / mesh.elements
+
+
+def radial_points(zone: ContactZone, thickness: float, end: float, mesh: ContactMesh) -> FloatArray:
+    """Radii of the mesh's vertices from the axis to `end`, with one at the end of the search."""
+    n, edge, slope = mesh.elements, zone.largest, mesh.growth - 1
+    finest = _finest(zone, mesh)
+
+    def size(r: float) -> float:
+        contact = max(zone.smallest, min(r, edge)) / n + slope * max(0.0, r - _MARGIN * edge)
+        wave = slope * (thickness / 2 + max(0.0, r - edge - _NEAR * thickness))
+        corner = finest + slope * abs(r - edge) if zone.sharp else math.inf
+        return min(contact, wave, corner)
+
+    if zone.search >= end:
+        return graded(0.0, end, size)
+    return np.concatenate((graded(0.0, zone.search, size), graded(zone.search, end, size)[1:]))
+
+
+def vertical_points(zone: ContactZone, levels: FloatArray, mesh: ContactMesh) -> FloatArray:
+    """Levels of the mesh's vertices from the board to the top at 0, with one at every interface of `levels`."""
+    slope, total = mesh.growth - 1, -float(levels[0])
+    finest = _finest(zone, mesh)
+
+    def size(below: float) -> float:
+        return min(finest + slope * below, slope * total)
+
+    least = math.ceil(1 / slope)
+    pieces = [levels[:1]]
+    for lower, upper in pairwise(levels):
+        pieces.append(-graded(-upper, -lower, size, least)[-2::-1])
+    return np.concatenate(pieces)
+
+
+def contact_mesh(r: FloatArray, z: FloatArray) -> MeshQuad:
+    """Rectangles between the radii `r` and the levels `z`, with the boundaries axis, outer, bottom and top."""
+    return MeshQuad.init_tensor(r, z).with_boundaries(
+        {
+            "axis": lambda x: x[0] == r[0],
+            "outer": lambda x: x[0] == r[-1],
+            "bottom": lambda x: x[1] == z[0],
+            "top": lambda x: x[1] == z[-1],
+        }
+    )

@@ -1,0 +1,183 @@
+"""The shape of dented magnetic sheets: what of an indentation the magnetic field sees."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+from scipy.interpolate import CubicSpline
+
+from coilarray.errors import ElastomerError
+from coilarray.geometry import Sheet
+
+FloatArray = npt.NDArray[np.float64]
+
+_STILL = 1e-3  # of the deepest displacement: where no face moves by more, the dent is over
+_ZONE = 4.0  # extent of the moved air below and above, in depths of the dent
+
+
+@dataclass(frozen=True, eq=False)
+class Dent:
+    """Sheets whose faces are moved up and down around an indenter.
+
+    Parameters
+    ----------
+    thicknesses, permeabilities : tuple of float
+        Of the flat sheets in m and relative, upwards from z = 0.
+    radius : ndarray, shape (n,)
+        Distances from the indenter's axis in m, rising from 0.
+    displacement : ndarray, shape (n, sheets + 1)
+        Upward displacement of every face at these distances in m, from the board to the top; negative in the dent.
+    symmetry : {"axial", "plane"}
+        About an axis, or the same all along y.
+    below : float
+        Relative permeability under z = 0.
+
+    Raises
+    ------
+    ElastomerError
+        Shapes that do not fit, values that are not finite, or faces that cross.
+    """
+
+    thicknesses: tuple[float, ...]
+    permeabilities: tuple[float, ...]
+    radius: FloatArray
+    displacement: FloatArray
+    symmetry: Literal["axial", "plane"] = "axial"
+    below: float = 1.0
+
+    def __post_init__(self) -> None:
+        if self.displacement.shape != (len(self.radius), len(self.thicknesses) + 1):
+            raise ElastomerError(
+                f"a dent in {len(self.thicknesses)} sheets known at {len(self.radius)} radii needs displacements of "
+                f"shape ({len(self.radius)}, {len(self.thicknesses) + 1}); got {self.displacement.shape}."
+            )
+        if not (np.isfinite(self.radius).all() and np.isfinite(self.displacement).all()):
+            raise ElastomerError("radii and displacements of a dent must be finite.")
+        if self.radius[0] != 0 or (np.diff(self.radius) <= 0).any():
+            raise ElastomerError(f"radii of a dent must rise from 0; they begin with {self.radius[:3]} m.")
+        left = np.array(self.thicknesses) + np.diff(self.displacement, axis=1)
+        if (left <= 0).any():
+            sheet = int(np.argmin(left.min(axis=0)))
+            raise ElastomerError(
+                f"the faces of sheet {sheet + 1} cross in the dent: it is left {left.min():.4g} m thick."
+            )
+
+    @property
+    def heights(self) -> FloatArray:
+        """Heights of the flat faces in m, shape (sheets + 1,), from 0."""
+        return np.concatenate(([0.0], np.cumsum(self.thicknesses)))
+
+    def faces(self, radius: FloatArray, derivative: int = 0) -> FloatArray:
+        """Upward displacement of every face in m, or a derivative by the radius, shape (…, sheets + 1).
+
+        A cubic spline that is level on the axis; zero beyond `reach`.
+        """
+        level, straight = (np.zeros(self.displacement.shape[1]) for _ in range(2))
+        spline = CubicSpline(self.radius, self.displacement, bc_type=((1, level), (2, straight)))
+        values = spline(np.minimum(radius, self.reach), derivative)
+        return np.where((radius < self.reach)[..., None], values, 0.0)
+
+    @property
+    def reach(self) -> float:
+        """Radius in m beyond which nothing is moved."""
+        return float(self.radius[-1])
+
+    @property
+    def width(self) -> float:
+        """Radius in m outside of which the faces hardly move."""
+        moved = np.abs(self.displacement).max(axis=1)
+        return float(self.radius[np.flatnonzero(moved >= _STILL * moved.max())[-1]])
+
+    @property
+    def contrasts(self) -> tuple[int, ...]:
+        """Faces where the permeability changes; only these matter to the field."""
+        mu = (*self.permeabilities, 1.0)
+        before = (self.below, *self.permeabilities)
+        return tuple(face for face in range(len(mu)) if mu[face] != before[face])
+
+    @property
+    def clearance(self) -> float:
+        """Least height above z = 0 in m of a moved face where the permeability changes; infinite where none moves."""
+        lowest = [
+            float((self.heights[face] + self.displacement[:, face]).min())
+            for face in self.contrasts
+            if np.ptp(self.displacement[:, face]) > 0
+        ]
+        return min(lowest, default=np.inf)
+
+    def anchors(self, deepest: float | None = None) -> tuple[FloatArray, tuple[int, ...]]:
+        """Heights between which space is moved with the faces.
+
+        Parameters
+        ----------
+        deepest : float, optional
+            Largest displacement in m that the anchors must serve; that of this dent where not given.
+
+        Returns
+        -------
+        heights : ndarray, shape (contrasts + 1,) or (contrasts + 2,)
+            Rising, in m; nothing moves at the first and the last one. The first is missing where the lowest contrast
+            is at z = 0.
+        faces : tuple of int
+            The contrasts, those between the fixed heights.
+        """
+        faces = self.contrasts
+        moved = float(np.abs(self.displacement[:, list(faces)]).max()) if deepest is None else deepest
+        zone = max([_ZONE * moved, *(self.thicknesses[face] for face in faces if face < len(self.thicknesses))])
+        heights = self.heights[list(faces)]
+        low = [max(0.0, heights[0] - zone)] if heights[0] > 0 else []
+        return np.array([*low, *heights, heights[-1] + zone]), faces
+
+
+def dent_of(indentation: xr.Dataset, sheets: Sequence[Sheet]) -> Dent:
+    """Take the shape of the sheets from an indentation at one depth.
+
+    Parameters
+    ----------
+    indentation : xarray.Dataset
+        As `coilarray.elastomer.contact.indent` returns it, one depth selected.
+    sheets : sequence of Sheet
+        The sheets of the indentation, upwards.
+
+    Returns
+    -------
+    Dent
+
+    Raises
+    ------
+    ElastomerError
+        A dataset of several depths or of other sheets, or a face that folds over.
+
+    Notes
+    -----
+    A face goes through its displaced points (r + u_r, z + u_z); between them its height is a cubic spline. Beyond the
+    last one it comes back to its flat height within a thickness of the stack: the field takes the sheets for wide.
+    """
+    if "depth" in indentation.displacement_z.dims:
+        raise ElastomerError("a dent is the shape at one depth; select one of the indentation's depths.")
+    faces = indentation.interface.values.tolist()
+    if faces[1:] != [sheet.name for sheet in sheets]:
+        raise ElastomerError(f"the indentation is of the sheets {faces[1:]}; got {[sheet.name for sheet in sheets]}.")
+    r = indentation.r.values
+    displaced = r[:, None] + indentation.displacement_r.transpose("r", "interface").values
+    upwards = indentation.displacement_z.transpose("r", "interface").values
+    displaced[0] = 0.0
+    if (np.diff(displaced, axis=0) <= 0).any():
+        face = faces[int(np.argmin(np.diff(displaced, axis=0).min(axis=0)))]
+        raise ElastomerError(f"the upper face of {face} folds over: this depth is beyond small strains.")
+    # beyond what is known, the influence has died out or the sample ends: level within a thickness of the stack
+    r = np.append(r, r[-1] + float(indentation.height[-1]))
+    displaced, upwards = np.vstack((displaced, np.full(len(faces), r[-1]))), np.vstack((upwards, np.zeros(len(faces))))
+    shape = np.column_stack([CubicSpline(displaced[:, face], upwards[:, face])(r) for face in range(len(faces))])
+    return Dent(
+        tuple(sheet.thickness for sheet in sheets),
+        tuple(sheet.relative_permeability for sheet in sheets),
+        r,
+        shape,
+        indentation.attrs["symmetry"],
+    )

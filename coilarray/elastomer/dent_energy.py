@@ -1,0 +1,103 @@
+"""The energy between the fields of all coils that a dent takes or gives, magnetic and electric alike."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from coilarray.blocks import Progress, ranges
+from coilarray.elastomer.coil_spectrum import CoilSpectra, harmonics_about
+from coilarray.elastomer.dent import Dent
+from coilarray.elastomer.scattering import LayerMesh, Scattering, wavenumber_rule
+from coilarray.errors import ElastomerError
+
+FloatArray = npt.NDArray[np.float64]
+
+Solver = Callable[[Dent, FloatArray, FloatArray, float], Scattering]
+"""Solves a dent for wavenumbers, their weights, and the largest displacement of the series of dents in m."""
+
+_POSITIONS = 128  # at a time, which bounds the memory
+
+
+def checked_positions(positions: npt.ArrayLike, dents: Sequence[Dent]) -> FloatArray:
+    """Positions in m, shape (n, 2), of dents that belong together.
+
+    Raises
+    ------
+    ElastomerError
+        Positions that are not finite, dents of different sheets, or in plane strain.
+    """
+    points = np.asarray(positions, dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] != 2 or not np.isfinite(points).all():
+        raise ElastomerError(f"positions must be finite and of shape (n, 2); got shape {points.shape}.")
+    if any(dent.symmetry != "axial" for dent in dents):
+        raise ElastomerError("coils in space need dents about an axis; for plane strain there is the line model.")
+    if len({(dent.thicknesses, dent.permeabilities) for dent in dents}) > 1:
+        raise ElastomerError("dents must be in the same sheets.")
+    return points
+
+
+def dent_energies(
+    dents: Sequence[Dent],
+    points: FloatArray,
+    circle: tuple[FloatArray, float],
+    spectra_at: Callable[[FloatArray], CoilSpectra],
+    solve: Solver,
+    mesh: LayerMesh,
+    progress: Progress | None = None,
+) -> FloatArray:
+    """Change of the energy between the fields of all coils by dents.
+
+    Parameters
+    ----------
+    dents : sequence of Dent
+        All in the same sheets.
+    points : ndarray, shape (positions, 2)
+        Of the indenter's axis in m.
+    circle : tuple of ndarray, shape (coils, 2), and float
+        Centres of the coils and the radius that encloses each, in m.
+    spectra_at : callable
+        Gives the coils' spectra at wavenumbers in 1/m.
+    solve : callable
+        Solves one dent.
+    mesh : LayerMesh
+        Accuracy.
+    progress : callable, optional
+        Called with (done, total) as the work goes on.
+
+    Returns
+    -------
+    ndarray, shape (dents, positions, coils, coils)
+        ∫ Δμ ∇U_i·∇U_j dV with relative material constants, symmetric: times μ0 an inductance, times ε0 a capacitance.
+    """
+    centres, radius = circle
+    change = np.zeros((len(dents), len(points), len(centres), len(centres)))
+    moving = [index for index, dent in enumerate(dents) if np.isfinite(dent.clearance)]
+    if not moving or not len(points):
+        return change
+    clearance = min(dents[index].clearance for index in moving)
+    extent = float(np.hypot(*(points[:, None] - centres).T).max()) + radius + max(dent.width for dent in dents)
+    wavenumbers, weights = wavenumber_rule(clearance, extent, mesh)
+    blocks = ranges(len(points), _POSITIONS)
+    total = len(moving) + len(blocks)
+    deepest = max(float(np.abs(dent.displacement).max()) for dent in dents)
+    solved = []
+    for index in moving:
+        solved.append(solve(dents[index], wavenumbers, weights, deepest))
+        _tell(progress, len(solved), total)
+    spectra = spectra_at(wavenumbers)
+    factors = 2 * np.pi * np.array([1.0, *[2.0] * mesh.harmonics])
+    for done, (start, stop) in enumerate(blocks, start=1):
+        incident = harmonics_about(spectra, points[start:stop], mesh.harmonics)
+        incident *= wavenumbers[:, None, None, None] / (2 * np.pi)
+        for index, one in zip(moving, solved, strict=True):
+            change[index, start:stop] = one.change(incident, factors)
+        _tell(progress, len(moving) + done, total)
+    return change
+
+
+def _tell(progress: Progress | None, done: int, total: int) -> None:
+    if progress is not None:
+        progress(done, total)

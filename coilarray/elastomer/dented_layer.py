@@ -1,0 +1,98 @@
+"""What an indentation does to the inductance matrix: at every position, of all coils at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal, TypeAlias, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+from coilarray.blocks import Progress
+from coilarray.conductors import Source, as_conductors
+from coilarray.constants import MU_0
+from coilarray.elastomer.coil_spectrum import coil_centres, coil_spectra
+from coilarray.elastomer.dent import Dent
+from coilarray.elastomer.dent_energy import checked_positions, dent_energies
+from coilarray.elastomer.scattering import LayerMesh, Scattering, scatter
+from coilarray.elastomer.shortcuts import born, first_order
+from coilarray.errors import ElastomerError
+
+FloatArray = npt.NDArray[np.float64]
+
+Model: TypeAlias = Literal["full", "first order", "Born"]
+
+
+def dent_inductance(
+    source: Source,
+    dents: Sequence[Dent],
+    positions: npt.ArrayLike,
+    mesh: LayerMesh | None = None,
+    model: Model = "full",
+    progress: Progress | None = None,
+) -> FloatArray:
+    """Change of the inductance matrix by dents in the magnetic sheets, against the flat sheets.
+
+    Parameters
+    ----------
+    source : CoilArray, Conductor, polyline or sequence of them
+        Coils at z ≤ 0; a path whose ends lie apart is closed by a straight line between them.
+    dents : sequence of Dent
+        For example one a depth, all in the same sheets.
+    positions : array_like, shape (positions, 2)
+        Of the indenter's axis in m.
+    mesh : LayerMesh, optional
+        Accuracy.
+    model : {"full", "first order", "Born"}
+        The dented sheets solved, or one of the two approximations of `coilarray.elastomer.shortcuts`, which are there
+        to be compared with and are wrong by tens of percent to a factor of three for usual dents.
+    progress : callable, optional
+        Called with (done, total) as the work goes on.
+
+    Returns
+    -------
+    ndarray, shape (dents, positions, coils, coils)
+        In H, symmetric.
+
+    Raises
+    ------
+    ElastomerError
+        Positions that are not finite, coils that are not below the sheets, dents of different sheets or in plane
+        strain, another model, or a magnetic face that comes too close to the coils.
+
+    Notes
+    -----
+    The field of the coils in harmonics about the indenter (`coil_spectrum`) meets the dent (`scattering`):
+    ΔL_ij = 2π μ0 Σ_m b_i,m* Γ_m b_j,m with b = c_m(k) k dk/2π. Nothing is linearised in the depth. The sheets count as
+    laterally infinite and their permeability as unchanged by strain.
+
+    Examples
+    --------
+    >>> r = np.linspace(0, 20e-3, 41)
+    >>> shape = -0.5e-3 * np.exp(-((r / 4e-3) ** 2))
+    >>> dent = Dent((4e-3, 2e-3), (1.0, 3.0), r, np.column_stack((0 * r, 0.6 * shape, shape)))
+    >>> angle = np.linspace(0, 2 * np.pi, 25)
+    >>> loop = np.column_stack((8e-3 * np.cos(angle), 8e-3 * np.sin(angle), 0 * angle))
+    >>> change = dent_inductance([loop], [dent], [[0, 0], [12e-3, 0]])
+    >>> np.round(change[0, :, 0, 0] * 1e12, 2)
+    array([25.93,  0.23])
+    """
+    points = checked_positions(positions, dents)
+    if model not in get_args(Model):
+        raise ElastomerError(f"model must be one of {', '.join(get_args(Model))}; got {model!r}.")
+    paths = as_conductors(source)
+    highest = max(float(path.vertices[:, 2].max()) for path in paths)
+    if highest > 0:
+        raise ElastomerError(f"coils must lie at z <= 0, below the sheets; one reaches z = {highest:.4g} m.")
+    accuracy = LayerMesh() if mesh is None else mesh
+
+    def solve(dent: Dent, wavenumbers: FloatArray, weights: FloatArray, deepest: float) -> Scattering:
+        if model == "full":
+            return scatter(dent, wavenumbers, weights, accuracy, deepest)
+        shortcut = {"first order": first_order, "Born": born}[model]
+        return shortcut(dent, wavenumbers, weights, accuracy.harmonics)
+
+    energies = dent_energies(
+        dents, points, coil_centres(paths), lambda k: coil_spectra(paths, k), solve, accuracy, progress
+    )
+    return MU_0 * energies

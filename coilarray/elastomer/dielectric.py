@@ -1,0 +1,212 @@
+"""What a dent in the elastomer does to the coils' capacitance: air takes the place of a dielectric above them.
+
+Above a measured coil the electric potential is set by the turns of its uppermost layer. Its Fourier transform takes the
+place of the coils' field, permittivities that of permeabilities, and electrodes at z = 0 that of the free space below;
+the rest is the magnetic problem of `coilarray.elastomer.scattering`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+from shapely.geometry.polygon import orient
+
+from coilarray.constants import EPSILON_0
+from coilarray.elastomer.coil_spectrum import Segments, segment_centres, segment_spectra
+from coilarray.elastomer.dent import Dent
+from coilarray.elastomer.dent_energy import checked_positions, dent_energies
+from coilarray.elastomer.scattering import LayerMesh, scatter
+from coilarray.errors import ElastomerError
+from coilarray.geometry import CoilArray, Placement, Stackup
+
+FloatArray = npt.NDArray[np.float64]
+
+_SLIT = 0.05  # of half a pitch: slits between turns, from the slight tilt of a spiral's sides, are closed
+
+
+def dent_capacitance(
+    array: CoilArray,
+    dents: Sequence[Dent],
+    positions: npt.ArrayLike,
+    permittivity: float,
+    mesh: LayerMesh | None = None,
+    *,
+    zero_at: float = 0.5,
+) -> FloatArray:
+    """Change of each coil's lumped capacitance by dents in the elastomer, against flat sheets.
+
+    Parameters
+    ----------
+    array : CoilArray
+        The board.
+    dents : sequence of Dent
+        For example one a depth, all in the same sheets.
+    positions : array_like, shape (positions, 2)
+        Of the indenter's axis in m.
+    permittivity : float
+        Relative, of all sheets.
+    mesh : LayerMesh, optional
+        Accuracy.
+    zero_at : float
+        Where the winding is at zero potential, as a part of its length from the first terminal: 0.5 for the
+        symmetric drive that the network assumes, 0 or 1 for a terminal at ground.
+
+    Returns
+    -------
+    ndarray, shape (dents, positions, coils)
+        In F, of each coil measured with all others at zero. A converter that takes the total capacitance C for
+        constant sees a relative change ΔC/C of L: less dielectric raises f, as a smaller L does.
+
+    Raises
+    ------
+    ElastomerError
+        Positions that are not finite, a permittivity below 1, a potential outside the winding's, dents of different
+        sheets or in plane strain, or a dent that comes too close to the board.
+
+    Notes
+    -----
+    ½ C V² is the energy with the voltage V from terminal to terminal and linear along the wire; above the board
+    ΔC = ε0 Δa(U_f, U_d)/V² with the energies of `coilarray.elastomer.scattering`, all harmonics.
+
+    Assumed: the potential at z = 0 is that of `surface_potential` and does not change with the dent. A round coil of
+    two layers, solved alone in the true surroundings of its copper (tests/test_elastomer_dielectric.py), has 0.75 to
+    0.9 of this in symmetric drive, where the layers' potentials are opposite and cancel outside; with a terminal at
+    ground 0.3 to 0.7, as then nothing but the neighbours holds the outside at zero. Where the zero is matters more: a
+    dent of 1 mm in the gast2020 design feigns at most about 1e-7 in symmetric drive, 1.5e-6 with the upper layer's
+    outer end at the full voltage, 6e-7 with that end at ground. The sign may be either: a
+    raised ring where the field is strong outweighs the pit.
+
+    Examples
+    --------
+    >>> from coilarray import load_design
+    >>> r = np.linspace(0, 20e-3, 41)
+    >>> shape = -1e-3 * np.exp(-((r / 4e-3) ** 2))
+    >>> dent = Dent((6e-3, 2e-3), (1.0, 2.7), r, np.column_stack((0 * r, 0.6 * shape, shape)))
+    >>> array = load_design("gast2020").array
+    >>> change = dent_capacitance(array, [dent], array.centres[2:3], 3.0)
+    >>> print(f"{change[0, 0, 2] * 1e15:.3f} fF")
+    -0.013 fF
+    """
+    points = checked_positions(positions, dents)
+    if not (np.isfinite(permittivity) and permittivity >= 1):
+        raise ElastomerError(f"permittivity must be at least 1; got {permittivity}.")
+    accuracy = LayerMesh() if mesh is None else mesh
+    electrodes = [surface_potential(placement, array.stackup, zero_at) for placement in array.placements]
+    energies = dent_energies(
+        [_filled(dent, permittivity) for dent in dents],
+        points,
+        segment_centres(electrodes),
+        lambda wavenumbers: segment_spectra(electrodes, wavenumbers),
+        lambda dent, k, weights, deepest: scatter(dent, k, weights, accuracy, deepest, "grounded"),
+        accuracy,
+    )
+    return EPSILON_0 * np.diagonal(energies, axis1=2, axis2=3)
+
+
+def surface_potential(placement: Placement, stackup: Stackup, zero_at: float = 0.5) -> Segments:
+    """Electric potential in the plane of a coil's uppermost copper, per voltage between the terminals.
+
+    Parameters
+    ----------
+    placement : Placement
+        The coil.
+    stackup : Stackup
+        Of the board.
+    zero_at : float
+        As in `dent_capacitance`.
+
+    Returns
+    -------
+    Segments
+        Outlines, each weighted with twice the potential inside: then S of `coilarray.elastomer.coil_spectrum` is the
+        Fourier transform of the potential.
+
+    Raises
+    ------
+    ElastomerError
+        A part of the length that is not between 0 and 1.
+
+    Notes
+    -----
+    The voltage falls linearly with the length of the path, over all layers in series; the first terminal has the
+    higher potential. Every segment has the potential of its middle, over its length and the width of a pitch, since
+    gaps as narrow as the traces take the potential between those of their sides. A hole inside the winding has the
+    mean potential of the turn around it; outside it is zero, where the grounded neighbours and the winding's other
+    half hold it. Lower layers are screened by the uppermost one. A coil that begins deeper in the board counts at its
+    own depth, as if no copper lay above it: where grounded coils cover it, this is too much.
+    """
+    if not 0 <= zero_at <= 1:
+        raise ElastomerError(f"zero_at must be a part of the winding's length from 0 to 1; got {zero_at}.")
+    coil = placement.coil
+    upper = min(range(len(coil.lines)), key=lambda k: stackup.index(placement.layers[k]))
+    lengths = [np.hypot(*np.diff(line, axis=0).T) for line in coil.lines]
+    length = lengths[upper]
+    middle = np.sum(np.concatenate([np.zeros(1), *lengths[:upper]])) + np.cumsum(length) - length / 2
+    potential = zero_at - middle / np.concatenate(lengths).sum()
+    line, pitch = placement.to_board(coil.lines[upper]), coil.trace_width + coil.gap
+    outlines, potentials = list(_strips(line, pitch)), potential.tolist()
+    traces = shapely.linestrings(np.stack((line[:-1], line[1:]), axis=1))
+    for hole in _holes(line, pitch):
+        around = shapely.distance(traces, hole) < 0.75 * pitch
+        outlines.append(shapely.get_coordinates(hole)[:-1])
+        potentials.append(float(np.average(potential[around], weights=length[around])))
+    return outlined(outlines, potentials, stackup.span(placement.layers[upper])[1])
+
+
+def outlined(outlines: Sequence[FloatArray], potentials: Sequence[float], z: float = 0.0) -> Segments:
+    """Potential that is constant in areas of one plane and zero outside.
+
+    Parameters
+    ----------
+    outlines : sequence of ndarray, each of shape (n, 2)
+        Corners of the areas in m, anticlockwise, the first one not repeated. Where areas overlap potentials add up.
+    potentials : sequence of float
+        Of each area in V.
+    z : float
+        Height of the plane in m.
+
+    Returns
+    -------
+    Segments
+        As `surface_potential` returns them.
+
+    Examples
+    --------
+    The Fourier transform of a square of 1 V at k = 0 is its area.
+
+    >>> square = np.array([[0.0, 0.0], [2e-3, 0.0], [2e-3, 2e-3], [0.0, 2e-3]])
+    >>> from coilarray.elastomer.coil_spectrum import harmonics_about
+    >>> spectra = segment_spectra([outlined([square], [1.0])], np.array([1e-3]))
+    >>> round(float(harmonics_about(spectra, np.zeros((1, 2)), 0)[0, 0, 0, 0].real) * 1e6, 6)
+    4.0
+    """
+    start = np.concatenate(outlines)
+    stop = np.concatenate([np.roll(outline, -1, axis=0) for outline in outlines])
+    height = np.full(len(start), z)
+    weights = 2 * np.repeat(potentials, [len(outline) for outline in outlines])
+    return Segments(np.column_stack((start, height)), np.column_stack((stop, height)), weights)
+
+
+def _filled(dent: Dent, permittivity: float) -> Dent:
+    """Sheets of one permittivity on electrodes: of their faces the electric field sees the top alone."""
+    faces = dent.displacement[:, [0, -1]]
+    return Dent((sum(dent.thicknesses),), (permittivity,), dent.radius, faces, below=permittivity)
+
+
+def _strips(line: FloatArray, width: float) -> FloatArray:
+    """Rectangle about every segment of a line, anticlockwise, shape (n, 4, 2)."""
+    along = np.diff(line, axis=0)
+    along *= width / 2 / np.hypot(*along.T)[:, None]
+    left = np.column_stack((-along[:, 1], along[:, 0]))
+    return np.stack((line[:-1] - left, line[1:] - left, line[1:] + left, line[:-1] + left), axis=1)
+
+
+def _holes(line: FloatArray, width: float) -> list[shapely.Polygon]:
+    """Areas inside a line that the line, drawn with a width, leaves free."""
+    slit = _SLIT * width / 2
+    wide = shapely.buffer(shapely.LineString(line), width / 2 + slit, cap_style="flat", join_style="mitre")
+    band = shapely.buffer(wide, -slit, join_style="mitre")
+    return [orient(shapely.Polygon(ring)) for part in shapely.get_parts(band) for ring in part.interiors]

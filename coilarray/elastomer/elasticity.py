@@ -1,0 +1,163 @@
+"""Linear elasticity of a layered body, incompressible or not: mixed finite elements for displacement and pressure.
+
+Displacement u and pressure p in the half plane (r, z), with ε the strain and K = E/(3(1 − 2ν)) the bulk modulus:
+
+    ∫ (2μ dev ε(u) : dev ε(v) − p div v) w = load(v)         for every v,
+    ∫ (−q div u − p q/K) w = 0                               for every q.
+
+w = r about an axis, where u_r/r is the hoop strain, and w = 1 in plane strain. p is finite for ν = 0.5, where 1/K = 0.
+Biquadratic displacement with a linear pressure in each element, free to jump between elements, is stable:
+D. Boffi, F. Brezzi, M. Fortin, Mixed Finite Element Methods and Applications, Springer 2013, section 8.6.3.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy import sparse
+from scipy.sparse.linalg import splu
+from skfem import Basis, BilinearForm, ElementQuad2, ElementVector, MeshQuad
+
+from coilarray.geometry.indenter import Symmetry
+
+FloatArray = npt.NDArray[np.float64]
+IndexArray = npt.NDArray[np.intp]
+
+_QUADRATURE = 5  # exact for products of two biquadratic functions and r
+
+
+def weight(symmetry: Symmetry, r: FloatArray) -> FloatArray:
+    """Measure of the half plane over dr dz: r about an axis, 1 in plane strain."""
+    return r if symmetry == "axial" else np.ones_like(r)
+
+
+def hoop_strain(symmetry: Symmetry, u: Any, r: FloatArray) -> FloatArray:
+    """u_r/r about an axis, 0 in plane strain."""
+    return np.asarray(u[0] / r if symmetry == "axial" else np.zeros_like(r))
+
+
+@dataclass(frozen=True, eq=False)
+class ElasticBody:
+    """A body whose elastic system is assembled and factorised.
+
+    Parameters
+    ----------
+    basis : skfem.Basis
+        Of the displacement, n functions.
+    """
+
+    basis: Any
+    _free: IndexArray
+    _solve: Callable[[FloatArray], FloatArray]
+    _unknowns: int
+
+    def displacements(self, loads: FloatArray) -> FloatArray:
+        """Displacements under nodal loads.
+
+        Parameters
+        ----------
+        loads : ndarray, shape (n, k)
+            load(v) for each of the n basis functions and k load cases.
+
+        Returns
+        -------
+        ndarray, shape (n, k)
+            Coefficients of the displacement; zero where the body is held.
+        """
+        right = np.zeros((self._unknowns, loads.shape[1]))
+        right[: len(loads)] = loads
+        solution = np.zeros_like(right)
+        solution[self._free] = self._solve(right[self._free])
+        return solution[: len(loads)]
+
+
+def elastic_body(
+    mesh: MeshQuad,
+    symmetry: Symmetry,
+    shear: FloatArray,
+    squash: FloatArray,
+    held: Callable[[Any], IndexArray],
+    *,
+    wide: bool,
+) -> ElasticBody:
+    """Assemble and factorise the mixed system.
+
+    Parameters
+    ----------
+    mesh : skfem.MeshQuad
+        Rectangles in (r, z), with a boundary named "outer".
+    symmetry : {"axial", "plane"}
+        About an axis, or plane strain.
+    shear, squash : ndarray, shape (elements,)
+        μ and 1/K of each element.
+    held : callable
+        Returns the displacement's degrees of freedom that are zero, from the basis.
+    wide : bool
+        The body goes on beyond its outer edge; otherwise nothing pulls at that edge.
+
+    Returns
+    -------
+    ElasticBody
+        Ready to be loaded.
+    """
+    basis = Basis(mesh, ElementVector(ElementQuad2()), intorder=_QUADRATURE)
+    stiffness, divergence, bulk = _blocks(basis, symmetry, shear, squash)
+    if wide:
+        stiffness = stiffness + _far_field(basis, symmetry, shear)
+    system = sparse.block_array([[stiffness, divergence.T], [divergence, bulk]]).tocsc()
+    free = np.setdiff1d(np.arange(system.shape[0]), held(basis))
+    return ElasticBody(basis, free, splu(system[free][:, free]).solve, system.shape[0])
+
+
+def _blocks(basis: Any, symmetry: Symmetry, shear: FloatArray, squash: FloatArray) -> tuple[Any, Any, Any]:
+    """Matrices of ∫2μ dev ε(u) : dev ε(v) w, −∫q div u w and −∫p q/K w; q = 1, ξ and η in every element."""
+    elements, points = basis.dx.shape
+    strain = _strains(basis, symmetry)
+    trace = strain[:, :3].sum(axis=1)
+    strain[:, :3] -= trace[:, None] / 3
+    measure = basis.dx * weight(symmetry, basis.global_coordinates()[0])
+    local = np.stack([np.ones(points), *(basis.X - 0.5)])
+
+    u = basis.element_dofs
+    p = np.arange(3 * elements).reshape(3, elements)
+    stiffness = np.einsum("iceq,jceq,eq->ije", strain, strain, 2 * shear[:, None] * measure, optimize=True)
+    divergence = -np.einsum("kq,ieq,eq->kie", local, trace, measure, optimize=True)
+    bulk = -np.einsum("kq,lq,eq->kle", local, local, squash[:, None] * measure, optimize=True)
+    return _scattered(stiffness, u, u), _scattered(divergence, p, u), _scattered(bulk, p, p)
+
+
+def _strains(basis: Any, symmetry: Symmetry) -> FloatArray:
+    """Strain of each basis function, shape (functions, 4, elements, points): rr, zz, hoop, √2 rz."""
+    r = basis.global_coordinates()[0]
+    return np.stack(
+        [
+            [
+                u.grad[0, 0],
+                u.grad[1, 1],
+                hoop_strain(symmetry, u, r),
+                (u.grad[0, 1] + u.grad[1, 0]) / np.sqrt(2),
+            ]
+            for (u,) in basis.basis
+        ]
+    )
+
+
+def _scattered(values: FloatArray, rows: IndexArray, columns: IndexArray) -> Any:
+    """Sum matrices of elements, shape (i, j, elements), into one; rows (i, elements) and columns (j, elements)."""
+    shape = values.shape
+    where = np.broadcast_to(rows[:, None], shape).ravel(), np.broadcast_to(columns[None], shape).ravel()
+    return sparse.coo_array((values.ravel(), where), shape=(rows.max() + 1, columns.max() + 1)).tocsr()
+
+
+def _far_field(basis: Any, symmetry: Symmetry, shear: FloatArray) -> Any:
+    """Outer edge of a wide body: ∫2μ u_r/r v_r w, the traction under which u_r = B/r (plane: constant) goes on."""
+    edge = basis.boundary("outer")
+
+    def form(u: Any, v: Any, w: Any) -> Any:
+        return 2 * w.shear * hoop_strain(symmetry, u, w.x[0]) * v[0] * weight(symmetry, w.x[0])
+
+    return BilinearForm(form).assemble(edge, shear=np.tile(shear[edge.tind][:, None], edge.X.shape[-1]))

@@ -1,0 +1,149 @@
+"""Elastomers filled with small spheres: stiffness and permeability from the volume fraction of the filler."""
+
+from __future__ import annotations
+
+import math
+
+from coilarray.errors import ElastomerError
+
+GUTH_GOLD_LIMIT = 0.35
+"""Largest volume fraction that `guth_gold_modulus` accepts."""
+
+
+def guth_gold_modulus(matrix_modulus: float, volume_fraction: float) -> float:
+    """Young's modulus of an elastomer filled with rigid spheres, by Guth and Gold.
+
+    Parameters
+    ----------
+    matrix_modulus : float
+        Young's modulus of the unfilled elastomer in Pa.
+    volume_fraction : float
+        Of the filler, 0 to 0.35.
+
+    Returns
+    -------
+    float
+        In Pa.
+
+    Raises
+    ------
+    ElastomerError
+        A modulus that is not positive and finite, or a volume fraction out of range.
+
+    Notes
+    -----
+    E = E₀ (1 + 2.5 f + 14.1 f²): E. Guth and O. Gold, Phys. Rev. 53, 322 (1938); E. Guth, J. Appl. Phys. 16, 20 (1945).
+    The linear term is Einstein's for single spheres, the square one counts pairs. It holds for well dispersed, nearly
+    round particles much stiffer than the elastomer, small strains and f up to about 0.3; beyond, or where particles
+    form chains (a field during curing) or clusters, the true modulus is higher, and the formula is refused above 0.35.
+
+    Examples
+    --------
+    The magnetic layer of the six-coil sensor has 30 % of iron powder: three times as stiff as its base.
+
+    >>> round(guth_gold_modulus(1.0, 0.30), 3)
+    3.019
+    """
+    if not (math.isfinite(matrix_modulus) and matrix_modulus > 0):
+        raise ElastomerError(f"the matrix's modulus must be positive and finite; got {matrix_modulus} Pa.")
+    if not 0 <= volume_fraction <= GUTH_GOLD_LIMIT:
+        raise ElastomerError(
+            f"the volume fraction must be 0 to {GUTH_GOLD_LIMIT}, where Guth and Gold's formula ends; "
+            f"got {volume_fraction}."
+        )
+    f = volume_fraction
+    return matrix_modulus * (1 + 2.5 * f + 14.1 * f * f)
+
+
+def maxwell_garnett_permeability(volume_fraction: float, particle_permeability: float = math.inf) -> float:
+    """Relative permeability of spheres in a non-magnetic elastomer, by Maxwell Garnett.
+
+    Parameters
+    ----------
+    volume_fraction : float
+        Of the spheres, 0 to 1.
+    particle_permeability : float
+        Relative, of the spheres, at least 1. Infinite by default: that of a sphere of iron is so large that only its
+        shape counts.
+
+    Returns
+    -------
+    float
+        Infinite only where everything is a particle of infinite permeability.
+
+    Raises
+    ------
+    ElastomerError
+        A volume fraction or a permeability out of range.
+
+    Notes
+    -----
+    μ = (1 + 2fβ)/(1 − fβ), β = (μp − 1)/(μp + 2): J. C. Maxwell Garnett, Phil. Trans. R. Soc. A 203, 385 (1904). Every
+    sphere lies in the mean field of the others, which holds for dilute mixtures, to f of about 0.2. It is also the
+    lower bound of Hashin and Shtrikman (J. Appl. Phys. 33, 3125, 1962) for any isotropic mixture of the two. Since the
+    spheres demagnetise themselves, μp hardly counts: 30 in place of infinity lowers μ by 7 % at f = 0.3.
+
+    The six-coil sensor has f = 0.30: 2.286 for infinite μp. The authors' second paper takes 2.7 for a layer of that
+    kind, which lies above this bound and below `bruggeman_permeability`.
+
+    Examples
+    --------
+    >>> round(maxwell_garnett_permeability(0.30), 3)
+    2.286
+    """
+    _check_mixture(volume_fraction, particle_permeability)
+    inverse = 1 / particle_permeability  # in 1/μp, so that it may be zero
+    above, below = 1 - inverse, 1 + 2 * inverse  # β = above/below
+    f = volume_fraction
+    rest = below - f * above
+    return (below + 2 * f * above) / rest if rest > 0 else math.inf
+
+
+def bruggeman_permeability(volume_fraction: float, particle_permeability: float = math.inf) -> float:
+    """Relative permeability of a mixture of spheres of a magnetic and a non-magnetic phase, by Bruggeman.
+
+    Parameters
+    ----------
+    volume_fraction, particle_permeability
+        As in `maxwell_garnett_permeability`.
+
+    Returns
+    -------
+    float
+        Infinite where particles of infinite permeability fill a third or more.
+
+    Raises
+    ------
+    ElastomerError
+        A volume fraction or a permeability out of range.
+
+    Notes
+    -----
+    f (μp − μ)/(μp + 2μ) + (1 − f)(1 − μ)/(1 + 2μ) = 0: D. A. G. Bruggeman, Ann. Phys. (Leipzig) 416, 636 (1935). For
+    two phases that is 2μ² − bμ − μp = 0 with b = (3f − 1) μp + 2 − 3f, solved here for its positive root. Both phases
+    are treated alike, each sphere in the mixture itself, so that the particles percolate at f = 1/3: for infinite μp
+    μ = 1/(1 − 3f) below and no bound from there on. Particles that the elastomer keeps apart percolate later: take the
+    result as an upper estimate where f nears 1/3 and μp is large (10 at f = 0.30 for infinite μp).
+
+    Examples
+    --------
+    >>> round(bruggeman_permeability(0.10), 3), round(bruggeman_permeability(0.30, 100.0), 3)
+    (1.429, 5.188)
+    """
+    _check_mixture(volume_fraction, particle_permeability)
+    inverse = 1 / particle_permeability
+    # the equation for y = μ/μp: 2y² − by − 1/μp = 0 with b over μp; the form without cancellation for each sign of b
+    b = 3 * volume_fraction - 1 + (2 - 3 * volume_fraction) * inverse
+    root = math.hypot(b, math.sqrt(8 * inverse))
+    if b < 0:
+        return 2 / (root - b)
+    return (b + root) / 4 / inverse if inverse > 0 else math.inf
+
+
+def _check_mixture(volume_fraction: float, particle_permeability: float) -> None:
+    if not 0 <= volume_fraction <= 1:
+        raise ElastomerError(f"the volume fraction must be 0 to 1; got {volume_fraction}.")
+    if not particle_permeability >= 1:
+        raise ElastomerError(
+            f"the particles' relative permeability must be at least 1 (infinite allowed); got {particle_permeability}."
+        )

@@ -1,0 +1,181 @@
+"""The two-dimensional model: a coil's cross-section as infinite straight wires under a sheet in plane strain.
+
+Gast and Zimmermann's FEM paper simplifies its sensor so. Everything is per metre of length along y.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from coilarray.constants import MU_0
+from coilarray.elastomer.dent import Dent
+from coilarray.elastomer.flat_stack import reflection
+from coilarray.elastomer.scattering import LayerMesh, scatter, wavenumber_rule
+from coilarray.errors import ElastomerError
+from coilarray.geometry import Conductor, Sheet
+from coilarray.kernels.sections import pair_logs
+
+FloatArray = npt.NDArray[np.float64]
+ComplexArray = npt.NDArray[np.complex128]
+
+_FLAT_DECAYS = 20.0  # wavenumbers up to 20/(2 × distance of wires and sheet): the rest is below 1e-8
+
+
+@dataclass(frozen=True, eq=False)
+class Wires:
+    """Infinite straight wires along y that carry one current to and fro.
+
+    Parameters
+    ----------
+    x, z : ndarray, shape (wires,)
+        Positions in m.
+    widths, thicknesses : ndarray, shape (wires,)
+        Cross-sections in m.
+    senses : ndarray, shape (wires,)
+        +1 where the current flows along y, −1 against it; they add up to zero.
+    """
+
+    x: FloatArray
+    z: FloatArray
+    widths: FloatArray
+    thicknesses: FloatArray
+    senses: FloatArray
+
+
+def cross_section(conductor: Conductor, y: float) -> Wires:
+    """Cut a path with the plane of one y.
+
+    Parameters
+    ----------
+    conductor : Conductor
+        With a cross-section.
+    y : float
+        In m.
+
+    Returns
+    -------
+    Wires
+        One for every crossing, as wide as the trace (not as its oblique cut).
+
+    Raises
+    ------
+    ElastomerError
+        A path that does not cross the plane, or not as often to as fro.
+
+    Examples
+    --------
+    >>> loop = Conductor([[0, -1, 0], [0, 1, 0], [-1, 1, 0], [-1, -1, 0]], 1e-3, 35e-6)
+    >>> cross_section(loop, 0.0).senses
+    array([ 1., -1.])
+    """
+    start, stop = conductor.vertices[:-1], conductor.vertices[1:]
+    crosses = (start[:, 1] <= y) != (stop[:, 1] <= y)
+    senses = np.sign(stop[crosses, 1] - start[crosses, 1])
+    if not len(senses) or senses.sum() != 0:
+        raise ElastomerError(
+            f"{conductor.name} must cross y = {y:.4g} m as often to as fro; it does so {int((senses > 0).sum())} and "
+            f"{int((senses < 0).sum())} times."
+        )
+    share = (y - start[crosses, 1]) / (stop[crosses, 1] - start[crosses, 1])
+    at = start[crosses] + share[:, None] * (stop[crosses] - start[crosses])
+    return Wires(at[:, 0], at[:, 2], conductor.widths[crosses], conductor.thicknesses[crosses], senses)
+
+
+def line_inductance(wires: Wires, sheets: Sequence[Sheet]) -> float:
+    """Self-inductance per length under flat sheets.
+
+    Parameters
+    ----------
+    wires : Wires
+        At z ≤ 0.
+    sheets : sequence of Sheet
+        Upwards from z = 0.
+
+    Returns
+    -------
+    float
+        In H/m.
+
+    Raises
+    ------
+    ElastomerError
+        Wires without a cross-section or above z = 0.
+
+    Notes
+    -----
+    L' = −μ0/2π Σ s_i s_j mean(ln r_ij), the means over both cross-sections, and of the sheets
+    −2μ0/π ∫ k R(k) |S(k)|² dk with their reflection R.
+    """
+    if not (wires.widths > 0).all():
+        raise ElastomerError("the inductance of wires needs their cross-sections; one has none.")
+    cells = np.ascontiguousarray(np.column_stack((wires.x, wires.z, wires.widths, wires.thicknesses)))
+    logs = np.empty((len(cells), len(cells)))
+    pair_logs(cells, cells, 0.0, 0.0, logs)
+    alone = -MU_0 / (2 * np.pi) * float(wires.senses @ logs @ wires.senses)
+    magnetic = next((k for k, sheet in enumerate(sheets) if sheet.relative_permeability > 1), None)
+    if magnetic is None:
+        return alone
+    clearance = sum(sheet.thickness for sheet in sheets[:magnetic]) - float(wires.z.mean())
+    k, weights = wavenumber_rule(clearance, 2 * float(np.ptp(wires.x)), LayerMesh(decays=_FLAT_DECAYS / 2))
+    R = reflection(k, [sheet.thickness for sheet in sheets], [sheet.relative_permeability for sheet in sheets])
+    return alone - 2 * MU_0 / np.pi * float(weights @ (k * R * np.abs(_spectrum(wires, k)) ** 2))
+
+
+def line_dent_inductance(
+    wires: Wires, dents: Sequence[Dent], positions: npt.ArrayLike, mesh: LayerMesh | None = None
+) -> FloatArray:
+    """Change of the inductance per length by dents in plane strain, against the flat sheets.
+
+    Parameters
+    ----------
+    wires : Wires
+        At z ≤ 0.
+    dents : sequence of Dent
+        In plane strain, all in the same sheets.
+    positions : array_like, shape (positions,)
+        x of the indenter's middle in m.
+    mesh : LayerMesh, optional
+        Accuracy.
+
+    Returns
+    -------
+    ndarray, shape (dents, positions)
+        In H/m.
+
+    Raises
+    ------
+    ElastomerError
+        Dents about an axis, positions that are not finite, or wires above z = 0.
+    """
+    x = np.asarray(positions, dtype=np.float64)
+    if x.ndim != 1 or not np.isfinite(x).all():
+        raise ElastomerError(f"positions must be finite and of shape (n,); got shape {x.shape}.")
+    if any(dent.symmetry != "plane" for dent in dents):
+        raise ElastomerError("wires need dents in plane strain; for coils in space there is dent_inductance.")
+    mesh = LayerMesh() if mesh is None else mesh
+    change = np.zeros((len(dents), len(x)))
+    moving = [index for index, dent in enumerate(dents) if np.isfinite(dent.clearance)]
+    if not moving or not len(x):
+        return change
+    extent = float(np.abs(x[:, None] - wires.x).max()) + max(dent.width for dent in dents)
+    k, weights = wavenumber_rule(min(dents[index].clearance for index in moving), extent, mesh)
+    amplitude = _spectrum(wires, k)[:, None] * np.exp(1j * np.outer(k, x)) / np.pi
+    # Ψ = ∫ (Re c cos kx − Im c sin kx) g dk/π about the indenter: an even and an odd part
+    incident = np.stack((amplitude.real, -amplitude.imag), axis=-1)[:, :, None, :].astype(np.complex128)
+    deepest = max(float(np.abs(dent.displacement).max()) for dent in dents)
+    for index in moving:
+        scattering = scatter(dents[index], k, weights, mesh, deepest)
+        change[index] = MU_0 * scattering.change(incident, np.array([2.0, 2.0]))[:, 0, 0]
+    return change
+
+
+def _spectrum(wires: Wires, wavenumbers: FloatArray) -> ComplexArray:
+    """S(k) = i/(2k) Σ s e^{−ikx} e^{kz} for k > 0, in m per A; Ψ = ∫ S e^{ikx} e^{−kz} dk/2π over both signs of k."""
+    if (wires.z > 0).any():
+        raise ElastomerError(f"wires must lie at z <= 0, below the sheets; one is at {wires.z.max():.4g} m.")
+    waves = np.exp(np.outer(wavenumbers, wires.z) - 1j * np.outer(wavenumbers, wires.x)) @ wires.senses
+    return np.asarray(0.5j / wavenumbers * waves)

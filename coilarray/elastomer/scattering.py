@@ -1,0 +1,305 @@
+"""How a dent in magnetic sheets changes the energy of any incident field.
+
+Let U_f be the total potential with flat sheets, a_f and a_d the energies ∫ μ ∇U·∇V of the flat and of the dented
+sheets, and Δa = a_d − a_f. The sources of the field are the same, so the dented potential is U_d = U_f + ψ with
+
+    a_d(ψ, V) = −Δa(U_f, V)  for all V,
+
+and the inductance matrix changes by ΔL_ij = μ0 Δa(U_f,i, U_d,j). With permittivities and electrodes that hold the
+potential at z = 0, where then ψ = V = 0, it is the capacitance matrix that changes so, by ε0 Δa(U_f,i, U_d,j). The
+dented space is mapped to the flat one by moving heights only, z = Z + w(r, Z); there Δa is an integral of known
+coefficients that vanish where nothing moves, and U_f is known in closed form, so no small difference of large numbers
+is ever taken and the air far away does not matter.
+
+The dent is symmetric about its axis: each harmonic e^{imθ} of the field is a problem of its own in (r, Z). In plane
+strain the even and the odd part in x take the place of the harmonics.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import svd
+from scipy.sparse import csr_matrix
+from scipy.sparse.linalg import splu
+from scipy.special import jv
+from skfem import Basis, BilinearForm, ElementQuad2, MeshQuad
+
+from coilarray.blocks import run_blocks
+from coilarray.elastomer.dent import Dent
+from coilarray.elastomer.flat_stack import Base, flat_profile
+from coilarray.errors import ElastomerError
+
+_MOST_WAVENUMBERS = 2000
+
+FloatArray = npt.NDArray[np.float64]
+ComplexArray = npt.NDArray[np.complex128]
+
+
+@dataclass(frozen=True)
+class LayerMesh:
+    """Accuracy of the magnetic problem; the defaults are from the study in tests/test_elastomer_dented_layer.py.
+
+    Parameters
+    ----------
+    harmonics : int
+        Highest harmonic about the indenter.
+    decays : float
+        Wavenumbers count up to decays/clearance: what is left out is below e^(−2·decays) of the incident energy.
+    width : float
+        Of the elements in the middle, over the radius of the dent's half depth or the clearance, the smaller one.
+    rows : int
+        Elements over the height of each sheet and of the moved air.
+    growth : float
+        Ratio of neighbouring elements outside.
+    rank : float
+        Incident patterns below this part of the strongest are left out.
+    """
+
+    harmonics: int = 10
+    decays: float = 8.0
+    width: float = 0.25
+    rows: int = 6
+    growth: float = 1.2
+    rank: float = 1e-7
+
+
+@dataclass(frozen=True, eq=False)
+class Scattering:
+    """Change of energy by a dent, harmonic by harmonic.
+
+    Parameters
+    ----------
+    wavenumbers, weights : ndarray, shape (k,)
+        Nodes and weights of the integral over the wavenumber in 1/m.
+    patterns : tuple of ndarray, shape (rank, k)
+        For every harmonic: the incident field of each wavenumber in a few patterns.
+    energies : tuple of ndarray, shape (rank, rank)
+        For every harmonic Δa(U_f, U_d) between the patterns, without μ0 and the integral over the angle, in m.
+    """
+
+    wavenumbers: FloatArray
+    weights: FloatArray
+    patterns: tuple[FloatArray, ...]
+    energies: tuple[FloatArray, ...]
+
+    def change(self, incident: ComplexArray, factors: FloatArray) -> FloatArray:
+        """Change of the energy between the fields of all coils at every position.
+
+        Parameters
+        ----------
+        incident : ndarray, shape (k, positions, coils, harmonics)
+            Amplitude of every coil's potential per wavenumber.
+        factors : ndarray, shape (harmonics,)
+            The integral over the angle, 2π and 4π, or the two halves in plane strain.
+
+        Returns
+        -------
+        ndarray, shape (positions, coils, coils)
+            Symmetric; times μ0 an inductance.
+        """
+        _, positions, coils, orders = incident.shape
+        total = np.zeros((positions, coils, coils))
+        for m in range(orders):
+            b = np.tensordot(self.patterns[m] * self.weights, incident[..., m], axes=1)  # rank, positions, coils
+            for part in (b.real, b.imag):
+                at = part.transpose(1, 2, 0)
+                total += factors[m] * (at @ self.energies[m] @ at.transpose(0, 2, 1))
+        return np.asarray((total + total.transpose(0, 2, 1)) / 2)
+
+
+def wavenumber_rule(clearance: float, extent: float, mesh: LayerMesh) -> tuple[FloatArray, FloatArray]:
+    """Gauss–Legendre nodes and weights from 0 to decays/clearance that resolve fields of a lateral extent.
+
+    Parameters
+    ----------
+    clearance : float
+        Least height in m above the coils of a moved face where the material changes.
+    extent : float
+        Largest distance between a point of a coil and a point of the dent in m.
+    mesh : LayerMesh
+        Gives the highest wavenumber.
+
+    Returns
+    -------
+    wavenumbers, weights : ndarray, shape (k,)
+        In 1/m.
+
+    Raises
+    ------
+    ElastomerError
+        Coils so large and so near that the rule would have more than 2000 nodes.
+    """
+    highest = mesh.decays / clearance
+    count = int(np.ceil(highest * extent / np.pi)) + 20  # two nodes a period of e^{ikx}, and some to converge
+    if count > _MOST_WAVENUMBERS:
+        raise ElastomerError(
+            f"a dented face comes within {clearance * 1e3:.3g} mm of coils on {extent * 1e3:.3g} mm: too close for "
+            f"this method, which would need {count} wavenumbers; {_MOST_WAVENUMBERS} are allowed."
+        )
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    return (nodes + 1) / 2 * highest, weights / 2 * highest
+
+
+def scatter(
+    dent: Dent,
+    wavenumbers: FloatArray,
+    weights: FloatArray,
+    mesh: LayerMesh,
+    deepest: float | None = None,
+    base: Base = "open",
+) -> Scattering:
+    """Solve the dented sheets for all incident fields.
+
+    Parameters
+    ----------
+    dent : Dent
+        The sheets.
+    wavenumbers, weights : ndarray, shape (k,)
+        As `wavenumber_rule` returns them.
+    mesh : LayerMesh
+        Accuracy.
+    deepest : float, optional
+        Largest displacement in m of a series of dents that shall share one mesh; that of this dent by default.
+    base : {"open", "grounded"}
+        Air below the sheets, or electrodes at z = 0 that hold the potential.
+
+    Returns
+    -------
+    Scattering
+    """
+    grid = _grid(dent, mesh, deepest, base)
+    basis = Basis(grid, ElementQuad2(), intorder=6)
+    r, z = np.asarray(basis.global_coordinates())
+    mu = _permeability(dent, z)
+    map_ = _Mapping(dent, deepest)
+    stretch, shear = map_.gradient(r, z)
+    flat = _Forms(basis, mu, np.ones_like(mu), np.zeros_like(mu), np.ones_like(mu), dent.symmetry)
+    change = _Forms(basis, mu, stretch, -shear, (1 + shear**2) / (1 + stretch) - 1, dent.symmetry)
+    nodes = basis.doflocs
+    moved = np.unique(change.gradient.nonzero()[0])
+    profiles = _by_value(
+        nodes[1, moved], lambda z: flat_profile(wavenumbers, z, dent.thicknesses, dent.permeabilities, base)
+    )
+    scale = np.sqrt(wavenumbers * weights)
+    near = 1e-9 * float(np.ptp(nodes[0]))
+    outer = np.flatnonzero(
+        (nodes[0] > nodes[0].max() - near) | (nodes[1] < nodes[1].min() + near) | (nodes[1] > nodes[1].max() - near)
+    )
+    axis = np.flatnonzero(nodes[0] < near)
+    kinds: Sequence[int] = range(mesh.harmonics + 1) if dent.symmetry == "axial" else (0, 1)
+
+    def solve(m: int) -> tuple[FloatArray, FloatArray]:
+        radial = _by_value(nodes[0, moved], lambda r: _radial(dent.symmetry, m, r, wavenumbers))
+        incident = radial * profiles
+        patterns, strengths, _ = svd(incident * scale, full_matrices=False, check_finite=False)
+        patterns = patterns[:, strengths > mesh.rank * strengths[0]]
+        delta = change.harmonic(m)
+        force = delta[:, moved] @ patterns
+        fixed = outer if m == 0 else np.union1d(outer, axis)
+        free = np.setdiff1d(np.arange(nodes.shape[1]), fixed)
+        response = np.zeros_like(force)
+        dented = (flat.harmonic(m) + delta)[free][:, free].tocsc()
+        response[free] = -splu(dented, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}).solve(force[free])
+        return patterns.T @ incident, patterns.T @ force[moved] + force.T @ response
+
+    solved = run_blocks(solve, kinds)
+    return Scattering(wavenumbers, weights, tuple(p for p, _ in solved), tuple(e for _, e in solved))
+
+
+@dataclass(frozen=True, eq=False)
+class _Mapping:
+    """Heights z = Z + w(r, Z) that move the contrasts with the dent and nothing beyond the anchors."""
+
+    dent: Dent
+    deepest: float | None
+
+    def gradient(self, r: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """∂w/∂Z and ∂w/∂r at points, both dimensionless."""
+        heights, faces = self.dent.anchors(self.deepest)
+        shape = self.dent.faces
+        w, slope = shape(r)[..., list(faces)], shape(r, 1)[..., list(faces)]
+        stretch, shear = np.zeros_like(r), np.zeros_like(r)
+        rigid = np.zeros((*r.shape, 1))
+        low = [rigid] if len(heights) == len(faces) + 2 else []
+        w, slope = (np.concatenate([*low, part, rigid], axis=-1) for part in (w, slope))
+        for k, (lower, upper) in enumerate(pairwise(heights.tolist())):
+            here = (z > lower) & (z < upper)
+            share = (z[here] - lower) / (upper - lower)
+            stretch[here] = (w[here, k + 1] - w[here, k]) / (upper - lower)
+            shear[here] = (1 - share) * slope[here, k] + share * slope[here, k + 1]
+        return stretch, shear
+
+
+class _Forms:
+    """Energies ∫ μ (a ∂rU ∂rV + b (∂rU ∂zV + ∂zU ∂rV) + c ∂zU ∂zV + a m²/r² U V) r dr dz of all harmonics."""
+
+    def __init__(
+        self, basis: Basis, mu: FloatArray, a: FloatArray, b: FloatArray, c: FloatArray, symmetry: str
+    ) -> None:
+        axial = symmetry == "axial"
+        self._axial = axial
+
+        @BilinearForm
+        def gradient(u, v, w):  # type: ignore[no-untyped-def]
+            mixed = u.grad[0] * v.grad[1] + u.grad[1] * v.grad[0]
+            energy = w.a * u.grad[0] * v.grad[0] + w.b * mixed + w.c * u.grad[1] * v.grad[1]
+            return w.mu * energy * (w.x[0] if axial else 1.0)
+
+        @BilinearForm
+        def around(u, v, w):  # type: ignore[no-untyped-def]
+            return w.mu * w.a * u * v / w.x[0]
+
+        self.gradient: csr_matrix = gradient.assemble(basis, mu=mu, a=a, b=b, c=c)
+        self._around: csr_matrix | None = around.assemble(basis, mu=mu, a=a) if axial else None
+
+    def harmonic(self, m: int) -> csr_matrix:
+        """Energy of one harmonic; in plane strain of either parity."""
+        return self.gradient if self._around is None else self.gradient + m**2 * self._around
+
+
+def _radial(symmetry: str, m: int, r: FloatArray, wavenumbers: FloatArray) -> FloatArray:
+    """Lateral pattern: J_m(kr), or cos kx and sin kx in plane strain; shape (r, k)."""
+    kr = np.outer(r, wavenumbers)
+    if symmetry == "axial":
+        return np.asarray(jv(m, kr))
+    return np.cos(kr) if m == 0 else np.sin(kr)
+
+
+def _by_value(values: FloatArray, function: Callable[[FloatArray], FloatArray]) -> FloatArray:
+    """Apply a function to the distinct values only: mesh lines share their coordinates."""
+    distinct, inverse = np.unique(np.round(values, 12), return_inverse=True)  # to a picometre
+    return np.asarray(function(distinct)[inverse])
+
+
+def _permeability(dent: Dent, z: FloatArray) -> FloatArray:
+    mu = np.array([1.0, *dent.permeabilities, 1.0])
+    return np.asarray(mu[np.searchsorted(dent.heights, z)])
+
+
+def _grid(dent: Dent, mesh: LayerMesh, deepest: float | None, base: Base) -> MeshQuad:
+    """Rectangles in (r, Z): even over the dent and the moved heights, growing outside; from z = 0 where grounded."""
+    heights, _ = dent.anchors(deepest)
+    moved = np.abs(dent.displacement).max(axis=1)
+    half = float(dent.radius[max(1, np.flatnonzero(moved > moved.max() / 2)[-1])])
+    fine = mesh.width * min(half, dent.clearance)
+    far = 2 * float(heights[-1])
+    core = np.arange(0.0, min(3 * half, dent.reach), fine)
+    radii = np.concatenate((core, _growing(core[-1], dent.reach + far, fine, mesh.growth)[1:]))
+    rows = np.unique(np.concatenate([np.linspace(*pair, mesh.rows + 1) for pair in pairwise(heights.tolist())]))
+    first, last = (float(np.diff(rows)[k]) for k in (0, -1))
+    down = far if base == "open" else float(rows[0])
+    below = rows[0] - _growing(0.0, down, first, 1.5)[1:][::-1] if down > 0 else rows[:0]
+    above = rows[-1] + _growing(0.0, far, last, 1.5)[1:]
+    return MeshQuad.init_tensor(radii, np.concatenate((below, rows, above)))
+
+
+def _growing(start: float, stop: float, first: float, ratio: float) -> FloatArray:
+    """Points from start to stop whose distances begin with `first` and grow."""
+    count = max(1, int(np.ceil(np.log1p((stop - start) * (ratio - 1) / first) / np.log(ratio))))
+    steps = ratio ** np.arange(count)
+    return np.concatenate(([start], start + (stop - start) * np.cumsum(steps) / steps.sum()))

@@ -1,0 +1,112 @@
+"""Two approximations of a dent that are often made, for comparison only.
+
+Neither is right for dents of the size of the sheet: `first_order` takes the slope of the energy at the flat face, where
+the field changes fast with depth; `born` takes the magnetisation by the incident field alone and leaves out that the
+sheet demagnetises itself. `coilarray.elastomer.scattering.scatter` solves the dented sheet.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import jv, jvp
+
+from coilarray.elastomer.dent import Dent
+from coilarray.elastomer.flat_stack import flat_profile
+from coilarray.elastomer.scattering import Scattering
+
+FloatArray = npt.NDArray[np.float64]
+
+_NODES = 8  # of a Gauss–Legendre rule for every half period of the shortest wave
+_SLOPE = 1e-6  # step of a difference in heights, over the shortest wavelength
+
+
+def first_order(dent: Dent, wavenumbers: FloatArray, weights: FloatArray, highest: int) -> Scattering:
+    """Change of energy to first order in the displacement of the faces.
+
+    Parameters
+    ----------
+    dent : Dent
+        About an axis.
+    wavenumbers, weights : ndarray, shape (k,)
+        As `coilarray.elastomer.scattering.wavenumber_rule` returns them.
+    highest : int
+        Highest harmonic.
+
+    Returns
+    -------
+    Scattering
+
+    Notes
+    -----
+    Hadamard's formula: a face with μ1 below and μ2 above that moves up by f changes the energy at constant currents by
+    ∫ f [(μ1 − μ2) H_t² + (1/μ2 − 1/μ1) B_n²] dS with the fields of the flat sheets.
+    """
+    r, rule = _radii(dent, wavenumbers)
+    moved = dent.faces(r) * (r * rule)[:, None]
+    mu = (1.0, *dent.permeabilities, 1.0)
+    step = _SLOPE / wavenumbers[-1]
+    energies = [np.zeros((len(wavenumbers),) * 2) for _ in range(highest + 1)]
+    for face in dent.contrasts:
+        level = dent.heights[face]
+        at, beside = flat_profile(wavenumbers, np.array([level, level + step]), dent.thicknesses, dent.permeabilities)
+        normal = mu[face + 1] * (beside - at) / step
+        along, across = mu[face] - mu[face + 1], 1 / mu[face + 1] - 1 / mu[face]
+        for m in range(highest + 1):
+            value, slope, turn = _radial(m, r, wavenumbers)
+            energies[m] += along * np.outer(at, at) * _weighted(moved[:, face], slope, turn)
+            energies[m] += across * np.outer(normal, normal) * _weighted(moved[:, face], value)
+    return Scattering(wavenumbers, weights, (np.eye(len(wavenumbers)),) * (highest + 1), tuple(energies))
+
+
+def born(dent: Dent, wavenumbers: FloatArray, weights: FloatArray, highest: int) -> Scattering:
+    """Change of energy with the sheets magnetised by the incident field alone.
+
+    Parameters
+    ----------
+    dent, wavenumbers, weights, highest
+        As in `first_order`.
+
+    Returns
+    -------
+    Scattering
+
+    Notes
+    -----
+    ∫ (μ − 1) H_s·H_s dV of the dented minus the flat sheets, with the field H_s in free space.
+    """
+    r, rule = _radii(dent, wavenumbers)
+    both = wavenumbers[:, None] + wavenumbers
+    displaced = dent.heights + dent.faces(r)
+    mu = (1.0, *dent.permeabilities, 1.0)
+    energies = [np.zeros_like(both) for _ in range(highest + 1)]
+    patterns = [_radial(m, r, wavenumbers) for m in range(highest + 1)]
+    for face in dent.contrasts:  # ∫ e^{−(k + k')z} dz from where the face was to where it is
+        jump = mu[face] - mu[face + 1]
+        for here, weight, height in zip(range(len(r)), r * rule, displaced[:, face], strict=True):
+            gained = jump * weight * (np.exp(-both * dent.heights[face]) - np.exp(-both * height)) / both
+            for m, (value, slope, turn) in enumerate(patterns):
+                parts = (slope[here], turn[here], wavenumbers * value[here])
+                energies[m] += gained * sum(np.outer(part, part) for part in parts)
+    return Scattering(wavenumbers, weights, (np.eye(len(wavenumbers)),) * (highest + 1), tuple(energies))
+
+
+def _radii(dent: Dent, wavenumbers: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Nodes and weights of an integral over the dent's radius, fine enough for the shortest wave."""
+    panels = int(np.ceil(dent.reach * wavenumbers[-1] / np.pi))
+    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
+    edges = np.linspace(0, dent.reach, panels + 1)
+    half = np.diff(edges) / 2
+    return ((edges[:-1] + half)[:, None] + half[:, None] * nodes).ravel(), (half[:, None] * weights).ravel()
+
+
+def _radial(m: int, r: FloatArray, wavenumbers: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """J_m(kr), its slope in 1/m and m/r times it, each of shape (r, k)."""
+    kr = np.outer(r, wavenumbers)
+    value = jv(m, kr)
+    return value, jvp(m, kr) * wavenumbers, m * value / r[:, None]
+
+
+def _weighted(weight: FloatArray, *parts: FloatArray) -> FloatArray:
+    """Σ over radii of weight × part × part', shape (k, k)."""
+    return np.asarray(sum((part * weight[:, None]).T @ part for part in parts))

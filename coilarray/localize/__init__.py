@@ -1,0 +1,1 @@
+"""Where an indentation is: from the responses of the coils to its position and depth."""

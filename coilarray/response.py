@@ -1,0 +1,417 @@
+"""The response of the sensor: what an indentation anywhere on the board does to every state of the scan."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from coilarray.blocks import Progress, ranges
+from coilarray.coupling import design_inductance, provenance
+from coilarray.design import Design, Indentation
+from coilarray.elastomer.contact import indent
+from coilarray.elastomer.dent import Dent, dent_of
+from coilarray.elastomer.dented_layer import dent_inductance
+from coilarray.elastomer.dielectric import dent_capacitance
+from coilarray.elastomer.flat_layer import layer_inductance
+from coilarray.elastomer.scattering import LayerMesh
+from coilarray.errors import ElastomerError
+from coilarray.geometry import Sheet
+from coilarray.network import Network, resonances_near, resonate
+from coilarray.resistance import dc_resistance
+from coilarray.storage import load_part, save_dataset
+from coilarray.terminations import ScanState
+
+FloatArray = npt.NDArray[np.float64]
+
+_POSITIONS = 1000  # a part of a resumable map
+_WEDGE_NODES = 4  # thicknesses at which a tilted sample is solved; between them a cubic (tests/test_response.py)
+
+
+@dataclass(frozen=True)
+class Imperfections:
+    """How the experiment differs from the design.
+
+    Parameters
+    ----------
+    tilt : tuple of float
+        Rise of the sample's top along x and y in m per m. The lowest sheet takes it up as a wedge. The indenter finds
+        the contact at the origin of the map and keeps its height, so the depth grows where the sample rises.
+    offset : tuple of float
+        Where the indenter truly is less where it is believed to be, along x and y, in m.
+    depth_error : float
+        True depth less the believed one in m, for example a contact found too late.
+    thickness_errors : mapping of str to float
+        True thickness less the designed one in m, by the sheet's name.
+    noise : float
+        Relative standard deviation of every reading of an inductance; L_peak and L_0 are one reading each.
+    seed : int
+        Of the noise.
+
+    Raises
+    ------
+    ElastomerError
+        A value that is not finite, or noise that is negative.
+    """
+
+    tilt: tuple[float, float] = (0.0, 0.0)
+    offset: tuple[float, float] = (0.0, 0.0)
+    depth_error: float = 0.0
+    thickness_errors: Mapping[str, float] = field(default_factory=dict)
+    noise: float = 0.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        numbers = [*self.tilt, *self.offset, self.depth_error, *self.thickness_errors.values(), self.noise]
+        if not np.isfinite(numbers).all():
+            raise ElastomerError(f"tilt, offset, errors and noise must be finite; got {numbers}.")
+        if self.noise < 0:
+            raise ElastomerError(f"noise must not be negative; got {self.noise}.")
+
+
+def response_map(
+    design: Design,
+    *,
+    depths: npt.ArrayLike | None = None,
+    x: npt.ArrayLike | None = None,
+    y: npt.ArrayLike | None = None,
+    imperfections: Imperfections | None = None,
+    network: Network | None = None,
+    dielectric: bool = False,
+    mesh: LayerMesh | None = None,
+    parts: Path | None = None,
+    progress: Progress | None = None,
+) -> xr.Dataset:
+    """Compute the sensor response matrix of a design.
+
+    Parameters
+    ----------
+    design : Design
+        With the tables ``[indenter]`` and ``[indentation]``.
+    depths, x, y : array_like, shape (n,), optional
+        Depths and positions of the indenter in m, positions from the map's origin; those of the design by default.
+    imperfections : Imperfections, optional
+        None by default.
+    network : Network, optional
+        Coils, switches and strays, as `coilarray.impedance.design_network` makes them; its inductance matrix is
+        replaced.
+        By default the design's switches and direct-current resistances without stray capacitances, which change the
+        response by less than 1 %.
+    dielectric : bool
+        Count also what the dent does to the coils' capacitance, which the converter takes for a change of L:
+        `coilarray.elastomer.dielectric.dent_capacitance` with the design's permittivity. It is about 1e-7 of L.
+    mesh : LayerMesh, optional
+        Accuracy of the magnetic problem.
+    parts : Path, optional
+        Folder where finished parts of the map are kept, so that an interrupted run goes on from there.
+    progress : callable, optional
+        Called with (done, total) as the work goes on.
+
+    Returns
+    -------
+    xarray.Dataset
+        Dimensions ``depth``, ``y``, ``x``, ``state``, ``coil``, ``other``. ``delta`` (depth, y, x, state) is
+        (L_peak − L_0)/L_0 as the converter sees it, L = 1/((2πf)² C); ``base_inductance`` (state) L_0 in H;
+        ``inductance_change`` (depth, y, x, coil, other) in H, dented less flat, and ``inductance`` (coil, other) with
+        flat sheets; ``capacitance_change`` (depth, y, x, coil) in F, zero where it is not asked for; ``force`` in N and
+        ``contact_radius`` in m (depth). ``coil_x`` and ``coil_y`` are the centres in m from the map's origin.
+
+    Raises
+    ------
+    ElastomerError
+        A design that says nothing of an indentation, grids that are not finite and rising, a contact that is outside
+        the sample or lost on a tilted one, and what `indent` and `dent_inductance` refuse.
+    NetworkError
+        A state without a resonance.
+    OutputError
+        A part that cannot be written.
+
+    Notes
+    -----
+    Eq. 2 of Gast & Zimmermann (2020). Every position is solved: contact, dented sheets, and the resonance of the whole
+    circuit with the changed inductance matrix.
+
+    Examples
+    --------
+    >>> from coilarray import load_design
+    >>> response = response_map(load_design("gast2020"), x=[-13.28e-3, 0], y=[0])
+    >>> response.delta.dims, response.delta.shape
+    (('depth', 'y', 'x', 'state'), (1, 1, 2, 6))
+    """
+    setup = _setup(design)
+    faults = imperfections or Imperfections()
+    depth, along, across = (
+        _rising(name, default if given is None else given)
+        for name, given, default in (("depths", depths, setup.depths), ("x", x, setup.x), ("y", y, setup.y))
+    )
+    mesh = mesh or LayerMesh()
+    sheets = _true_sheets(design.sheets, faults.thickness_errors)
+    grid = np.stack(np.meshgrid(along, across), axis=-1).reshape(-1, 2)
+    places = grid + faults.offset
+    contact = _indent(setup, sheets, depth + faults.depth_error)
+    _require_inside(setup, places, float(contact.contact_radius.max()))
+    levels = _levels(setup, sheets, contact, depth + faults.depth_error, places, faults.tilt)
+    L0, _ = design_inductance(replace(design, sheets=sheets))
+    L0 = L0 + _wedge_under_coils(design, setup, sheets, faults.tilt)
+    coils = len(L0)
+    change, gained = np.empty((len(depth), len(grid), coils, coils)), np.zeros((len(depth), len(grid), coils))
+    blocks = ranges(len(grid), _POSITIONS)
+    key = _key(design, depth, along, across, faults, mesh, dielectric)
+    permittivity = design.circuit.elastomer_permittivity
+    for done, (start, stop) in enumerate(blocks):
+        where = None if parts is None else parts / f"{key}-{start}.nc"
+        kept = None if where is None else load_part(where)
+        if kept is None:
+            on_board = places[start:stop] + setup.origin_point
+            shares = [level.shares[start:stop] for level in levels]
+            change[:, start:stop] = sum(
+                share[:, None, None] * dent_inductance(design.array, level.dents, on_board, mesh)
+                for share, level in zip(shares, levels, strict=True)
+            )
+            if dielectric:
+                gained[:, start:stop] = sum(
+                    share[:, None] * dent_capacitance(design.array, level.dents, on_board, permittivity, mesh)
+                    for share, level in zip(shares, levels, strict=True)
+                )
+            if where is not None:
+                dims = ("depth", "place", "coil", "other")
+                data = {"change": (dims, change[:, start:stop]), "gained": (dims[:3], gained[:, start:stop])}
+                save_dataset(xr.Dataset(data), where)
+        else:
+            change[:, start:stop], gained[:, start:stop] = kept.change.values, kept.gained.values
+        _tell(progress, done + 1, len(blocks) + 1)
+    network = _plain_network(design, L0) if network is None else replace(network, inductance=L0)
+    delta, base = _through_circuit(network, design.circuit.plan, change, gained)
+    if faults.noise:
+        delta = _noisy(delta, faults)
+    _tell(progress, len(blocks) + 1, len(blocks) + 1)
+    return _dataset(design, setup, contact, (depth, along, across), delta, base, change, gained, L0)
+
+
+def _setup(design: Design) -> Indentation:
+    if design.indentation is None:
+        raise ElastomerError(f"the design {design.name} has no [indenter] and [indentation].")
+    return design.indentation
+
+
+def _rising(name: str, values: npt.ArrayLike) -> FloatArray:
+    array = np.atleast_1d(np.asarray(values, dtype=np.float64))
+    if array.ndim != 1 or not array.size or not np.isfinite(array).all() or (np.diff(array) <= 0).any():
+        raise ElastomerError(f"{name} must be finite and rising, in m; got {array}.")
+    return array
+
+
+def _true_sheets(sheets: Sequence[Sheet], errors: Mapping[str, float]) -> tuple[Sheet, ...]:
+    names = [sheet.name for sheet in sheets]
+    for name in errors:
+        if name not in names:
+            raise ElastomerError(f"thickness_errors names the sheet {name!r}; there are {', '.join(names)}.")
+    return tuple(replace(sheet, thickness=sheet.thickness + errors.get(sheet.name, 0.0)) for sheet in sheets)
+
+
+def _raised(sheets: Sequence[Sheet], height: float) -> tuple[Sheet, ...]:
+    """Return the sheets with a lowest one that is thicker by a height in m."""
+    return (replace(sheets[0], thickness=sheets[0].thickness + height), *sheets[1:])
+
+
+def _indent(setup: Indentation, sheets: Sequence[Sheet], depths: FloatArray) -> xr.Dataset:
+    return indent(sheets, setup.indenter, depths, base=setup.base, radius=setup.sample_radius)
+
+
+def _require_inside(setup: Indentation, places: FloatArray, reach: float) -> None:
+    """Refuse places where the contact leaves the sample."""
+    if setup.sample_bounds is None:
+        return
+    x_min, y_min, x_max, y_max = setup.sample_bounds
+    out = (places < [x_min + reach, y_min + reach]) | (places > [x_max - reach, y_max - reach])
+    if out.any():
+        x, y = places[int(np.flatnonzero(out.any(axis=1))[0])] * 1e3
+        raise ElastomerError(
+            f"at ({x:.4g}, {y:.4g}) mm the contact of {reach * 1e3:.3g} mm radius is outside the sample, which reaches "
+            f"from ({x_min * 1e3:.4g}, {y_min * 1e3:.4g}) to ({x_max * 1e3:.4g}, {y_max * 1e3:.4g}) mm."
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Level:
+    """One of the level samples that stand in for a tilted one: its dents, and its share at every place."""
+
+    dents: tuple[Dent, ...]
+    shares: FloatArray
+
+
+def _levels(
+    setup: Indentation,
+    sheets: Sequence[Sheet],
+    contact: xr.Dataset,
+    depths: FloatArray,
+    places: FloatArray,
+    tilt: tuple[float, float],
+) -> list[_Level]:
+    """Level samples whose weighted sum is the sample at every place; one where it is not tilted."""
+    rise = places @ np.array(tilt)
+    if not rise.any():
+        return [_Level(_dents(contact, sheets), np.ones(len(places)))]
+    lowest = float(rise.min())
+    if depths[0] + lowest <= 0:
+        raise ElastomerError(
+            f"the indenter at depth {depths[0] * 1e3:.4g} mm loses contact where the tilted sample is "
+            f"{-lowest * 1e3:.4g} mm lower than at the origin."
+        )
+    heights = _nodes(lowest, float(rise.max()))
+    shares = _lagrange(heights, rise)
+    levels = []
+    for height, share in zip(heights.tolist(), shares.T, strict=True):
+        raised = _raised(sheets, height)
+        levels.append(_Level(_dents(_indent(setup, raised, depths + height), raised), share))
+    return levels
+
+
+def _dents(indentation: xr.Dataset, sheets: Sequence[Sheet]) -> tuple[Dent, ...]:
+    return tuple(dent_of(indentation.isel(depth=k), sheets) for k in range(indentation.sizes["depth"]))
+
+
+def _wedge_under_coils(
+    design: Design, setup: Indentation, sheets: Sequence[Sheet], tilt: tuple[float, float]
+) -> FloatArray:
+    """Change of the matrix in H by the tilt of the flat sample, each pair with the thickness between its coils."""
+    centres = design.array.centres - setup.origin_point
+    middle = (centres[:, None] + centres) / 2 @ np.array(tilt)
+    if not middle.any():
+        return np.zeros_like(middle)
+    heights = _nodes(float(min(middle.min(), 0.0)), float(max(middle.max(), 0.0)))
+    level = np.array([layer_inductance(design.array, _raised(sheets, height)) for height in heights.tolist()])
+    shares = _lagrange(heights, middle.ravel()).reshape(*middle.shape, -1)
+    return np.asarray(np.einsum("ijh,hij->ij", shares, level) - layer_inductance(design.array, sheets))
+
+
+def _nodes(low: float, high: float) -> FloatArray:
+    """Chebyshev points of an interval."""
+    angle = np.pi * (np.arange(_WEDGE_NODES) + 0.5) / _WEDGE_NODES
+    return (low + high) / 2 + (high - low) / 2 * np.cos(angle)
+
+
+def _lagrange(nodes: FloatArray, at: FloatArray) -> FloatArray:
+    """Lagrange's polynomials of the nodes at points, shape (points, nodes)."""
+    shares = np.ones((len(at), len(nodes)))
+    for k, node in enumerate(nodes):
+        for other in np.delete(nodes, k):
+            shares[:, k] *= (at - other) / (node - other)
+    return shares
+
+
+def _plain_network(design: Design, inductance: FloatArray) -> Network:
+    R = np.diag(dc_resistance(design.array.conductors(), design.circuit.resistivity))
+    none = np.zeros_like(inductance)
+    return Network(design.array.names, inductance, lambda frequency: R, none[0], none, design.circuit.switches)
+
+
+def _through_circuit(
+    network: Network, plan: Sequence[ScanState], change: FloatArray, gained: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """δ of every depth, place and state, and L_0 of every state in H."""
+    inductances = network.inductance + change.reshape(-1, *network.inductance.shape)
+    capacitances = network.winding_capacitance + gained.reshape(-1, len(network.names))
+    delta = np.empty((*change.shape[:2], len(plan)))
+    base = np.empty(len(plan))
+    for k, state in enumerate(plan):
+        flat = resonate(network, state)
+        dented = np.concatenate(
+            [
+                resonances_near(network, flat, inductances[start:stop], capacitances[start:stop])
+                for start, stop in ranges(len(inductances), _POSITIONS)
+            ]
+        )
+        delta[..., k] = ((flat.frequency / dented) ** 2 - 1).reshape(change.shape[:2])
+        base[k] = 1 / ((2 * np.pi * flat.frequency) ** 2 * network.switches.tank_capacitance)
+    return delta, base
+
+
+def _noisy(delta: FloatArray, faults: Imperfections) -> FloatArray:
+    random = np.random.default_rng(faults.seed)
+    peak, base = (1 + faults.noise * random.standard_normal(delta.shape) for _ in range(2))
+    return (1 + delta) * peak / base - 1
+
+
+def _key(
+    design: Design,
+    depth: FloatArray,
+    x: FloatArray,
+    y: FloatArray,
+    faults: Imperfections,
+    mesh: LayerMesh,
+    dielectric: bool,
+) -> str:
+    """Name of the parts that belong to one map: everything that enters the inductance changes."""
+    entering = {
+        **provenance(design),
+        "grid": [axis.tolist() for axis in (depth, x, y)],
+        "faults": asdict(replace(faults, noise=0.0, seed=0)),
+        "mesh": asdict(mesh),
+        "positions": _POSITIONS,
+        "dielectric": dielectric,
+    }
+    return hashlib.sha256(json.dumps(entering, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def _dataset(
+    design: Design,
+    setup: Indentation,
+    contact: xr.Dataset,
+    axes: tuple[FloatArray, FloatArray, FloatArray],
+    delta: FloatArray,
+    base: FloatArray,
+    change: FloatArray,
+    gained: FloatArray,
+    L0: FloatArray,
+) -> xr.Dataset:
+    depth, x, y = axes
+    shape = (len(depth), len(y), len(x))
+    centres = design.array.centres - setup.origin_point
+    return xr.Dataset(
+        {
+            "delta": (
+                ("depth", "y", "x", "state"), delta.reshape(*shape, -1),
+                {"units": "1", "long_name": "relative change of inductance"},
+            ),
+            "base_inductance": ("state", base, {"units": "H", "long_name": "L_0 as the converter sees it"}),
+            "inductance_change": (
+                ("depth", "y", "x", "coil", "other"), change.reshape(*shape, *L0.shape),
+                {"units": "H", "long_name": "inductance matrix, dented less flat"},
+            ),
+            "capacitance_change": (
+                ("depth", "y", "x", "coil"), gained.reshape(*shape, -1),
+                {"units": "F", "long_name": "capacitance of each coil, dented less flat"},
+            ),
+            "inductance": (("coil", "other"), L0, {"units": "H", "long_name": "inductance matrix, flat sheets"}),
+            "force": ("depth", contact.force.values, {"units": "N"}),
+            "contact_radius": ("depth", contact.contact_radius.values, {"units": "m"}),
+        },
+        coords={
+            "depth": ("depth", depth, {"units": "m", "long_name": "depth of the indentation"}),
+            "y": ("y", y, {"units": "m"}),
+            "x": ("x", x, {"units": "m"}),
+            "state": [state.name for state in design.circuit.plan],
+            "coil": list(design.array.names),
+            "other": list(design.array.names),
+            "coil_x": ("coil", centres[:, 0], {"units": "m", "long_name": "centre of the coil, x"}),
+            "coil_y": ("coil", centres[:, 1], {"units": "m", "long_name": "centre of the coil, y"}),
+        },
+        attrs={
+            **provenance(design),
+            "indenter": setup.indenter.name,
+            "base": setup.base,
+            "origin": setup.origin or "board",
+        },
+    )  # fmt: skip
+
+
+def _tell(progress: Progress | None, done: int, total: int) -> None:
+    if progress is not None:
+        progress(done, total)

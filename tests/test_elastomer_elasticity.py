@@ -1,0 +1,276 @@
+"""The mixed finite elements under the contact.
+
+Who checks whom:
+
+    quantity                    closed form               finer mesh   other
+    displacement in a body      manufactured solution     order 3
+    sinking under a wave        layer kernel, bonded and               axial and plane, ν from 0 to 0.5
+                                frictionless
+    sliding layer's far field   outflow u_r = B/r                      twice the extent
+    compliance                                                         symmetry, positive definiteness
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.special import j0, j1, jn_zeros
+from skfem import Functional, LinearForm, MeshQuad
+
+from coilarray.elastomer.compliance import compliance, stack_of
+from coilarray.elastomer.contact_mesh import ContactMesh, ContactZone, contact_mesh, graded, radial_points
+from coilarray.elastomer.elasticity import elastic_body, hoop_strain, weight
+from coilarray.errors import ElastomerError
+from coilarray.geometry import Paraboloid, Sheet
+
+MODULUS = 1.0
+
+
+def constants(nu):
+    """Shear modulus and compressibility for E = 1."""
+    return MODULUS / (2 * (1 + nu)), 3 * (1 - 2 * nu) / MODULUS
+
+
+def bonded(basis):
+    return np.union1d(basis.get_dofs("axis").all("u^1"), basis.get_dofs("bottom").all())
+
+
+# a manufactured solution
+
+
+def exact(symmetry, dilation, x):
+    """Displacement (2, …), its gradient (2, 2, …) and the dilation: of a stream function, plus a dilation · z² in z."""
+    r, z = x
+    k = 2 if symmetry == "axial" else 1
+    a, da, dda = np.cos(r), -np.sin(r), -np.cos(r)
+    b, db, ddb = (f * np.exp(z) for f in (z**2, 2 * z + z**2, 2 + 4 * z + z**2))
+    u = np.stack((-r * a * db, (k * a + r * da) * b + dilation * z**2))
+    grad = np.stack(
+        (
+            np.stack((-(a + r * da) * db, -r * a * ddb)),
+            np.stack((((k + 1) * da + r * dda) * b, (k * a + r * da) * db + 2 * dilation * z)),
+        )
+    )
+    return u, grad, 2 * dilation * z
+
+
+def manufactured_error(symmetry, nu, dilation, n):
+    """Error in L2 of the displacement on n × n elements of the unit square, loaded by the exact stress."""
+    mesh = contact_mesh(np.linspace(0, 1, n + 1) ** 1.2, np.linspace(0, 1, n + 1))  # not uniform, no superconvergence
+    mu, squash = constants(nu)
+    body = elastic_body(
+        mesh, symmetry, np.full(mesh.nelements, mu), np.full(mesh.nelements, squash), bonded, wide=False
+    )
+
+    def stress_power(v, w):
+        u, grad, div = exact(symmetry, dilation, w.x)
+        r = w.x[0]
+        pressure = -div / squash if squash else np.cos(3 * r) * np.exp(w.x[1])  # any, where nothing dilates
+        hoop, hoop_v = hoop_strain(symmetry, u, r), hoop_strain(symmetry, v, r)
+        strain, strain_v = (grad + grad.swapaxes(0, 1)) / 2, (v.grad + v.grad.swapaxes(0, 1)) / 2
+        div_v = v.grad[0, 0] + v.grad[1, 1] + hoop_v
+        power = (strain * strain_v).sum(axis=(0, 1)) + hoop * hoop_v - div * div_v / 3
+        return (2 * mu * power - pressure * div_v) * weight(symmetry, r)
+
+    def square(w):
+        difference = w.u.value - exact(symmetry, dilation, w.x)[0]
+        return (difference**2).sum(axis=0) * weight(symmetry, w.x[0])
+
+    fine = body.basis.with_element(body.basis.elem)
+    load = LinearForm(stress_power).assemble(fine)
+    u = body.displacements(load[:, None])[:, 0]
+    return np.sqrt(Functional(square).assemble(fine, u=fine.interpolate(u)))
+
+
+@pytest.mark.parametrize("symmetry", ["axial", "plane"])
+@pytest.mark.parametrize(("nu", "dilation"), [(0.0, 0.7), (0.3, 0.7), (0.4999, 1e-4), (0.5, 0.0)])
+def test_displacement_converges_with_order_3(symmetry, nu, dilation):
+    errors = [manufactured_error(symmetry, nu, dilation, n) for n in (6, 12, 24)]
+    orders = np.log2(errors[:-1]) - np.log2(errors[1:])
+    assert errors[0] < 3e-3  # of a displacement near 1
+    assert orders[0] == pytest.approx(3, abs=0.2)  # not yet asymptotic on 6 elements
+    assert orders[1] == pytest.approx(3, abs=0.1)
+
+
+# a pressure wave on a layer: exact within a period whose edges are planes of symmetry
+
+
+def layer_kernel(base, nu, x):
+    """u_z k E*/(2 p) of a layer under a pressure wave, x = k h: the kernel in the header of ref_indentation_layer_sphere."""
+    if base == "frictionless":
+        return (np.cosh(2 * x) - 1) / (np.sinh(2 * x) + 2 * x)
+    k = 3 - 4 * nu
+    return (2 * k * np.sinh(2 * x) - 4 * x) / (2 * k * np.cosh(2 * x) + 1 + k**2 + 4 * x**2)
+
+
+def wave_error(symmetry, base, nu, n):
+    """Largest relative error of the sinking under p = J0(k r) or cos(k x) on a layer of thickness 1."""
+    k = float(jn_zeros(1, 1)[0]) / 2 if symmetry == "axial" else np.pi / 2  # u_r and τ vanish at r = 2
+    wave = j0 if symmetry == "axial" else np.cos
+    mesh = contact_mesh(np.linspace(0, 2, 2 * n + 1), np.linspace(0, 1, n + 1))
+    mu, squash = constants(nu)
+
+    def held(basis):
+        on_board = ["u^2"] if base == "frictionless" else ["u^1", "u^2"]
+        sides = basis.get_dofs({"axis", "outer"}).all("u^1")
+        return np.union1d(sides, basis.get_dofs("bottom").all(on_board))
+
+    body = elastic_body(mesh, symmetry, np.full(mesh.nelements, mu), np.full(mesh.nelements, squash), held, wide=False)
+    top = body.basis.boundary("top")
+    load = LinearForm(lambda v, w: -wave(k * w.x[0]) * v[1] * weight(symmetry, w.x[0])).assemble(top)
+    u = body.displacements(load[:, None])[:, 0]
+    dofs = body.basis.get_dofs("top").all("u^2")
+    modulus = MODULUS / (1 - nu**2)
+    sinking = -2 * layer_kernel(base, nu, k) / (modulus * k)
+    return np.abs(u[dofs] - sinking * wave(k * body.basis.doflocs[0, dofs])).max() / abs(sinking)
+
+
+@pytest.mark.parametrize("symmetry", ["axial", "plane"])
+@pytest.mark.parametrize("base", ["bonded", "frictionless"])
+@pytest.mark.parametrize("nu", [0.0, 0.3, 0.4999, 0.5])
+def test_sinking_under_a_pressure_wave(symmetry, base, nu):
+    coarse, fine = (wave_error(symmetry, base, nu, n) for n in (4, 8))
+    assert fine < 1e-4  # 8 biquadratic elements in a layer; (k h/8)⁴ = 1e-3 times a small constant
+    assert fine < coarse / 6  # order 3 at least in the largest error; measured 8 to 16
+
+
+def test_wave_kernel_of_a_thick_layer_is_the_half_space():
+    assert layer_kernel("bonded", 0.3, 20.0) == pytest.approx(1, abs=1e-12)  # e^(−40) away
+    assert layer_kernel("frictionless", 0.3, 20.0) == pytest.approx(1, abs=1e-12)
+
+
+# the far field
+
+
+@pytest.mark.parametrize("symmetry", ["axial", "plane"])
+def test_sliding_layer_goes_on_beyond_a_wide_mesh(symmetry):
+    """An incompressible layer that slides: what is pressed down at the centre leaves as u_r = V/(2π r h), or V/h."""
+    mu, squash = constants(0.5)
+
+    def outflow(extent):
+        r = graded(0.0, extent, lambda x: 0.1 + 0.2 * x)
+        mesh = contact_mesh(r, np.linspace(-1, 0, 5))
+
+        def held(basis):
+            return np.union1d(basis.get_dofs("axis").all("u^1"), basis.get_dofs("bottom").all("u^2"))
+
+        body = elastic_body(
+            mesh, symmetry, np.full(mesh.nelements, mu), np.full(mesh.nelements, squash), held, wide=True
+        )
+        top = body.basis.boundary("top")
+        load = LinearForm(lambda v, w: -np.exp(-(w.x[0] ** 2)) * v[1] * weight(symmetry, w.x[0])).assemble(top)
+        u = body.displacements(load[:, None])[:, 0]
+        edge = body.basis.get_dofs("outer").all("u^1")
+        volume = -Functional(lambda w: w.u[1] * weight(symmetry, w.x[0])).assemble(top, u=top.interpolate(u))
+        return volume, u[edge] * (extent if symmetry == "axial" else 1)
+
+    volume, flow = outflow(12.0)
+    # the layer's own modes decay as exp(−2.1 r/h): 1e-11 at 12 h, and 1e-9 is left by the discretisation
+    assert flow == pytest.approx(np.full(len(flow), volume), rel=1e-6)
+    assert outflow(24.0)[0] == pytest.approx(volume, rel=1e-5)  # another mesh; truncation itself would give 1e-2
+
+
+# compliance of the top
+
+
+def small_system(base="bonded", nu=0.5, radius=None):
+    sheets = [Sheet("soft", 3.0, 1.0, 1e5, nu), Sheet("stiff", 1.0, 1.0, 3e5, nu)]
+    zone = ContactZone(0.2, 0.2, 0.5)
+    return compliance(stack_of(sheets), Paraboloid(1.0), zone, base, radius, ContactMesh(8, 1.5))
+
+
+@pytest.mark.parametrize("base", ["bonded", "frictionless"])
+@pytest.mark.parametrize("radius", [None, 1.5])
+def test_compliance_is_symmetric_and_positive(base, radius):
+    matrix = small_system(base, radius=radius).matrix
+    assert np.abs(matrix - matrix.T).max() < 1e-10 * np.abs(matrix).max()  # roundings of the factorisation
+    assert np.linalg.eigvalsh(matrix)[0] > 0
+    assert (matrix.diagonal() > 0).all()
+
+
+def test_surfaces_of_the_compliance():
+    system = small_system()
+    assert system.heights == pytest.approx([0.0, 0.75, 1.0], rel=1e-15)
+    assert system.surfaces.shape == (2, 3, len(system.r), len(system.hats))
+    assert not system.surfaces[:, 0].any()  # bonded to the board
+    assert not system.surfaces[0, :, 0].any()  # on the axis
+    assert (np.diff(system.r) > 0).all()
+    assert system.hats[-1] == 0.5
+
+
+def test_stack_is_measured_in_its_own_units():
+    stack = stack_of([Sheet("a", 3e-3, 1.0, 1e5, 0.5), Sheet("b", 1e-3, 1.0, 4e5, 0.25)])
+    assert (stack.length, stack.stress) == (4e-3, 4e5)
+    assert stack.thicknesses == pytest.approx([0.75, 0.25], rel=1e-15)
+    assert stack.shear == pytest.approx([0.25 / 3, 1 / 2.5], rel=1e-15)
+    assert stack.squash == pytest.approx([0.0, 1.5], abs=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("sheets", "message"),
+    [
+        ([], "at least 1 sheet; got 0"),
+        ([Sheet("a", 1e-3, youngs_modulus=1e5), Sheet("plain", 1e-3)], "sheet 'plain' has none"),
+    ],
+)
+def test_stack_without_an_elastic_sheet(sheets, message):
+    with pytest.raises(ElastomerError, match=message):
+        stack_of(sheets)
+
+
+# meshes
+
+
+def test_graded_points_follow_the_size():
+    x = graded(0.0, 10.0, lambda r: 0.1 + 0.2 * r)
+    step, middle = np.diff(x), (x[1:] + x[:-1]) / 2
+    assert (x[0], x[-1]) == (0.0, 10.0)
+    assert (step[1:] / step[:-1]).max() < 1.25
+    # all steps stretched by the same few per cent so that the last ends at 10
+    assert step / (0.1 + 0.2 * middle) == pytest.approx(np.ones(len(step)), abs=0.1)
+    assert len(graded(0.0, 1.0, lambda r: 10.0, least=4)) == 5
+
+
+def test_sharp_zone_has_a_vertex_and_the_smallest_elements_at_the_edge():
+    zone = ContactZone(0.3, 0.3, 0.3, sharp=True)
+    r = radial_points(zone, 1.0, 20.0, ContactMesh(12))
+    k = int(np.flatnonzero(r == 0.3)[0])
+    step = np.diff(r)
+    assert step.min() == min(step[k - 1], step[k])
+    assert step.min() < 0.3 / 100  # 1/n² of the radius: 144
+
+
+def test_refined_mesh_has_twice_the_elements_each_way():
+    zone, coarse = ContactZone(0.3, 0.3, 0.8), ContactMesh(8, 1.5)
+    first, second = (len(radial_points(zone, 1.0, 25.0, mesh)) - 1 for mesh in (coarse, coarse.refined()))
+    assert second / first == pytest.approx(2, rel=0.15)  # √growth − 1 is a little less than half of growth − 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"elements": 3}, "at least 4; got 3"),
+        ({"growth": 1.0}, "above 1 and at most 2; got 1.0"),
+        ({"growth": 2.5}, "above 1 and at most 2; got 2.5"),
+        ({"extent": 0.5}, "at least 1 thickness; got 0.5"),
+        ({"extent": np.inf}, "finite"),
+    ],
+)
+def test_bad_mesh(arguments, message):
+    with pytest.raises(ElastomerError, match=message):
+        ContactMesh(**arguments)
+
+
+def test_boundaries_of_the_mesh():
+    mesh = contact_mesh(np.array([0.0, 1.0, 3.0]), np.array([-2.0, 0.0]))
+    assert isinstance(mesh, MeshQuad)
+    assert {name: len(facets) for name, facets in mesh.boundaries.items()} == {
+        "axis": 1,
+        "outer": 1,
+        "bottom": 2,
+        "top": 2,
+    }
+
+
+def test_pressure_wave_is_a_mode_of_the_disc():
+    assert j1(float(jn_zeros(1, 1)[0])) == pytest.approx(0, abs=1e-15)  # the edge r = 2 is a plane of no shear
