@@ -127,23 +127,27 @@ def measure() -> list[Accuracy]:
     fast_henry = [(value, float(row["L_FH_uH"])) for (value, _), (row, _) in zip(inductances, spirals, strict=True)]
     resistances = [(dc_resistance(layers, 1 / 5.8e7).sum(), float(row["R_FH_ohm"])) for row, layers in spirals]
     checks = {
-        "M of straight filaments": (1e-9, "ref_straight_filaments", list(_straight())),
-        "L, M of rectangular bars": (1e-9, "ref_hoer_love_bars", list(_bars())),
-        "M of circles, from polygons": (1e-8, "ref_circular_filaments", list(_circles())),
-        "M of hexagonal loops": (1e-9, "ref_hexagon_loops", list(_hexagons())),
+        "M of straight filaments": (1e-9, "ref_straight_filaments.csv", list(_straight())),
+        "L, M of rectangular bars": (1e-9, "ref_hoer_love_bars.csv", list(_bars())),
+        "M of circles, from polygons": (1e-8, "ref_circular_filaments.csv", list(_circles())),
+        "M of hexagonal loops": (1e-9, "ref_hexagon_loops.csv", list(_hexagons())),
         "distance of zero coupling, polygons": (
             1e-6,
-            "ref_geometric_decoupling_loops",
+            "ref_geometric_decoupling_loops.csv",
             list(_zero_coupling()),
         ),
-        "L of polygonal spirals, 1 to 4 layers": (1e-4, "ref_polygon_spirals_dc", inductances),
-        "the same against FastHenry, 5 filaments a trace or 1": (1e-3, "ref_polygon_spirals_dc", fast_henry),
-        "AC resistance of one trace, w ≤ 2 skin depths": (1e-2, "ref_ac_single_trace", list(_single_trace(wide=False))),
-        "AC resistance of one trace, wider": (3e-2, "ref_ac_single_trace", list(_single_trace(wide=True))),
-        "AC resistance of a bundle, w ≤ 2 skin depths": (1e-2, "ref_ac_parallel_traces", list(_bundle(wide=False))),
-        "AC resistance of a bundle, wider": (3e-2, "ref_ac_parallel_traces", list(_bundle(wide=True))),
-        "capacitance between two layers": (5e-2, "ref_capacitance_interlayer", list(_interlayer())),
-        "R of polygonal spirals": (2e-5, "ref_polygon_spirals_dc", resistances),
+        "L of polygonal spirals, 1 to 4 layers": (1e-4, "ref_polygon_spirals_dc.csv", inductances),
+        "the same against FastHenry, 5 filaments a trace or 1": (1e-3, "ref_polygon_spirals_dc.csv", fast_henry),
+        "AC resistance of one trace, w ≤ 2 skin depths": (
+            1e-2,
+            "ref_ac_single_trace.csv",
+            list(_single_trace(wide=False)),
+        ),
+        "AC resistance of one trace, wider": (3e-2, "ref_ac_single_trace.csv", list(_single_trace(wide=True))),
+        "AC resistance of a bundle, w ≤ 2 skin depths": (1e-2, "ref_ac_parallel_traces.csv", list(_bundle(wide=False))),
+        "AC resistance of a bundle, wider": (3e-2, "ref_ac_parallel_traces.csv", list(_bundle(wide=True))),
+        "capacitance between two layers": (5e-2, "ref_capacitance_interlayer.csv", list(_interlayer())),
+        "R of polygonal spirals": (2e-5, "ref_polygon_spirals_dc.csv", resistances),
     }
     return [
         Accuracy(what, table, len(pairs), float(_worst(pairs)), limit) for what, (limit, table, pairs) in checks.items()

@@ -19,6 +19,7 @@ from importlib import metadata
 from pathlib import Path
 
 import accuracy
+import elastomer
 import speed
 
 HERE = Path(__file__).parent
@@ -27,7 +28,7 @@ README = HERE.parent / "README.md"
 
 def _accuracy_table(results: list[accuracy.Accuracy]) -> str:
     lines = ["| quantity | reference | rows | largest deviation | limit |", "| --- | --- | --- | --- | --- |"]
-    lines += [f"| {r.quantity} | `{r.table}.csv` | {r.rows} | {r.worst:.0e} | {r.limit:.0e} |" for r in results]
+    lines += [f"| {r.quantity} | `{r.table}` | {r.rows} | {r.worst:.0e} | {r.limit:.0e} |" for r in results]
     return "\n".join(lines)
 
 
@@ -48,7 +49,8 @@ def _renew(text: str, name: str, table: str) -> str:
 
 def main() -> None:
     """Measure, print, keep."""
-    accuracies, speeds = accuracy.measure(), speed.measure()
+    accuracies = [*accuracy.measure(), *elastomer.accuracies()]
+    speeds = [*speed.measure(), *elastomer.speeds()]
     tables = {"accuracy": _accuracy_table(accuracies), "speed": _speed_table(speeds)}
     for table in tables.values():
         print(table, end="\n\n")

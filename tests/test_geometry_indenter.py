@@ -1,0 +1,90 @@
+"""Shapes of the indenters.
+
+Who checks whom: heights against the equation of each body, cuts against heights, round ones against the paraboloid.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import get_args
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from coilarray.errors import GeometryError
+from coilarray.geometry import Cone, CylinderEdge, FlatPunch, Hemisphere, Indenter, Paraboloid
+
+R = 2.5e-3
+ALL = [Hemisphere(R), Paraboloid(R), FlatPunch(R), Cone(1.2), Cone(0.5, R), CylinderEdge(R)]
+
+
+def test_every_indenter_is_listed():
+    assert {type(one) for one in ALL} == set(get_args(Indenter))
+    assert len({one.name for one in ALL}) == len(get_args(Indenter))
+    assert [one.name for one in ALL if one.symmetry == "plane"] == ["cylinder edge"]
+    assert all(one.symmetry in ("axial", "plane") for one in ALL)
+
+
+@pytest.mark.parametrize("indenter", ALL)
+def test_profile_starts_at_the_tip_and_never_falls(indenter):
+    r = np.linspace(0, 2 * R, 401).reshape(1, -1)
+    height = indenter.profile(r)
+    assert height.shape == r.shape
+    assert height[0, 0] == 0
+    within = r <= indenter.reach
+    assert np.isfinite(height[within]).all()
+    assert np.isinf(height[~within]).all()
+    assert (np.diff(height[within]) >= 0).all()
+
+
+@given(height=st.floats(1e-9, 3 * R), index=st.integers(0, len(ALL) - 1))
+def test_cut_is_the_inverse_of_the_profile(height, index):
+    indenter = ALL[index]
+    r = indenter.radius_at(height)
+    assert 0 < r <= indenter.reach
+    if r < indenter.reach:
+        # both ways round once; near the rim of a ball the slope r/√(R² − r²) enlarges that
+        assert float(indenter.profile(r)) == pytest.approx(height, rel=1e-6)
+    else:
+        assert float(indenter.profile(r)) <= height * (1 + 1e-12)
+
+
+@pytest.mark.parametrize("indenter", [Hemisphere(R), CylinderEdge(R)])
+def test_round_bodies_satisfy_the_equation_of_a_circle(indenter):
+    r = np.linspace(0, R, 50)
+    # (R − height)² + r² = R²; a few roundings
+    assert (R - indenter.profile(r)) ** 2 + r**2 == pytest.approx(np.full(50, R**2), rel=1e-14)
+
+
+def test_ball_near_its_tip_is_a_paraboloid():
+    r = np.array([1e-9, 1e-7, 1e-5])
+    ball, paraboloid = Hemisphere(R).profile(r), Paraboloid(R).profile(r)
+    # next term of the series: r⁴/(8R³), relative r²/(4R²) = 4e-6; no digits lost at r = 1 nm
+    assert ball == pytest.approx(paraboloid, rel=5e-6)
+    assert ball[-1] / paraboloid[-1] - 1 == pytest.approx((r[-1] / (2 * R)) ** 2, rel=1e-3)  # further terms: 1e-5
+
+
+def test_cone_rises_with_the_cotangent_of_its_half_angle():
+    assert Cone(math.atan(4.0)).profile([0.0, 1e-3]) == pytest.approx([0.0, 0.25e-3], rel=1e-12)  # roundings
+    assert Cone(math.atan(4.0)).reach == math.inf
+
+
+@pytest.mark.parametrize("body", [Hemisphere, Paraboloid, FlatPunch, CylinderEdge])
+@pytest.mark.parametrize("radius", [0.0, -1e-3, math.inf, math.nan])
+def test_radius_must_be_positive_and_finite(body, radius):
+    with pytest.raises(GeometryError, match="must be positive and finite; got"):
+        body(radius)
+
+
+@pytest.mark.parametrize("angle", [0.0, -0.1, math.pi / 2, math.nan])
+def test_half_angle_of_a_cone_must_be_acute(angle):
+    with pytest.raises(GeometryError, match="between 0 and π/2"):
+        Cone(angle)
+
+
+@pytest.mark.parametrize("radius", [0.0, -1.0, math.nan])
+def test_radius_of_a_cone_must_be_positive(radius):
+    with pytest.raises(GeometryError, match="radius of a cone must be positive"):
+        Cone(1.0, radius)
