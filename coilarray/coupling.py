@@ -33,8 +33,8 @@ def couple_design(design: Design, progress: Progress | None = None) -> xr.Datase
     Returns
     -------
     xarray.Dataset
-        As `couple`, under the flat sheets; also ``sheet_inductance`` (coil, other) in H, the part of the magnetic sheets
-        in it, the coils' centres ``x`` and ``y`` in m, and the attributes of `provenance`.
+        As `couple`, under the flat sheets; also ``sheet_inductance`` (coil, other) in H, the part that the magnetic
+        sheets have in it, the coils' centres ``x`` and ``y`` in m, and the attributes of `provenance`.
 
     Examples
     --------

@@ -16,7 +16,7 @@ from coilarray.blocks import Progress
 from coilarray.capacitance import coil_capacitance, elastomer_effect, self_resonance
 from coilarray.coupling import design_inductance, provenance
 from coilarray.design import Design
-from coilarray.network import Network, loaded_quality, resonate, self_resonance_of, solve_state
+from coilarray.network import Network, impedances, loaded_quality, resonate, self_resonance_of, solve_state
 from coilarray.resistance import dc_resistance
 
 FloatArray = npt.NDArray[np.float64]
@@ -36,19 +36,25 @@ class DesignNetwork:
         Ready to be solved.
     capacitance : xarray.Dataset
         As `coilarray.capacitance.coil_capacitance` returns it.
+    elastomer : xarray.Dataset
+        As `coilarray.capacitance.elastomer_effect` returns it; a dent reaches at most through the topmost sheet.
     """
 
     network: Network
     capacitance: xr.Dataset
+    elastomer: xr.Dataset
 
 
-def design_network(design: Design) -> DesignNetwork:
+def design_network(design: Design, inductance: Callable[[], FloatArray] | None = None) -> DesignNetwork:
     """Compute what does not depend on frequency, once for several scans and sweeps.
 
     Parameters
     ----------
     design : Design
         As `coilarray.load_design` returns it.
+    inductance : callable, optional
+        Returns the first of `coilarray.coupling.design_inductance` where that is known or on its way; it is called
+        last. Computed here by default.
 
     Returns
     -------
@@ -63,16 +69,17 @@ def design_network(design: Design) -> DesignNetwork:
     parts = coil_capacitance(design.array, design.sheets, relative_permittivity=_permittivity(design))
     between = -parts.capacitance.values.copy()
     np.fill_diagonal(between, 0.0)
+    effect = _elastomer(design)
     R = np.diag(dc_resistance(conductors, design.circuit.resistivity))
     network = Network(
         design.array.names,
-        design_inductance(design)[0],
+        design_inductance(design)[0] if inductance is None else inductance(),
         lambda frequency: R,
         parts.coil_capacitance.values,
         np.maximum(0.5 * (between + between.T), 0.0),  # rounding
         design.circuit.switches,
     )
-    return DesignNetwork(network, parts)
+    return DesignNetwork(network, parts, effect)
 
 
 def scan_design(design: Design, progress: Progress | None = None, prepared: DesignNetwork | None = None) -> xr.Dataset:
@@ -107,7 +114,7 @@ def scan_design(design: Design, progress: Progress | None = None, prepared: Desi
     """
     prepared = prepared or design_network(design)
     network = prepared.network
-    effect = _elastomer(design)
+    effect = prepared.elastomer
     plan = design.circuit.plan
     steps = 2 * len(plan) + 1
     first = []
@@ -212,9 +219,9 @@ def sweep_design(
     lossy = replace(network, resistance=_interpolated(f, R))
     plan = design.circuit.plan
     Z = np.empty((len(f), len(plan)), dtype=np.complex128)
-    for k, frequency in enumerate(f.tolist()):
-        Z[k] = [solve_state(lossy, state, frequency).impedance for state in plan]
-        _tell(progress, k + 1, len(f))
+    for k, state in enumerate(plan):
+        Z[:, k] = impedances(lossy, state, f)
+        _tell(progress, k + 1, len(plan))
     dims = ("frequency", "state")
     return xr.Dataset(
         {

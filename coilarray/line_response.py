@@ -1,4 +1,4 @@
-"""The response of one coil in the two-dimensional model of Gast and Zimmermann's FEM paper, to compare with the full one."""
+"""The response of one coil in the two-dimensional model of Gast and Zimmermann's FEM paper, beside the full one."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import combinations, pairwise
+from itertools import combinations
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +22,7 @@ from scipy.optimize import brentq
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from coilarray.blocks import ranges
 from coilarray.circuit import PortImpedance, checked_network
 from coilarray.errors import NetworkError
 from coilarray.terminations import Passive, ScanState, Switches, check_state
@@ -32,6 +33,7 @@ ComplexArray = npt.NDArray[np.complex128]
 # how far from the bare coil a resonance is looked for, and in how many steps of a tenth
 _SEARCH, _SEARCH_POINTS = 30.0, 72
 _FINE_POINTS = 172  # steps of 2 %
+_AT_ONCE = 16  # frequencies; many at once save time, a search seldom needs all
 _SLOPE_STEP = 1e-4  # of the frequency; the difference errs by 1e-8
 _NEWTON_STEPS, _NEWTON_TOLERANCE = 40, 1e-12  # relative
 _GROUND, _SIDE_A, _SIDE_B = "ground", "A", "B"
@@ -163,6 +165,35 @@ def solve_state(network: Network, state: ScanState, frequency: float) -> StateRe
     return StateResult(frequency, complex(impedance[0]), state, complex(admittance[0]), own)
 
 
+def impedances(network: Network, state: ScanState, frequencies: FloatArray) -> ComplexArray:
+    """Impedance of one state between the sides of the converter at many frequencies, without the tank's capacitor.
+
+    Parameters
+    ----------
+    network, state
+        As in `solve_state`.
+    frequencies : ndarray, shape (f,)
+        In Hz, positive and finite.
+
+    Returns
+    -------
+    ndarray of complex, shape (f,)
+        In Ω.
+
+    Raises
+    ------
+    NetworkError
+        As `solve_state`.
+    """
+    check_state(state, network.names)
+    if not (np.isfinite(frequencies).all() and (frequencies > 0).all()):
+        raise NetworkError(f"frequencies must be positive and finite; got {frequencies}.")
+    blocks = ranges(len(frequencies), _AT_ONCE)
+    return np.concatenate(
+        [_solve_with_tank(network, state, frequencies[low:high], network.inductance)[0] for low, high in blocks]
+    )
+
+
 def _solve_with_tank(
     network: Network,
     state: ScanState,
@@ -208,8 +239,8 @@ def resonate(network: Network, state: ScanState) -> StateResult:
     check_state(state, network.names)
     start = 1 / (2 * math.pi * math.sqrt(_bare_inductance(network, state) * network.switches.tank_capacitance))
 
-    def susceptance(frequency: float) -> float:
-        return solve_state(network, state, frequency).admittance.imag
+    def susceptance(frequencies: FloatArray) -> FloatArray:
+        return _solve_with_tank(network, state, frequencies, network.inductance)[2].imag
 
     # Im Y grows with frequency through a parallel resonance. It mostly lies near the start; where strays or several
     # tanks move it far away, the lowest crossing counts.
@@ -264,8 +295,8 @@ def self_resonance_of(network: Network, result: StateResult) -> float:
         Infinite where there is none below thirty times the resonance.
     """
 
-    def susceptance(frequency: float) -> float:
-        return (1 / solve_state(network, result.state, frequency).impedance).imag
+    def susceptance(frequencies: FloatArray) -> FloatArray:
+        return np.asarray((1 / impedances(network, result.state, frequencies)).imag)
 
     # fine steps: modes of several coils lie close together
     crossing = _upward_crossing(susceptance, result.frequency * np.geomspace(1, _SEARCH, _FINE_POINTS))
@@ -320,14 +351,19 @@ def resonances_near(
     )
 
 
-def _upward_crossing(function: Callable[[float], float], grid: FloatArray) -> float | None:
+def _upward_crossing(function: Callable[[FloatArray], FloatArray], grid: FloatArray) -> float | None:
     """Lowest zero that a function crosses upwards between neighbours of a rising grid."""
-    before = function(float(grid[0]))
-    for low, high in pairwise(grid.tolist()):
-        after = function(high)
-        if before < 0 <= after:
-            return float(brentq(function, low, high, xtol=1e-12 * low, rtol=1e-14))
-        before = after
+
+    def at(point: float) -> float:
+        return float(function(np.array([point]))[0])
+
+    for start, stop in ranges(len(grid) - 1, _AT_ONCE):
+        part = grid[start : stop + 1]
+        values = function(part)
+        upward = np.flatnonzero((values[:-1] < 0) & (values[1:] >= 0))
+        if upward.size:
+            low, high = part[upward[0] : upward[0] + 2].tolist()
+            return float(brentq(at, low, high, xtol=1e-12 * low, rtol=1e-14))
     return None
 
 

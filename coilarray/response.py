@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
@@ -31,6 +31,9 @@ from coilarray.terminations import ScanState
 FloatArray = npt.NDArray[np.float64]
 
 _POSITIONS = 1000  # a part of a resumable map
+_FARTHEST = 1.0  # m
+_MOST_VALUES = 100_000_000  # of the inductance changes: 0.8 GB
+_CIRCUIT_VALUES = 5_000_000  # of all circuit matrices solved at once: 80 MB
 _WEDGE_NODES = 4  # thicknesses at which a tilted sample is solved; between them a cubic (tests/test_response.py)
 
 
@@ -57,7 +60,7 @@ class Imperfections:
     Raises
     ------
     ElastomerError
-        A value that is not finite, or noise that is negative.
+        A value that is not finite, or noise or a seed that is negative.
     """
 
     tilt: tuple[float, float] = (0.0, 0.0)
@@ -73,6 +76,8 @@ class Imperfections:
             raise ElastomerError(f"tilt, offset, errors and noise must be finite; got {numbers}.")
         if self.noise < 0:
             raise ElastomerError(f"noise must not be negative; got {self.noise}.")
+        if self.seed < 0:
+            raise ElastomerError(f"seed must not be negative; got {self.seed}.")
 
 
 def response_map(
@@ -83,6 +88,7 @@ def response_map(
     y: npt.ArrayLike | None = None,
     imperfections: Imperfections | None = None,
     network: Network | None = None,
+    inductance: Callable[[], FloatArray] | None = None,
     dielectric: bool = False,
     mesh: LayerMesh | None = None,
     parts: Path | None = None,
@@ -103,6 +109,9 @@ def response_map(
         replaced.
         By default the design's switches and direct-current resistances without stray capacitances, which change the
         response by less than 1 %.
+    inductance : callable, optional
+        Returns the first of `coilarray.coupling.design_inductance`, for the sheets as they truly are but for a tilt,
+        where that is known or on its way; it is called after the dents are solved. Computed here by default.
     dielectric : bool
         Count also what the dent does to the coils' capacitance, which the converter takes for a change of L:
         `coilarray.elastomer.dielectric.dent_capacitance` with the design's permittivity. It is about 1e-7 of L.
@@ -157,40 +166,45 @@ def response_map(
     contact = _indent(setup, sheets, depth + faults.depth_error)
     _require_inside(setup, places, float(contact.contact_radius.max()))
     levels = _levels(setup, sheets, contact, depth + faults.depth_error, places, faults.tilt)
-    L0, _ = design_inductance(replace(design, sheets=sheets))
-    L0 = L0 + _wedge_under_coils(design, setup, sheets, faults.tilt)
-    coils = len(L0)
-    change, gained = np.empty((len(depth), len(grid), coils, coils)), np.zeros((len(depth), len(grid), coils))
+    coils = len(design.array.names)
+    if len(depth) * len(grid) * coils**2 > _MOST_VALUES:
+        raise ElastomerError(
+            f"{len(depth)} depths at {len(grid)} positions with {coils} coils are {len(depth) * len(grid) * coils**2} "
+            f"inductance changes; at most {_MOST_VALUES} are allowed: compute the map in pieces."
+        )
+    change, gained = np.zeros((len(depth), len(grid), coils, coils)), np.zeros((len(depth), len(grid), coils))
     blocks = ranges(len(grid), _POSITIONS)
     key = _key(design, depth, along, across, faults, mesh, dielectric)
     permittivity = design.circuit.elastomer_permittivity
-    for done, (start, stop) in enumerate(blocks):
+    steps = _Steps(progress, len(blocks) * len(levels))
+    for start, stop in blocks:
         where = None if parts is None else parts / f"{key}-{start}.nc"
         kept = None if where is None else load_part(where)
         if kept is None:
             on_board = places[start:stop] + setup.origin_point
-            shares = [level.shares[start:stop] for level in levels]
-            change[:, start:stop] = sum(
-                share[:, None, None] * dent_inductance(design.array, level.dents, on_board, mesh)
-                for share, level in zip(shares, levels, strict=True)
-            )
-            if dielectric:
-                gained[:, start:stop] = sum(
-                    share[:, None] * dent_capacitance(design.array, level.dents, on_board, permittivity, mesh)
-                    for share, level in zip(shares, levels, strict=True)
-                )
+            for level in levels:
+                share = level.shares[start:stop, None]
+                part = dent_inductance(design.array, level.dents, on_board, mesh, progress=steps.within)
+                change[:, start:stop] += share[..., None] * part
+                if dielectric:
+                    gained[:, start:stop] += share * dent_capacitance(
+                        design.array, level.dents, on_board, permittivity, mesh
+                    )
+                steps.next()
             if where is not None:
                 dims = ("depth", "place", "coil", "other")
                 data = {"change": (dims, change[:, start:stop]), "gained": (dims[:3], gained[:, start:stop])}
                 save_dataset(xr.Dataset(data), where)
         else:
             change[:, start:stop], gained[:, start:stop] = kept.change.values, kept.gained.values
-        _tell(progress, done + 1, len(blocks) + 1)
+            for _ in levels:
+                steps.next()
+    L0 = design_inductance(replace(design, sheets=sheets))[0] if inductance is None else inductance()
+    L0 = L0 + _wedge_under_coils(design, setup, sheets, faults.tilt)
     network = _plain_network(design, L0) if network is None else replace(network, inductance=L0)
     delta, base = _through_circuit(network, design.circuit.plan, change, gained)
     if faults.noise:
         delta = _noisy(delta, faults)
-    _tell(progress, len(blocks) + 1, len(blocks) + 1)
     return _dataset(design, setup, contact, (depth, along, across), delta, base, change, gained, L0)
 
 
@@ -258,6 +272,8 @@ def _rising(name: str, values: npt.ArrayLike) -> FloatArray:
     array = np.atleast_1d(np.asarray(values, dtype=np.float64))
     if array.ndim != 1 or not array.size or not np.isfinite(array).all() or (np.diff(array) <= 0).any():
         raise ElastomerError(f"{name} must be finite and rising, in m; got {array}.")
+    if np.abs(array).max() > _FARTHEST:
+        raise ElastomerError(f"{name} must be at most {_FARTHEST} m from the map's origin; got {array} m.")
     return array
 
 
@@ -372,6 +388,8 @@ def _through_circuit(
     """δ of every depth, place and state, and L_0 of every state in H."""
     inductances = network.inductance + change.reshape(-1, *network.inductance.shape)
     capacitances = network.winding_capacitance + gained.reshape(-1, len(network.names))
+    nodes_and_branches = 6 * len(network.names) + 5
+    at_once = max(1, _CIRCUIT_VALUES // nodes_and_branches**2)
     delta = np.empty((*change.shape[:2], len(plan)))
     base = np.empty(len(plan))
     for k, state in enumerate(plan):
@@ -379,7 +397,7 @@ def _through_circuit(
         dented = np.concatenate(
             [
                 resonances_near(network, flat, inductances[start:stop], capacitances[start:stop])
-                for start, stop in ranges(len(inductances), _POSITIONS)
+                for start, stop in ranges(len(inductances), at_once)
             ]
         )
         delta[..., k] = ((flat.frequency / dented) ** 2 - 1).reshape(change.shape[:2])
@@ -466,6 +484,21 @@ def _dataset(
     )  # fmt: skip
 
 
-def _tell(progress: Progress | None, done: int, total: int) -> None:
-    if progress is not None:
-        progress(done, total)
+class _Steps:
+    """Counts parts of a map for a progress bar, in hundredths."""
+
+    def __init__(self, progress: Progress | None, parts: int) -> None:
+        self._progress, self._total, self._done = progress, 100 * parts, 0
+
+    def within(self, done: int, total: int) -> None:
+        """Count within a part."""
+        self._tell(self._done + 99 * done // total)
+
+    def next(self) -> None:
+        """Count a whole part."""
+        self._done += 100
+        self._tell(self._done)
+
+    def _tell(self, done: int) -> None:
+        if self._progress is not None:
+            self._progress(done, self._total)

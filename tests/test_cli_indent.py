@@ -153,12 +153,12 @@ def test_a_cylinder_has_force_a_metre(capsys):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("--depth-mm", "0"), "--depth-mm must be rising depths above zero, as 0.5,1,1.5 or START:STOP:COUNT"),
-        (("--depth-mm", "-1"), "got '-1'"),
-        (("--depth-mm", "1,0.5"), "--depth-mm must be rising depths"),
-        (("--depth-mm", "0.5,0.5"), "--depth-mm must be rising depths"),
+        (("--depth-mm", "0"), "--depth-mm must be above zero; got '0'"),
+        (("--depth-mm", "-1"), "--depth-mm must be above zero; got '-1'"),
+        (("--depth-mm", "1,0.5"), "--depth-mm must be rising numbers of mm, as 0.5,1 or START:STOP:COUNT"),
+        (("--depth-mm", "0.5,0.5"), "--depth-mm must be rising numbers"),
         (("--depth-mm", "0.1:0.5"), "got '0.1:0.5'"),
-        (("--depth-mm", "0.1:0.5:1"), "--depth-mm must be rising depths"),
+        (("--depth-mm", "0.1:0.5:1"), "--depth-mm must be rising numbers"),
         (("--depth-mm", "0.1:0.5:2000"), "with 2 to 1000 of them"),
         (("--depth-mm", "0.1:0.5:2.5"), "got '0.1:0.5:2.5'"),
         (("--depth-mm", "nan"), "got 'nan'"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import csv
 import html.parser
 import json
@@ -14,8 +15,11 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from coilarray import active_coil, load_design, magnetic_field, parse_design, write_report
+from coilarray import active_coil, coupling_matrix, indent, load_design, magnetic_field, parse_design, write_report
+from coilarray.designs import read
+from coilarray.report import figures
 from coilarray.report.tables import Column
+from coilarray.report.write import _curve
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +33,7 @@ def made(tmp_path_factory):
 
 TABLES = (
     "coils", "pairs", "design", "rules", "field_line", "windings", "states", "state_currents", "ldc1614",
-    "ldc1614_drive", "sweep",
+    "ldc1614_drive", "sweep", "indentation", "response",
 )  # fmt: skip
 
 
@@ -70,9 +74,9 @@ def page(made):
 def test_files(made):
     assert made.page.name == "report.html"
     assert sorted(path.name for path in made.folder.iterdir()) == [
-        "coils.csv", "coupling.nc", "design.csv", "field.nc", "field_line.csv", "impedance.nc", "ldc1614.csv",
-        "ldc1614_drive.csv", "pairs.csv", "report.json", "rules.csv", "scan.nc", "state_currents.csv", "states.csv",
-        "sweep.csv", "windings.csv",
+        "coils.csv", "coupling.nc", "design.csv", "field.nc", "field_line.csv", "impedance.nc", "indentation.csv",
+        "indentation.nc", "ldc1614.csv", "ldc1614_drive.csv", "pairs.csv", "report.json", "response.csv",
+        "response.nc", "rules.csv", "scan.nc", "state_currents.csv", "states.csv", "sweep.csv", "windings.csv",
     ]  # fmt: skip
 
 
@@ -88,11 +92,11 @@ def test_page_needs_no_other_file(page, made):
 
 def test_page_has_every_part(page):
     text = " ".join(page.text)
-    parts = "Coils Coupling Field Circuit Copper Fabrication Design Provenance assumed"
+    parts = "Coils Coupling Field Circuit Indentation Copper Fabrication Design Provenance assumed"
     for part in parts.split():
         assert part in text
-    # board, 4 layers of copper, L, k, L_eff, currents, line, two maps, L and R over frequency
-    assert page.tags.count("img") == 14
+    # board, 4 layers of copper, L, k, L_eff, currents, line, two maps, L and R over frequency, force, dent, responses
+    assert page.tags.count("img") == 18
     assert "no rendering in this test" in text
 
 
@@ -160,7 +164,69 @@ def test_assumed_values_are_marked(made):
     for key, reason in design.assumed.items():
         assert rows[key]["origin"] == "assumed"
         assert rows[key]["reason"] == reason
-    assert made.page.read_text(encoding="utf-8").count('<tr class="mark">') == len(design.assumed)
+    # once in the table of the design, and those of the elastomer and the indenter beside the indentation
+    entering = [key for key in design.assumed if key.split(".")[0] in ("elastomer", "indenter", "indentation")]
+    assert len(entering) > 3
+    marks = made.page.read_text(encoding="utf-8").count('<tr class="mark">')
+    assert marks == len(design.assumed) + len(entering)
+
+
+def test_the_share_of_the_magnetic_sheets(made, page):
+    coils, pairs = table(made, "coils"), table(made, "pairs")
+    with xr.open_dataset(made.folder / "coupling.nc", engine="h5netcdf") as saved:
+        by_sheets = saved.sheet_inductance.values
+        bare = coupling_matrix(saved.inductance.values - by_sheets)
+    np.testing.assert_array_equal([float(row["sheet_inductance_H"]) for row in coils], np.diag(by_sheets))
+    beside = ~np.eye(6, dtype=bool)
+    np.testing.assert_array_equal([float(row["sheet_inductance_H"]) for row in pairs], by_sheets[beside])
+    np.testing.assert_allclose([float(row["bare_coupling"]) for row in pairs], bare[beside], rtol=1e-12)
+    share = np.array([float(row["sheet_inductance_H"]) / float(row["inductance_H"]) for row in coils])
+    text = f"make {100 * share.min():.2f} to {100 * share.max():.2f}\u00a0% of L"
+    assert text in " ".join("".join(page.text).split(" "))
+    assert made.data["sheet_share"] == {"least": pytest.approx(share.min()), "most": pytest.approx(share.max())}
+
+
+def test_indentation_and_response_agree_with_the_library(made):
+    design = load_design("gast2020")
+    setup = design.indentation
+    rows = table(made, "indentation")
+    depths = [float(row["depth_m"]) for row in rows]
+    np.testing.assert_allclose(depths, np.arange(1, 9) * 0.125e-3, rtol=1e-12)
+    alone = indent(design.sheets, setup.indenter, setup.depths, base=setup.base)
+    # another mesh, made for one depth: each force is right to about 0.1 %
+    assert float(rows[-1]["force_N"]) == pytest.approx(float(alone.force[0]), rel=2e-3)
+    with xr.open_dataset(made.folder / "indentation.nc", engine="h5netcdf") as saved:
+        np.testing.assert_array_equal(saved.force, [float(row["force_N"]) for row in rows])
+        assert saved.attrs["design_hash"] == design.digest
+    with (
+        xr.open_dataset(made.folder / "response.nc", engine="h5netcdf") as saved,
+        xr.open_dataset(made.folder / "coupling.nc", engine="h5netcdf") as coupling,
+    ):
+        assert saved.delta.shape == (1, 7, 27, 6)
+        assert saved.attrs["design_hash"] == design.digest
+        # the same matrix, summed in another order of threads
+        np.testing.assert_allclose(saved.inductance, coupling.inductance, rtol=1e-12)
+        np.testing.assert_array_equal(
+            saved.delta.max(("depth", "y", "x")), [float(row["peak_delta"]) for row in table(made, "response")]
+        )
+
+
+def test_the_dent_is_rendered_over_the_middle_of_a_coil(monkeypatch):
+    design = load_design("gast2020")
+    pressed = indent(design.sheets, design.indentation.indenter, [0.5e-3, 1e-3])
+    centres = []
+
+    def render(array, path, sheets, indentation, indenter, *, centre, size):
+        centres.append(centre)
+        path.write_bytes(b"a picture")
+
+    monkeypatch.setattr(figures, "rendering_problem", lambda: None)
+    monkeypatch.setattr(figures, "save_dent_picture", render)
+    pictures = figures.indentation_pictures(design, design.indentation.indenter, pressed, "coil2")
+    assert [picture.name for picture in pictures] == ["force_depth", "dent_section", "dent"]
+    assert pictures[-1].uri.endswith(base64.b64encode(b"a picture").decode())
+    # the leads of the coil reach beyond its outline, which is symmetric
+    np.testing.assert_allclose(centres, [design.array.centres[1]], rtol=0, atol=1e-9)
 
 
 def test_single_coil_report(tmp_path):
@@ -174,7 +240,10 @@ def test_single_coil_report(tmp_path):
     assert table(made, "pairs") == []
     text = made.page.read_text(encoding="utf-8")
     assert "Coupling coefficient" not in text
-    assert text.count("<img") == 8  # board, two layers, line, two maps, L and R over frequency
+    # board, two layers, line, two maps, L and R over frequency, force, dent, response along x, and at every depth
+    assert text.count("<img") == 12
+    assert made.data["sheet_share"]["least"] > 0
+    assert "pairs has" not in text
 
 
 def test_a_design_without_a_circuit_model_still_has_a_report(tmp_path):
@@ -198,6 +267,46 @@ placements = [{ name = "a", coil = "hairpin", layers = ["top"], x_mm = 0, y_mm =
     assert made.data["circuit_problem"]
     assert f"Not computed: {made.data['circuit_problem']}" in made.page.read_text(encoding="utf-8")
     assert not (made.folder / "scan.nc").exists()
+    # no elastomer, no indentation
+    assert "Indentation" not in made.page.read_text(encoding="utf-8")
+    assert "magnetic sheets" not in made.page.read_text(encoding="utf-8")
+    assert made.data["indentation_problem"] == ""
+    assert not (made.folder / "indentation.nc").exists()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "problem", "dent"),
+    [
+        ("depths_mm = [0.3, 0.6]", "depths_mm = [0.3, 3.9]", "depth of an indentation must leave every", False),
+        ('shape = "hemisphere" ', 'shape = "cylinder_edge" ', "coils in space need dents about an axis", True),
+    ],
+)
+def test_an_indentation_that_fails_is_told(tmp_path, old, new, problem, dent):
+    text = read("starter")
+    assert old in text
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("coilarray.report.write.rendering_problem", lambda: "none here")
+        patch.setattr("coilarray.report.figures.rendering_problem", lambda: "none here")
+        patch.setattr("coilarray.report.write._circuit", lambda *_: (None, None, "left out of this test"))
+        made = write_report(parse_design(text.replace(old, new, 1)), tmp_path)
+    assert problem in made.data["indentation_problem"]
+    page = made.page.read_text(encoding="utf-8")
+    assert f"{'Response not' if dent else 'Not'} computed: {problem}" in page
+    assert (made.folder / "indentation.nc").exists() == dent
+    assert ("in section" in page) == dent
+    assert not (made.folder / "response.csv").exists()
+    assert (made.folder / "coupling.nc").exists()  # the rest is there
+
+
+def test_depths_of_the_force_curve():
+    for depths in ((1e-3,), (0.3e-3, 0.6e-3), (0.5e-3, 1e-3, 1.5e-3), (1e-9,)):
+        curve = np.array(_curve(depths))
+        assert set(depths) <= set(curve.tolist())
+        assert 8 <= len(curve) <= 8 + len(depths)
+        assert curve[-1] == depths[-1]
+        # neither doubled nor with gaps
+        assert np.diff(curve).min() > 0.02 * depths[-1]
+        assert np.diff(curve, prepend=0.0).max() < 0.13 * depths[-1]
 
 
 def test_progress_reaches_its_total(tmp_path):
@@ -205,6 +314,7 @@ def test_progress_reaches_its_total(tmp_path):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("coilarray.report.write.rendering_problem", lambda: "none here")
         patch.setattr("coilarray.report.figures.rendering_problem", lambda: "none here")
+        patch.setattr("coilarray.report.write._circuit", lambda *_: (None, None, "left out of this test"))
         write_report(load_design("starter"), tmp_path, lambda done, total: seen.append((done, total)))
     assert [done for done, _ in seen] == list(range(1, seen[-1][1] + 1))
 

@@ -23,6 +23,17 @@ from coilarray.viz.scenes import board_scene, dent_scene, save_board_picture, sa
 
 if TYPE_CHECKING:
     from coilarray.viz.indentation_plots import indentation_figure, plot_dent, plot_force_depth
+    from coilarray.viz.localize_plots import (
+        distortion_figure,
+        ellipse_parameter_figure,
+        identifiability_figure,
+        plot_causes,
+        plot_distortion,
+        plot_ellipse_parameters,
+        plot_ellipses,
+        plot_identifiability,
+        plot_x_error,
+    )
     from coilarray.viz.plots import (
         plot_board,
         plot_copper,
@@ -42,22 +53,31 @@ __all__ = [
     "copper_mesh",
     "dent_scene",
     "dented_sheet_meshes",
+    "distortion_figure",
+    "ellipse_parameter_figure",
     "field_grid",
+    "identifiability_figure",
     "indentation_figure",
     "indenter_mesh",
     "path_lines",
     "plot_board",
+    "plot_causes",
     "plot_copper",
     "plot_currents",
     "plot_dent",
+    "plot_distortion",
     "plot_effective_inductance",
+    "plot_ellipse_parameters",
+    "plot_ellipses",
     "plot_field_lines",
     "plot_field_map",
     "plot_force_depth",
+    "plot_identifiability",
     "plot_matrix",
     "plot_response",
     "plot_response_profile",
     "plot_sweep",
+    "plot_x_error",
     "rendering_problem",
     "response_figure",
     "save_board_picture",
@@ -68,6 +88,17 @@ __all__ = [
 
 _HOME = {
     "indentation_plots": ("indentation_figure", "plot_dent", "plot_force_depth"),
+    "localize_plots": (
+        "distortion_figure",
+        "ellipse_parameter_figure",
+        "identifiability_figure",
+        "plot_causes",
+        "plot_distortion",
+        "plot_ellipse_parameters",
+        "plot_ellipses",
+        "plot_identifiability",
+        "plot_x_error",
+    ),
     "response_plots": ("plot_response", "plot_response_profile", "response_figure"),
     "sweep_plots": ("plot_sweep",),
 }

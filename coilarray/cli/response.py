@@ -19,7 +19,7 @@ from coilarray.cli.shared import (
     print_table,
     progress_bar,
 )
-from coilarray.errors import ElastomerError, OutputError
+from coilarray.errors import ElastomerError, NetworkError, OutputError
 
 
 def response(
@@ -86,6 +86,7 @@ def response(
     network = design_network(opened).network if strays else None
     parts = out.with_name(f"{out.name}.parts")
     make_folder(parts)
+    kept = set(parts.iterdir())
     try:
         with progress_bar("response") as progress:
             result = response_map(
@@ -99,6 +100,10 @@ def response(
                 parts=parts,
                 progress=progress,
             )
+    except NetworkError:
+        for part in set(parts.iterdir()) - kept:  # of no use: going on would end in the same way
+            part.unlink()
+        raise
     finally:
         if not any(parts.iterdir()):  # refused before anything was computed
             parts.rmdir()

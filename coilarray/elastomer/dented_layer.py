@@ -45,7 +45,8 @@ def dent_inductance(
         Accuracy.
     model : {"full", "first order", "Born"}
         The dented sheets solved, or one of the two approximations of `coilarray.elastomer.shortcuts`, which are there
-        to be compared with and are wrong by tens of percent to a factor of three for usual dents.
+        to be compared with: for 1 mm in a sheet of 2 mm the first is 13 to 18 % low, the second right at the centre by
+        chance, a factor of two off on the flank, and of the wrong sign in M.
     progress : callable, optional
         Called with (done, total) as the work goes on.
 

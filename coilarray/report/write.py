@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -11,6 +11,7 @@ from pathlib import Path
 
 import jinja2
 import numpy as np
+import numpy.typing as npt
 import xarray as xr
 
 from coilarray.blocks import Progress
@@ -26,6 +27,8 @@ from coilarray.report import circuit_tables, figures, indentation_tables, tables
 from coilarray.response import response_map
 from coilarray.storage import save_dataset
 from coilarray.viz import rendering_problem
+
+FloatArray = npt.NDArray[np.float64]
 
 # The line resolves the flanks of the bell to 1/200 of the board, the plane shows about a pixel a sample
 _LINE_POINTS = 401
@@ -98,11 +101,18 @@ def write_report(design: Design, where: str | Path = ".", progress: Progress | N
     make_folder(folder)  # a folder that cannot be written is known before the work begins
     steps = _Steps(progress, 8)
     # NumPy, SciPy and kernels on threads of their own, while pictures are drawn here
-    with ThreadPoolExecutor(max_workers=3) as beside:
+    with ThreadPoolExecutor(max_workers=5) as beside:
         probe = beside.submit(rendering_problem)  # starts a process that takes seconds
-        circuit = beside.submit(_circuit, design)
         pressing = beside.submit(_press, design)
-        coupling = couple_design(design)
+        coupled = beside.submit(couple_design, design)
+
+        def inductance() -> FloatArray:
+            """Return the matrix that coupling, circuit and response share; kernels may have to be compiled for it."""
+            return np.asarray(coupled.result().inductance)
+
+        circuit = beside.submit(_circuit, design, inductance)
+        responding = beside.submit(_respond, design, inductance)
+        coupling = coupled.result()
         steps.next()
         active = design.array.names[(len(design.array.names) - 1) // 2]
         line, plane = _fields(design, coupling, active)
@@ -118,8 +128,9 @@ def write_report(design: Design, where: str | Path = ".", progress: Progress | N
         problem = probe.result()
         pictures.append(figures.board_picture(design))
         steps.next()
-        pressed = pressing.result()
-        pictures += _pressed_pictures(design, pressed, active)
+        indentation, indentation_problem = pressing.result()
+        response, response_problem = responding.result()
+        pictures += _pressed_pictures(design, indentation, response, active)
         steps.next()
         scan, sweep, circuit_problem = circuit.result()
     pictures += [] if sweep is None else figures.sweep_pictures(sweep)
@@ -131,8 +142,8 @@ def write_report(design: Design, where: str | Path = ".", progress: Progress | N
         tables.rules_table(margins),
         tables.line_table(line["others open"], line["others as terminated"]),
         *_circuit_tables(scan, sweep),
-        *([] if pressed.indentation is None else [indentation_tables.indentation_table(pressed.indentation)]),
-        *([] if pressed.response is None else [indentation_tables.response_table(pressed.response)]),
+        *([] if indentation is None else [indentation_tables.indentation_table(indentation)]),
+        *([] if response is None else [indentation_tables.response_table(response)]),
     ]
     made = {**provenance(design), "date": datetime.now(UTC).isoformat(timespec="seconds")}
     data: dict[str, object] = {
@@ -148,7 +159,7 @@ def write_report(design: Design, where: str | Path = ".", progress: Progress | N
             {"states": [a, b], "relative_distance": distance}
             for a, b, distance in ([] if scan is None else close_channels(scan.state.values.tolist(), scan.frequency))
         ],
-        "indentation_problem": pressed.problem,
+        "indentation_problem": indentation_problem or response_problem,
         "sheet_share": _sheet_share(coupling),
         "field_coil": active,
         "field_height_m": design.field_height,
@@ -166,8 +177,8 @@ def write_report(design: Design, where: str | Path = ".", progress: Progress | N
         "field": _both(plane),
         "scan": scan,
         "impedance": sweep,
-        "indentation": pressed.indentation,
-        "response": pressed.response,
+        "indentation": indentation,
+        "response": response,
     }
     for name, dataset in datasets.items():
         if dataset is not None:
@@ -177,10 +188,10 @@ def write_report(design: Design, where: str | Path = ".", progress: Progress | N
     return Report(folder / "report.html", data_folder, coupling, data, problem)
 
 
-def _circuit(design: Design) -> tuple[xr.Dataset | None, xr.Dataset | None, str]:
+def _circuit(design: Design, inductance: Callable[[], FloatArray]) -> tuple[xr.Dataset | None, xr.Dataset | None, str]:
     """Scan and sweep of the design's circuit; where it has none, nothing and the reason."""
     try:
-        network = design_network(design)
+        network = design_network(design, inductance)
         scan = scan_design(design, prepared=network)
         middle = float(np.sqrt(scan.frequency.min() * scan.frequency.max()))
         return scan, sweep_design(design, middle * np.geomspace(*_SWEEP, _SWEEP_POINTS), prepared=network), ""
@@ -194,28 +205,27 @@ def _sheet_share(coupling: xr.Dataset) -> dict[str, float]:
     return {"least": float(share.min()), "most": float(share.max())}
 
 
-@dataclass(frozen=True, eq=False)
-class _Pressed:
-    """What the indenter does, and the reason where a part of it is missing."""
-
-    indentation: xr.Dataset | None = None
-    response: xr.Dataset | None = None
-    problem: str = ""
-
-
-def _press(design: Design) -> _Pressed:
-    """Force curve, dents and response map of the design's indentation."""
+def _press(design: Design) -> tuple[xr.Dataset | None, str]:
+    """Force curve and dents of the design's indentation; where that fails, nothing and the reason."""
     setup = design.indentation
     if setup is None:
-        return _Pressed()
-    indentation = None
+        return None, ""
     try:
         depths = _curve(setup.depths)
         indentation = indent(design.sheets, setup.indenter, depths, base=setup.base, radius=setup.sample_radius)
-        indentation = indentation.assign_attrs(provenance(design))
-        return _Pressed(indentation, response_map(design))
+        return indentation.assign_attrs(provenance(design)), ""
     except CoilarrayError as error:
-        return _Pressed(indentation, None, str(error))
+        return None, str(error)
+
+
+def _respond(design: Design, inductance: Callable[[], FloatArray]) -> tuple[xr.Dataset | None, str]:
+    """Response map of the design's indentation; where that fails, nothing and the reason."""
+    if design.indentation is None:
+        return None, ""
+    try:
+        return response_map(design, inductance=inductance), ""
+    except CoilarrayError as error:
+        return None, str(error)
 
 
 def _curve(depths: Sequence[float]) -> list[float]:
@@ -225,12 +235,14 @@ def _curve(depths: Sequence[float]) -> list[float]:
     return sorted([*depths, *between[apart].tolist()])
 
 
-def _pressed_pictures(design: Design, pressed: _Pressed, coil: str) -> list[figures.Picture]:
+def _pressed_pictures(
+    design: Design, indentation: xr.Dataset | None, response: xr.Dataset | None, coil: str
+) -> list[figures.Picture]:
     pictures = []
-    if design.indentation is not None and pressed.indentation is not None:
-        pictures += figures.indentation_pictures(design, design.indentation.indenter, pressed.indentation, coil)
-    if pressed.response is not None:
-        pictures += figures.response_pictures(design, pressed.response)
+    if design.indentation is not None and indentation is not None:
+        pictures += figures.indentation_pictures(design, design.indentation.indenter, indentation, coil)
+    if response is not None:
+        pictures += figures.response_pictures(design, response)
     return pictures
 
 
