@@ -46,7 +46,7 @@ def refused(capsys, *arguments):
 def test_help_names_every_command(capsys):
     code, out, _ = run(capsys)
     assert code == 0
-    for command in ("report", "init", "check", "matrix", "field", "impedance", "view"):
+    for command in ("report", "init", "check", "matrix", "field", "impedance", "indent", "response", "view"):
         assert f"\n  {command} " in out
         code, text, _ = run(capsys, command, "--help")
         assert code == 0

@@ -8,7 +8,20 @@ from collections.abc import Sequence
 
 import typer
 
-from coilarray.cli import check, field, impedance, indent, init, matrix, report, response, view
+from coilarray.cli import (
+    check,
+    distortion,
+    field,
+    fit,
+    impedance,
+    indent,
+    init,
+    locate,
+    matrix,
+    report,
+    response,
+    view,
+)
 from coilarray.errors import CoilarrayError
 
 _BAD_INPUT = 2
@@ -32,6 +45,9 @@ app.command("field")(field.field)
 app.command("impedance")(impedance.impedance)
 app.command("indent")(indent.indent)
 app.command("response")(response.response)
+app.command("fit")(fit.fit)
+app.command("distortion")(distortion.distortion)
+app.command("locate")(locate.locate)
 app.command("view")(view.view)
 
 
@@ -76,6 +92,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         commands = [command.name for command in app.registered_commands]
         help_for = f" {arguments[0]}" if arguments[0] in commands else ""
         return _refuse(f"{' '.join(format_message().split())} (try: coilarray{help_for} --help)")
+    if code == _INTERRUPTED:  # typer's own answer to an interrupt, without a word
+        typer.echo("coilarray: interrupted", err=True)
     return code if isinstance(code, int) else 0
 
 

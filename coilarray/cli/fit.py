@@ -1,0 +1,68 @@
+"""``coilarray fit``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from coilarray.cli.maps import PICTURES, check_file, depth_in_metres, one_map
+from coilarray.cli.shared import AllowViolations, AsJson, print_json, print_table
+
+
+def fit(
+    source: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="MAP|DESIGN",
+            help="Response as netCDF (.nc), measured or of `coilarray response`, or a design; gast2020 by default.",
+        ),
+    ] = None,
+    depth_mm: Annotated[float | None, typer.Option("--depth-mm", help="Depth; the first one by default.")] = None,
+    coil: Annotated[
+        list[str] | None,
+        typer.Option("--coil", help="Coil to fit; may be repeated. All whose curves close within the map by default."),
+    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Also write the model: .json.")] = None,
+    plot: Annotated[
+        Path | None, typer.Option("--plot", help="Also draw A, B and x0 over δ: .png, .svg or .pdf.")
+    ] = None,
+    as_json: AsJson = False,
+    allow_violations: AllowViolations = False,
+) -> None:
+    """Fit the ellipse model of Gast & Zimmermann (2020) to a response.
+
+    Curves of equal δ become ellipses, and their A, B and x0 polynomials of δ. Printed in mm beside Table A1 of the
+    paper where it has a coil of that name: that compares like with like on the paper's board alone.
+
+    Example: coilarray fit gast2020 --out model.json --plot model.png
+    """
+    check_file("--out", out, (".json",))
+    check_file("--plot", plot, PICTURES)
+    depth = depth_in_metres(depth_mm)
+    from coilarray.files import write_atomically, write_text
+    from coilarray.localize.ellipse import fit_ellipses
+    from coilarray.localize.ellipse_model import ellipse_model, model_to_json
+    from coilarray.report.localize_tables import fit_table, polynomial_table
+
+    response, at = one_map(source, depth, allow_violations=allow_violations)
+    fits = fit_ellipses(response, at, states=coil)
+    model = ellipse_model(fits)
+    polynomials, steps = polynomial_table(model), fit_table(fits, model)
+    if out is not None:
+        write_text(out, model_to_json(model, f"coilarray fit {source or 'gast2020'}"))
+    if plot is not None:
+        from coilarray.localize.published import published_model
+        from coilarray.viz import ellipse_parameter_figure
+
+        write_atomically(plot, ellipse_parameter_figure(fits, model, published_model()).savefig)
+    if as_json:
+        print_json({"polynomials": polynomials.records(), "fits": steps.records()})
+        return
+    for table in (polynomials, steps):
+        print_table([column.header for column in table.columns], table.cells())
+        typer.echo()
+    for path in (out, plot):
+        if path is not None:
+            typer.echo(f"wrote {path}")

@@ -1,0 +1,256 @@
+"""``coilarray locate``."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from coilarray.cli.maps import check_file, depth_in_metres, is_map, one_map, read_map
+from coilarray.cli.readings import Reading, line_readings, read_readings
+from coilarray.cli.shared import AllowViolations, AsJson, open_design, print_json, print_table, progress_bar
+from coilarray.errors import LocalizeError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from coilarray.localize.ellipse_model import EllipseModel
+    from coilarray.localize.forward import ForwardModel
+
+Record = dict[str, Any]
+Solver = Callable[[Sequence[Reading | LocalizeError]], list[Record]]
+"""From readings, or why one is none, to what they say: mappings for JSON, with ``error`` alone for a bad reading."""
+
+_MOST_MM = 10.0
+_PUBLISHED = "published"
+
+
+def locate(
+    readings: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="READINGS...",
+            help="δ as coil1=7.1e-4,coil2=3e-4,...; or files: .csv with the coils' names at the top, .json, .jsonl; "
+            "or - for a stream of JSON lines.",
+        ),
+    ],
+    model: Annotated[
+        str | None,
+        typer.Option(
+            "--model",
+            help="Response as netCDF (.nc) or a design; gast2020 by default. With --ellipse also a model of "
+            "`coilarray fit` (.json), or `published` for Table A1.",
+        ),
+    ] = None,
+    table: Annotated[
+        Path | None,
+        typer.Option("--table", help="Where the table of a design is kept (.nc): computed if it is not there."),
+    ] = None,
+    coil: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--coil", help="Use this coil; may be repeated. All by default; for example without a broken one."
+        ),
+    ] = None,
+    noise: Annotated[float, typer.Option("--noise", help="Standard deviation of δ.")] = 1e-5,
+    ellipse: Annotated[
+        bool, typer.Option("--ellipse", help="Use the ellipse model of Gast & Zimmermann (2020) instead.")
+    ] = False,
+    addition_mm: Annotated[
+        float, typer.Option("--addition-mm", help="With --ellipse: added to every A; the paper adds 0.2.")
+    ] = 0.2,
+    depth_mm: Annotated[
+        float | None, typer.Option("--depth-mm", help="With --ellipse: depth of the map; the first one by default.")
+    ] = None,
+    as_json: AsJson = False,
+    allow_violations: AllowViolations = False,
+) -> None:
+    """Find where, and how deep, an indentation is from the δ of the coils.
+
+    Maximum likelihood over all coils; every position that explains a reading is told, both signs of y on a board that
+    is symmetric. Positions count from the map's origin. A stream gives one JSON line out for each line in, with "error"
+    for a bad one; the exit code is 2 only where no line was a reading.
+
+    Example: coilarray locate --model map.nc coil1=7.1e-4,coil2=3.2e-4,coil3=1e-5
+
+    Example: read_sensor | coilarray locate --model gast2020 --table table.nc -
+    """
+    stream = "-" in readings
+    if stream and len(readings) > 1:
+        raise LocalizeError("a stream (-) must be the only READINGS.")
+    if not abs(addition_mm) <= _MOST_MM:
+        raise LocalizeError(f"--addition-mm must be from {-_MOST_MM:g} to {_MOST_MM:g}; got {addition_mm:g}.")
+    depth = depth_in_metres(depth_mm)
+    json_model = model is not None and model.lower().endswith(".json")
+    if (json_model or model == _PUBLISHED) and not ellipse:
+        raise LocalizeError(f"{model} is an ellipse model; it needs --ellipse.")
+    if table is not None and (ellipse or is_map(model)):
+        raise LocalizeError("--table is for the table of a design, without --ellipse.")
+    if depth is not None and not ellipse:
+        raise LocalizeError("--depth-mm is for --ellipse; the depth is found otherwise.")
+    check_file("--table", table, (".nc",))
+    given = [] if stream else [one for text in readings for one in read_readings(text)]
+    if ellipse:
+        solve = _with_ellipses(_ellipse_model(model, depth, allow_violations), coil, addition_mm * 1e-3)
+    else:
+        solve = _with_all_coils(_forward_model(model, table, allow_violations), coil, noise)
+    if stream:
+        _stream(solve)
+        return
+    records = solve(given)
+    if all("error" in record for record in records):
+        raise LocalizeError(f"there is no reading in {' '.join(readings)}: {records[0]['error']}")
+    if as_json:
+        print_json({"positions": records})
+        return
+    _print(records)
+
+
+def _print(records: Sequence[Record]) -> None:
+    from coilarray.report.localize_tables import position_table
+
+    table = position_table(records)
+    print_table([column.header for column in table.columns], table.cells())
+    for k, record in enumerate(records):
+        text = record.get("error") or record.get("reason")
+        if text:
+            typer.echo(f"reading {k + 1}: {text}")
+
+
+def _stream(solve: Solver) -> None:
+    """Answer every line of standard input at once; a bad one with its error."""
+    import json
+
+    lines = bad = 0
+    first = "it is empty"
+    try:
+        for raw in line_readings(sys.stdin.buffer):
+            (record,) = solve([raw])
+            lines += 1
+            if "error" in record:
+                bad += 1
+                first = str(record["error"]) if bad == 1 else first
+            sys.stdout.write(json.dumps(record, allow_nan=False) + "\n")
+            sys.stdout.flush()
+    except BrokenPipeError:  # nobody listens any more; Python would complain again when it closes the stream
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return
+    if lines == bad:
+        raise LocalizeError(f"there is no reading in the stream: {first}")
+
+
+def _forward_model(source: str | None, table: Path | None, allow_violations: bool) -> ForwardModel:
+    from coilarray.localize.forward import forward_model
+
+    if is_map(source):
+        return forward_model(read_map(Path(str(source))))
+    return forward_model(_table(source, table, allow_violations))
+
+
+def _table(source: str | None, kept: Path | None, allow_violations: bool) -> xr.Dataset:
+    """Read the table of a design where it has been kept, else compute it."""
+    from coilarray.localize.forward import table_for
+    from coilarray.storage import save_dataset
+
+    design = open_design(source, allow_violations=allow_violations)
+    if kept is not None and kept.exists():
+        response = read_map(kept)
+        if response.attrs.get("design_hash") != design.digest:
+            raise LocalizeError(f"{kept} is the table of another design than {design.name}; remove it or name another.")
+        return response
+    with progress_bar(f"table of {design.name}") as progress:
+        response = table_for(design, progress=progress)
+    if kept is not None:
+        save_dataset(response, kept)
+    return response
+
+
+def _ellipse_model(source: str | None, depth: float | None, allow_violations: bool) -> EllipseModel:
+    from coilarray.localize.ellipse import fit_ellipses
+    from coilarray.localize.ellipse_model import ellipse_model, model_from_json
+    from coilarray.localize.published import published_model
+
+    if source == _PUBLISHED:
+        return published_model()
+    if source is not None and source.lower().endswith(".json"):
+        try:
+            return model_from_json(Path(source).read_text(encoding="utf-8"))
+        except (OSError, UnicodeDecodeError):
+            raise LocalizeError(f"cannot read {source}.") from None
+    response, at = one_map(source, depth, allow_violations=allow_violations)
+    return ellipse_model(fit_ellipses(response, at))
+
+
+def _with_all_coils(model: ForwardModel, coils: Sequence[str] | None, noise: float) -> Solver:
+    """Solve with maximum likelihood."""
+    from coilarray.localize.forward import checked_noise
+    from coilarray.localize.inverse import locate_all
+    from coilarray.report.localize_tables import location_record
+
+    unused = set(model.states) - set(coils) if coils else set()
+    used = model.select(coils) if coils else model
+    checked_noise(used, noise)
+    locate_all(used, [], noise=noise)  # a model that no reading fits is refused here, not at the first reading
+
+    def solve(readings: Sequence[Reading | LocalizeError]) -> list[Record]:
+        good = [_without(one, unused, model.states) for one in readings if not isinstance(one, LocalizeError)]
+        found = iter(locate_all(used, good, noise=noise))
+        return [
+            {"error": str(one)} if isinstance(one, LocalizeError) else location_record(next(found)) for one in readings
+        ]
+
+    return solve
+
+
+def _without(reading: Reading, unused: set[str], states: Sequence[str]) -> Reading:
+    """Leave out the coils that are not used; a list has all coils of the model in its order."""
+    if isinstance(reading, dict):
+        return {name: value for name, value in reading.items() if name not in unused}
+    if unused and len(reading) == len(states):
+        return [value for name, value in zip(states, reading, strict=True) if name not in unused]
+    return reading
+
+
+def _with_ellipses(model: EllipseModel, coils: Sequence[str] | None, addition: float) -> Solver:
+    """Intersect two ellipses."""
+    from coilarray.localize.ellipse_model import EllipseModel as Model
+
+    wanted = {model[name].name for name in coils or model.names}
+    used = Model(tuple(one for one in model.coils if one.name in wanted))
+    widened = used.with_semiaxis_addition(addition)
+    if len(used.coils) < 2:
+        raise LocalizeError(f"two coils are needed for a position; the model has {', '.join(used.names)}.")
+
+    def solve(readings: Sequence[Reading | LocalizeError]) -> list[Record]:
+        return [
+            {"error": str(one)} if isinstance(one, LocalizeError) else _crossed(widened, one, model.names)
+            for one in readings
+        ]
+
+    return solve
+
+
+def _crossed(model: EllipseModel, reading: Reading, names: Sequence[str]) -> Record:
+    import numpy as np
+
+    from coilarray.localize.ellipse_model import locate_x
+
+    if not isinstance(reading, dict):
+        if len(reading) != len(names):
+            return {"error": f"a reading must have one δ for each of {len(names)} coils; got {len(reading)}."}
+        reading = dict(zip(names, reading, strict=True))
+    for name in model.names:
+        if name not in reading:
+            return {"error": f"the reading of {name} is missing."}
+        if not np.isfinite(reading[name]):
+            return {"error": f"the reading of {name} must be finite; got {reading[name]}."}
+    try:
+        place = locate_x(model, reading)
+    except LocalizeError as error:
+        return {"status": "no position fits", "reason": str(error), "modes": []}
+    modes = [{"x_m": place.x, "y_m": y} for y in ((place.y, -place.y) if place.y > 0 else (0.0,))]
+    return {"status": "located", **modes[0], "case": place.case, "coils": list(place.coils), "modes": modes}

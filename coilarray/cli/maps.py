@@ -1,0 +1,103 @@
+"""What the commands of the localization share: a response from a file or a design, and files to be written."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from coilarray.cli.shared import open_design, progress_bar
+from coilarray.errors import LocalizeError, OutputError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+PICTURES = (".png", ".svg", ".pdf")
+
+
+def check_file(option: str, path: Path | None, suffixes: Sequence[str]) -> None:
+    """Refuse before a long computation what could not be written after it; no path is right.
+
+    Raises
+    ------
+    OutputError
+        Another suffix, a folder of that name, a folder that is not there.
+    """
+    if path is None:
+        return
+    if path.suffix.lower() not in suffixes:
+        listed = " or ".join([", ".join(suffixes[:-1]), suffixes[-1]] if len(suffixes) > 1 else suffixes)
+        raise OutputError(f"{option} must end in {listed}; got {path}.")
+    if path.is_dir():
+        raise OutputError(f"cannot write {path}: it is a folder.")
+    if not path.parent.is_dir():
+        raise OutputError(f"cannot write {path}: there is no folder {path.parent}.")
+
+
+def depth_in_metres(depth_mm: float | None) -> float | None:
+    """Convert the option --depth-mm.
+
+    Raises
+    ------
+    LocalizeError
+        A depth that is not positive and finite.
+    """
+    if depth_mm is not None and not (math.isfinite(depth_mm) and depth_mm > 0):
+        raise LocalizeError(f"--depth-mm must be positive and finite; got {depth_mm:g}.")
+    return None if depth_mm is None else depth_mm * 1e-3
+
+
+def is_map(source: str | None) -> bool:
+    """Whether a response is given as a netCDF file; else it is a design."""
+    return source is not None and source.lower().endswith(".nc")
+
+
+def read_map(path: Path) -> xr.Dataset:
+    """Read a response from a netCDF file.
+
+    Raises
+    ------
+    LocalizeError
+        A file that is not there, or no netCDF file with δ over depth, y, x and state.
+    """
+    from coilarray.storage import load_part
+
+    if not path.is_file():
+        raise LocalizeError(f"there is no file {path}.")
+    response = load_part(path)
+    if response is None:
+        raise LocalizeError(f"cannot read {path}: it is no netCDF file.")
+    wanted = {"depth", "y", "x", "state"}
+    if "delta" not in response or set(response["delta"].dims) != wanted or not wanted <= set(response.coords):
+        raise LocalizeError(f"{path} is no response: it must have delta over depth, y, x and state.")
+    return response
+
+
+def one_map(source: str | None, depth: float | None, *, allow_violations: bool) -> tuple[xr.Dataset, int | float]:
+    """Return a response and which of its depths is meant: read from a file, or computed on the grid of a design.
+
+    Parameters
+    ----------
+    source : str or None
+        netCDF file, design file or name of a bundled design; gast2020 by default.
+    depth : float or None
+        In m; the first one by default.
+    allow_violations : bool
+        As for `open_design`.
+
+    Raises
+    ------
+    LocalizeError, DesignError, RuleViolationError, ElastomerError
+        As `read_map`, `open_design` and `coilarray.response.response_map`.
+    """
+    if is_map(source):
+        return read_map(Path(str(source))), 0 if depth is None else depth
+    from coilarray.response import response_map
+
+    design = open_design(source, allow_violations=allow_violations)
+    if design.indentation is None:
+        raise LocalizeError(f"the design {design.name} has no [indenter] and [indentation].")
+    depths = design.indentation.depths[:1] if depth is None else [depth]
+    with progress_bar("response") as progress:
+        return response_map(design, depths=depths, progress=progress), 0

@@ -1,0 +1,149 @@
+"""Readings of the coils as people and programs give them: on the command line, in files, in streams of JSON lines."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from coilarray.errors import LocalizeError
+
+Reading = dict[str, float] | list[float]
+"""δ by the names of the coils, or in the model's order."""
+
+_SHOWN = 60  # characters of a bad input that an error repeats
+
+
+def read_readings(text: str) -> list[Reading | LocalizeError]:
+    """Read one argument of the command line.
+
+    Parameters
+    ----------
+    text : str
+        coil1=7.1e-4,coil2=3e-4,... or the name of a file: .csv, .json or .jsonl.
+
+    Returns
+    -------
+    list of Reading or LocalizeError
+        In the order of the file; for a reading that is none, what is wrong with it.
+
+    Raises
+    ------
+    LocalizeError
+        A text that is neither, a file that cannot be read as a whole, a file without a reading.
+    """
+    path = Path(text)
+    suffix = path.suffix.lower()
+    if suffix not in (".csv", ".json", ".jsonl"):
+        if "=" not in text:
+            raise LocalizeError(
+                f"READINGS must be coil1=7.1e-4,coil2=..., a file .csv, .json or .jsonl, or -; got {_short(text)}."
+            )
+        return [_pairs(text)]
+    try:
+        content = path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError:
+        raise LocalizeError(f"cannot read {path}: it is no UTF-8 text.") from None
+    except OSError as error:
+        raise LocalizeError(f"cannot read {path}: {error.strerror}.") from None
+    if suffix == ".csv":
+        readings = list(_csv_readings(content))
+    elif suffix == ".jsonl":
+        readings = list(line_readings(line.encode() for line in content.splitlines()))
+    else:
+        readings = _json_file(content)
+    if not readings:
+        raise LocalizeError(f"there is no reading in {path}.")
+    return readings
+
+
+def line_readings(lines: Iterable[bytes]) -> Iterator[Reading | LocalizeError]:
+    """One reading for each line of JSON, or what is wrong with it."""
+    for line in lines:
+        try:
+            yield json_reading(_parsed(line.decode("utf-8")))
+        except UnicodeDecodeError:
+            yield LocalizeError("a line must be UTF-8 text.")
+        except LocalizeError as error:
+            yield error
+
+
+def json_reading(value: object) -> Reading:
+    """Check that a JSON value is a reading: an object or a list of numbers; LocalizeError where it is not."""
+    if isinstance(value, dict):
+        return {name: _number(name, one) for name, one in value.items()}
+    if isinstance(value, list):
+        return [_number(f"number {k + 1}", one) for k, one in enumerate(value)]
+    raise LocalizeError(f"a reading must be an object or a list of numbers; got {_short(json.dumps(value))}.")
+
+
+def _json_file(content: str) -> list[Reading | LocalizeError]:
+    """One reading, or a list of them."""
+    value = _parsed(content)
+    several = isinstance(value, list) and any(isinstance(one, (dict, list)) for one in value)
+    readings: list[Reading | LocalizeError] = []
+    for one in value if several and isinstance(value, list) else [value]:
+        try:
+            readings.append(json_reading(one))
+        except LocalizeError as error:
+            readings.append(error)
+    return readings
+
+
+def _csv_readings(content: str) -> Iterator[Reading | LocalizeError]:
+    rows = csv.reader(content.splitlines())
+    try:
+        names = [name.strip() for name in next(rows, [])]
+        if len(set(names)) < len(names):
+            raise LocalizeError(f"the first line must name every coil once; got {_short(', '.join(names))}.")
+        for row in rows:
+            if len(row) != len(names):
+                yield LocalizeError(f"a line must have {len(names)} values; got {len(row)}.")
+                continue
+            try:
+                yield {name: _from_text(name, value) for name, value in zip(names, row, strict=True)}
+            except LocalizeError as error:
+                yield error
+    except csv.Error as error:
+        raise LocalizeError(f"cannot read the CSV file: {error}.") from None
+
+
+def _pairs(text: str) -> Reading:
+    reading: dict[str, float] = {}
+    for part in text.split(","):
+        name, _, value = part.partition("=")
+        name = name.strip()
+        if name in reading:
+            raise LocalizeError(f"a reading must name a coil once; got {name!r} again.")
+        reading[name] = _from_text(name, value)
+    return reading
+
+
+def _parsed(text: str) -> object:
+    if not text.strip():
+        raise LocalizeError("the line is empty.")
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError):
+        raise LocalizeError(f"a reading must be JSON; got {_short(text.strip())}.") from None
+
+
+def _from_text(name: str, value: str) -> float:
+    try:
+        return float(value)
+    except ValueError:
+        raise LocalizeError(f"δ of {name} must be a number; got {_short(value)}.") from None
+
+
+def _number(name: str, value: object) -> float:
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        try:
+            return float(value)
+        except OverflowError:
+            pass  # an integer of hundreds of digits
+    raise LocalizeError(f"δ of {_short(name)} must be a number; got {_short(str(value))}.")
+
+
+def _short(text: str) -> str:
+    return repr(text if len(text) <= _SHOWN else f"{text[:_SHOWN]}…")

@@ -1,0 +1,414 @@
+"""The level curves of a response as ellipses, the first half of the paper's model.
+
+For a state of the scan and one depth, δ(x, y) is a hill over the coil. Its curves of equal δ are taken as ellipses
+
+    (x − x0)²/A² + y²/B² = 1                                                                        (Eq. 3)
+
+with the centre on y = 0 and the axes along x and y; x0, A and B depend on δ (Gast & Zimmermann 2020, Sect. 4 and 5).
+
+What the paper leaves open, and how it is read here:
+
+- *Refined by cubic interpolation*: by how much, and by which of MATLAB's two cubic rules, is not said. Here every
+  spacing of the grid is divided into 20, with the spline that has no free ends ("not a knot", MATLAB's ``'spline'``).
+- *A stepwise sweep*, threshold ±2e-5 and step 3e-5: all points of the refined map with |δ − d_k| at most 2e-5 belong
+  to the level d_k, and neighbouring levels share a quarter of theirs. The levels are taken as the multiples of the
+  step; the lowest, 3e-5, then reaches down to 1e-5 and leaves out δ = 0, where the map is flat. Points that are not
+  joined to the hill are left out by default: a map without noise has none, and with noise of 1e-5 those few far away
+  move x by up to 6 mm.
+- *The fit* is that of Gal (2003): linear least squares of the conic's coefficients about the mean of the points. Gal's
+  function also fits the terms xy and y; Eq. 3 has none, and they are left out.
+- *Which steps were kept* is not said. Here a step is refused where it has fewer than 6 points (twice the unknowns) and
+  where the conic is no ellipse or its centre is outside the map.
+- *The window* ends at x = ±26 and y = ±6 mm, so most curves are open arcs. They are fitted like whole ones. Where one
+  arc alone is left, on one side of the centre, it tells where it crosses y = 0, x0 + A or x0 − A, but hardly x0 and A
+  each for itself, and a level as wide as its arc is high draws the fit inwards. On a map made of Table A1's own
+  ellipses that is so for coil 1 below δ = 2.7e-4 and for coil 3 below 1.8e-4: x0 is wrong by 7 to 16 mm there, x0 ± A
+  by 0.1 to 0.3 mm (tests/test_localize_published.py). Below these δ the printed x0 and A of the outer coils are
+  therefore hardly known, and those of coil 2 are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+from scipy.interpolate import RectBivariateSpline
+from scipy.ndimage import label
+
+from coilarray.errors import LocalizeError
+
+FloatArray = npt.NDArray[np.float64]
+
+REFINEMENT = 20
+"""Parts of every spacing of the sampled grid: within 0.03 mm of 80 parts on the paper's board, 5 are within 0.12 mm."""
+
+THRESHOLD = 2e-5
+"""Half width of a level in δ, Sect. 5 of the paper."""
+
+STEP = 3e-5
+"""From level to level in δ, Sect. 5 of the paper."""
+
+LEAST_POINTS = 6
+"""Of a level that is fitted: twice the unknowns."""
+
+_LEAST_SAMPLES = 4  # of a cubic, along each axis
+_LONGEST = 10.0  # semi-axis over the extent of the points: beyond it the conic is as good as a parabola or two lines
+
+
+@dataclass(frozen=True)
+class Ellipse:
+    """(x − x0)²/A² + y²/B² = 1.
+
+    Parameters
+    ----------
+    x0 : float
+        Centre in m; it lies on y = 0.
+    A, B : float
+        Semi-axes along x and along y in m.
+
+    Raises
+    ------
+    LocalizeError
+        A centre that is not finite, or a semi-axis that is not positive and finite.
+    """
+
+    x0: float
+    A: float
+    B: float
+
+    def __post_init__(self) -> None:
+        if not np.isfinite([self.x0, self.A, self.B]).all() or min(self.A, self.B) <= 0:
+            raise LocalizeError(
+                f"an ellipse must have a finite centre and positive semi-axes; got x0 = {self.x0 * 1e3:.4g} mm, "
+                f"A = {self.A * 1e3:.4g} mm, B = {self.B * 1e3:.4g} mm."
+            )
+
+    def distance(self, x: npt.ArrayLike, y: npt.ArrayLike) -> FloatArray:
+        """Distance of points from the curve in m, along the ray from the centre; negative inside."""
+        u, v = np.subtract(x, self.x0), np.asarray(y, dtype=np.float64)
+        angle = np.arctan2(v, u)
+        return np.asarray(np.hypot(u, v) - 1 / np.hypot(np.cos(angle) / self.A, np.sin(angle) / self.B))
+
+
+def fit_ellipse(x: npt.ArrayLike, y: npt.ArrayLike) -> Ellipse:
+    """Fit an ellipse with its centre on y = 0 and its axes along x and y.
+
+    Parameters
+    ----------
+    x, y : array_like, shape (n,)
+        Points in m, at least three.
+
+    Returns
+    -------
+    Ellipse
+
+    Raises
+    ------
+    LocalizeError
+        Points that are too few or not finite, or whose conic is no ellipse.
+
+    Notes
+    -----
+    Least squares of a u² + c y² + d u = 1 with u = x − mean(x), as O. Gal's fit_ellipse (MATLAB Central File Exchange
+    3215, 2003) without its terms in xy and y. The mean matters: an equation whose constant is set to 1 gives another
+    fit about another origin where the points are on no ellipse.
+
+    Examples
+    --------
+    >>> angle = np.linspace(0, 2, 9)
+    >>> ellipse = fit_ellipse(1e-3 + 5e-3 * np.cos(angle), 4e-3 * np.sin(angle))
+    >>> round(ellipse.x0, 12), round(ellipse.A, 12), round(ellipse.B, 12)
+    (0.001, 0.005, 0.004)
+    """
+    if np.shape(x) != np.shape(y):
+        raise LocalizeError(f"x and y must be of one shape; got {np.shape(x)} and {np.shape(y)}.")
+    points = np.array([x, y], dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] < 3 or not np.isfinite(points).all():
+        raise LocalizeError(f"an ellipse needs at least three finite points; got an array of shape {points.shape}.")
+    mean = float(points[0].mean())
+    length = float(np.ptp(points, axis=1).max())
+    if length == 0:
+        raise LocalizeError("an ellipse needs points in more than one place.")
+    u, v = (points[0] - mean) / length, points[1] / length
+    (a, c, d), _, rank, _ = np.linalg.lstsq(np.stack([u**2, v**2, u], axis=1), np.ones_like(u), rcond=None)
+    if rank < 3:
+        raise LocalizeError("the points lie on many conics at once.")
+    F = 1 + d**2 / (4 * a) if a else 0.0
+    squares = np.array([F / a, F / c]) if a * c else np.zeros(2)
+    if not ((squares > 0) & (squares < _LONGEST**2)).all():
+        raise LocalizeError("the conic through the points is no ellipse.")
+    A, B = (np.sqrt(squares) * length).tolist()
+    return Ellipse(mean - float(d / (2 * a)) * length, A, B)
+
+
+def refined_map(delta: xr.DataArray, refinement: int = REFINEMENT) -> xr.DataArray:
+    """Refine a sampled map by a bicubic spline.
+
+    Parameters
+    ----------
+    delta : xarray.DataArray
+        Dimensions ``y`` and ``x`` with coordinates in m that rise.
+    refinement : int
+        Parts of every spacing; 1 leaves the map as it is.
+
+    Returns
+    -------
+    xarray.DataArray
+        Dimensions ``y`` and ``x``. At the sampled positions it has the sampled values.
+
+    Raises
+    ------
+    LocalizeError
+        Fewer than four positions along x or y, coordinates that do not rise, values that are not finite, a refinement
+        that is not positive.
+
+    Examples
+    --------
+    >>> axis = np.arange(5) * 1e-3
+    >>> square = xr.DataArray(np.add.outer(axis**2, axis**2), {"y": axis, "x": axis}, ("y", "x"))
+    >>> refined = refined_map(square, 2)
+    >>> refined.shape, round(float(refined[1, 1]) * 1e6, 9)
+    ((9, 9), 0.5)
+    """
+    if refinement < 1 or refinement != int(refinement):
+        raise LocalizeError(f"refinement must be a positive integer; got {refinement}.")
+    _check_map(delta)
+    x, y = delta.x.values, delta.y.values
+    values = delta.transpose("y", "x").values.astype(np.float64)
+    fine_x, fine_y = _divided(x, int(refinement)), _divided(y, int(refinement))
+    fine = RectBivariateSpline(y, x, values, s=0)(fine_y, fine_x)
+    return xr.DataArray(fine, {"y": fine_y, "x": fine_x}, ("y", "x"))
+
+
+def fit_ellipses(
+    response: xr.Dataset,
+    depth: int | float = 0,
+    *,
+    states: Sequence[str] | None = None,
+    refinement: int = REFINEMENT,
+    threshold: float = THRESHOLD,
+    step: float = STEP,
+    lowest: float | None = None,
+    connected: bool = True,
+) -> xr.Dataset:
+    """Sweep through the levels of a response and fit an ellipse to each.
+
+    Parameters
+    ----------
+    response : xarray.Dataset
+        Measured or simulated: ``delta`` (depth, y, x, state) with the coordinates in m, y = 0 on the coils' axis.
+    depth : int or float
+        An integer is the index of a depth, any other number a depth in m that the response has.
+    states : sequence of str, optional
+        By default every state whose largest δ lies within the map and above five levels; the curves around a
+        maximum at the map's edge do not close.
+    refinement : int
+        Parts of every spacing of the grid.
+    threshold : float
+        Half width of a level in δ.
+    step : float
+        From level to level in δ.
+    lowest : float, optional
+        The first level in δ; one step by default.
+    connected : bool
+        Leave out the points of a level that do not belong to the hill: those which no path with δ of at least
+        level − threshold joins to the largest δ. In a noisy map far points may reach the lowest levels.
+
+    Returns
+    -------
+    xarray.Dataset
+        Dimensions ``state`` and ``step``, with the coordinate ``level`` (step). ``delta``, the mean of the level's
+        points; ``x0``, ``A``, ``B`` and ``rms``, the misfit along the ray from the centre (half the width of the level
+        is part of it), in m; ``points``, their number; ``refused``, why a step has no ellipse, empty where it has
+        one. Refused steps hold NaN. ``peak`` (state) is the largest δ of the refined map.
+
+    Raises
+    ------
+    LocalizeError
+        A response without δ or the wanted state or depth, a map that `refined_map` refuses, coils that are not on
+        y = 0, a state without closed curves or without any ellipse, settings that are not positive.
+
+    Notes
+    -----
+    Sect. 5 of Gast & Zimmermann (2020). The docstring of the module says what the paper leaves open.
+    """
+    delta = _delta(response, depth)
+    first = step if lowest is None else lowest
+    for name, value in (("threshold", threshold), ("step", step), ("lowest", first)):
+        if not (np.isfinite(value) and value > 0):
+            raise LocalizeError(f"{name} must be positive and finite; got {value}.")
+    wanted = _wanted(delta, states)
+    _check_map(delta.sel(state=wanted))
+    chosen = _with_a_peak(delta.sel(state=wanted), first + 5 * step, required=states is not None)
+    _check_axis(response, delta, chosen)
+    maps = [refined_map(delta.sel(state=state), refinement) for state in chosen]
+    peaks = np.array([float(fine.max()) for fine in maps])
+    count = max(1, int(np.floor((peaks.max() - first) / step)) + 1)
+    levels = first + step * np.arange(count, dtype=np.float64)
+    rows = [[_fit_level(fine, level, threshold, connected) for level in levels.tolist()] for fine in maps]
+    for state, row in zip(chosen, rows, strict=True):
+        if all(one.refused for one in row):
+            raise LocalizeError(f"no level of {state} is an ellipse: the map has no closed curves of δ ≥ {first:.3g}.")
+    return _dataset(chosen, levels, rows, peaks, threshold, response)
+
+
+@dataclass(frozen=True)
+class _Level:
+    """One step of the sweep: mean δ of its points, the ellipse or why there is none."""
+
+    points: int
+    delta: float = np.nan
+    x0: float = np.nan
+    A: float = np.nan
+    B: float = np.nan
+    rms: float = np.nan
+    refused: str = ""
+
+
+def _fit_level(fine: xr.DataArray, level: float, threshold: float, connected: bool) -> _Level:
+    if level > float(fine.max()):
+        return _Level(0, refused="above the largest δ")
+    within = np.abs(fine.values - level) <= threshold
+    if connected:
+        within &= _hill(fine.values, level - threshold)
+    rows, columns = np.nonzero(within)
+    if len(rows) < LEAST_POINTS:
+        return _Level(len(rows), refused="too few points")
+    x, y = fine.x.values[columns], fine.y.values[rows]
+    try:
+        ellipse = fit_ellipse(x, y)
+    except LocalizeError:
+        return _Level(len(rows), refused="no ellipse")
+    if not fine.x.values[0] <= ellipse.x0 <= fine.x.values[-1]:
+        return _Level(len(rows), refused="centre outside the map")
+    mean = float(fine.values[rows, columns].mean())
+    rms = float(np.sqrt(np.mean(ellipse.distance(x, y) ** 2)))
+    return _Level(len(rows), mean, ellipse.x0, ellipse.A, ellipse.B, rms)
+
+
+def _hill(values: FloatArray, foot: float) -> npt.NDArray[np.bool_]:
+    """Points above `foot` that are joined to the largest value."""
+    regions, _ = label(values >= foot)
+    return np.asarray(regions == regions.flat[np.argmax(values)])
+
+
+def _delta(response: xr.Dataset, depth: int | float) -> xr.DataArray:
+    """δ(y, x, state) of one depth."""
+    if "delta" not in response or set(response["delta"].dims) != {"depth", "y", "x", "state"}:
+        raise LocalizeError("a response must have delta with the dimensions depth, y, x and state.")
+    delta = response["delta"]
+    depths = delta.depth.values.tolist()
+    if isinstance(depth, int | np.integer):
+        if not -len(depths) <= depth < len(depths):
+            raise LocalizeError(f"depth must be an index of {len(depths)} depths or a depth in m; got {depth}.")
+        return delta.isel(depth=depth)
+    nearest = int(np.argmin(np.abs(np.subtract(depths, depth))))
+    if not np.isclose(depths[nearest], depth, rtol=1e-6, atol=0):
+        listed = ", ".join(f"{value * 1e3:.4g}" for value in depths)
+        raise LocalizeError(f"the response has the depths {listed} mm; got {depth * 1e3:.4g} mm.")
+    return delta.isel(depth=nearest)
+
+
+def _wanted(delta: xr.DataArray, states: Sequence[str] | None) -> list[str]:
+    known = [str(state) for state in delta.state.values]
+    if states is None:
+        return known
+    for state in states:
+        if state not in known:
+            raise LocalizeError(f"the response has no state {state!r}; it has {', '.join(known)}.")
+    if not states or len(set(states)) != len(states):
+        raise LocalizeError(f"states must name one state or more, each once; got {list(states)}.")
+    return list(states)
+
+
+def _with_a_peak(delta: xr.DataArray, least: float, *, required: bool) -> list[str]:
+    """States whose curves close within the map; where they are required, all of them must."""
+    states: list[str] = []
+    for state in delta.state.values.tolist():
+        one = delta.sel(state=state)
+        at_edge = _peaks_at_edge(one)
+        if required and at_edge:
+            raise LocalizeError(f"the curves of {state} do not close: its largest δ is at the edge of the map.")
+        if required or (not at_edge and float(one.max()) >= least):
+            states.append(state)
+    if not states:
+        raise LocalizeError(
+            f"the map has no closed curves: no state has its largest δ within the map and above {least:.3g}."
+        )
+    return states
+
+
+def _peaks_at_edge(delta: xr.DataArray) -> bool:
+    values = delta.transpose("y", "x").values
+    row, column = np.unravel_index(int(np.argmax(values)), values.shape)
+    return bool(row in (0, values.shape[0] - 1) or column in (0, values.shape[1] - 1))
+
+
+def _check_axis(response: xr.Dataset, delta: xr.DataArray, states: list[str]) -> None:
+    """Refuse a map whose y does not count from the coils, where the response says where they are."""
+    if not {"coil", "coil_y"} <= set(response.coords):
+        return
+    spacing = float(np.abs(np.diff(delta.y.values)).min(initial=np.inf))
+    for state in states:
+        if state in response.coil.values and abs(float(response.coil_y.sel(coil=state))) > spacing / 2:
+            raise LocalizeError(
+                f"the ellipses are centred on y = 0; {state} is at y = "
+                f"{float(response.coil_y.sel(coil=state)) * 1e3:.4g} mm: let the map's origin be a coil's centre."
+            )
+
+
+def _check_map(delta: xr.DataArray) -> None:
+    """Refuse a map that is too small, or whose axes or values are no numbers."""
+    x, y = (_axis(delta, name) for name in ("x", "y"))
+    bad = np.argwhere(~np.isfinite(delta.transpose("y", "x", ...).values))
+    if len(bad):
+        row, column = bad[0][:2]
+        raise LocalizeError(f"a map must be finite; δ at ({x[column] * 1e3:.4g}, {y[row] * 1e3:.4g}) mm is not.")
+
+
+def _axis(delta: xr.DataArray, name: str) -> FloatArray:
+    axis = np.asarray(delta[name].values, dtype=np.float64)
+    if len(axis) < _LEAST_SAMPLES:
+        raise LocalizeError(f"a map must have at least {_LEAST_SAMPLES} positions along {name}; got {len(axis)}.")
+    if not np.isfinite(axis).all() or (np.diff(axis) <= 0).any():
+        raise LocalizeError(f"the map's {name} must be finite and rising.")
+    return axis
+
+
+def _divided(axis: FloatArray, parts: int) -> FloatArray:
+    """Divide every spacing of an axis into equal parts."""
+    return np.interp(np.arange((len(axis) - 1) * parts + 1) / parts, np.arange(len(axis)), axis)
+
+
+def _dataset(
+    states: list[str],
+    levels: FloatArray,
+    rows: list[list[_Level]],
+    peaks: FloatArray,
+    threshold: float,
+    response: xr.Dataset,
+) -> xr.Dataset:
+    def table(name: str) -> npt.NDArray[np.generic]:
+        return np.array([[getattr(one, name) for one in row] for row in rows])
+
+    described = {
+        "delta": ("1", "mean δ of the level's points"),
+        "x0": ("m", "centre of the ellipse"),
+        "A": ("m", "semi-axis along x"),
+        "B": ("m", "semi-axis along y"),
+        "rms": ("m", "misfit along the ray from the centre, root mean square"),
+        "points": ("1", "points of the level"),
+    }
+    both = ("state", "step")
+    return xr.Dataset(
+        {
+            **{name: (both, table(name), {"units": u, "long_name": text}) for name, (u, text) in described.items()},
+            "refused": (both, table("refused"), {"long_name": "why the step has no ellipse"}),
+            "peak": ("state", peaks, {"units": "1", "long_name": "largest δ of the refined map"}),
+        },
+        coords={"state": states, "level": ("step", levels, {"units": "1", "long_name": "δ of the level"})},
+        attrs={**{key: value for key, value in response.attrs.items() if "design" in key}, "threshold": threshold},
+    )

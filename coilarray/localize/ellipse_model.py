@@ -1,0 +1,538 @@
+"""The paper's ellipse model: from the readings of two coils to the x of an indentation.
+
+x0, A and B of every coil are polynomials of the fourth degree of δ (Eq. 4). A reading puts the indentation on the
+coil's ellipse; two coils' ellipses meet in (x, ±y), and x is the position (Gast & Zimmermann 2020, Sect. 4 and 5).
+Subtracting the two equations leaves a quadratic equation for x.
+
+What the paper leaves open, and how it is read here:
+
+- *The pair of coils*: the one with the largest δ and the greater of its two neighbours.
+- *Case three*, "in the area close to the coil center, the points of intersection are found by evaluating the two
+  adjacent inductances": where the largest δ is at least 1e-3 (Sect. 5) and both neighbours' readings are within
+  the model, their two ellipses are intersected. Where they do not meet, or one neighbour is missing at the end of the
+  row, the usual pair is taken. Without that, row 4 of Table 2 would have no position: with Table A1, δ of coil 2 is
+  1.25e-3 there, and no ellipse of coil 1 reaches it. For a model of another map the 1e-3 is taken in proportion, 1e-3
+  of the 1.2e-3 beyond which the paper's polynomials vanish.
+- *One solution for x*: two ellipses can meet at two values of x. The one between their centres is taken; that there is
+  but one is checked.
+- *The added 0.2 mm* on every A_i is `EllipseModel.with_semiaxis_addition`; nothing is added on its own accord.
+- *The range of δ* is not given. A fitted model reaches from the threshold below its first step to the threshold above
+  the largest δ of the map.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+from scipy.optimize import brentq
+
+from coilarray.errors import LocalizeError
+from coilarray.localize.ellipse import Ellipse
+
+FloatArray = npt.NDArray[np.float64]
+Coefficients = tuple[float, float, float, float, float]
+"""p4, p3, p2, p1, p0 of a polynomial of δ, in m."""
+
+Case = Literal["two points", "touching", "adjacent coils"]
+"""The paper's three cases (Fig. 6)."""
+
+DEGREE = 4
+"""Of the polynomials, Eq. 4."""
+
+SEMIAXIS_ADDITION = 0.2e-3
+"""What the paper adds to every A_i so that ellipses meet in spite of errors, in m (Sect. 5)."""
+
+CENTRE_SHARE = 1e-3 / 1.2e-3
+"""From which share of the largest δ a reading is one near the coil's centre (Sect. 5 and 6)."""
+
+SCHEMA = 1
+"""Of the JSON file of a model."""
+
+_KIND = "coilarray ellipse model"
+_RANGE = ("lowest", "highest", "centre")
+_SEARCH = 2000  # parts of the range in which a reading is looked for; the polynomials have few turns
+_TOUCHING = 1e-9  # of B²: how far y² may lie from zero by rounding; y is then within 3e-5 B of the axis
+_FLAT = 1e-6  # 1/x of a root beyond every ellipse, in units of their largest semi-axis: the equation is linear
+
+
+@dataclass(frozen=True)
+class CoilEllipses:
+    """The ellipses of one coil as polynomials of δ.
+
+    Parameters
+    ----------
+    name : str
+        Of the coil and of the state in which it is measured.
+    x0, A, B : tuple of float
+        Coefficients p4 … p0 in m.
+    lowest, highest : float
+        Range of δ.
+    centre : float
+        δ from which the indentation counts as near the coil's centre.
+
+    Raises
+    ------
+    LocalizeError
+        Coefficients that are not five finite numbers, or a range that is none.
+    """
+
+    name: str
+    x0: Coefficients
+    A: Coefficients
+    B: Coefficients
+    lowest: float
+    highest: float
+    centre: float
+
+    def __post_init__(self) -> None:
+        for key in ("x0", "A", "B"):
+            p = getattr(self, key)
+            if len(p) != DEGREE + 1 or not np.isfinite(p).all():
+                raise LocalizeError(f"{key} of {self.name} must be {DEGREE + 1} finite coefficients; got {p}.")
+        if not (np.isfinite([self.lowest, self.highest]).all() and self.lowest < self.highest):
+            raise LocalizeError(f"the range of δ of {self.name} must rise; got {self.lowest} to {self.highest}.")
+        if not self.centre > 0:
+            raise LocalizeError(f"centre of {self.name} must be positive; got {self.centre}.")
+
+    def curves(self, delta: npt.ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return x0, A and B in m at any δ, each with the shape of `delta`; nothing is checked."""
+        at = np.asarray(delta, dtype=np.float64)
+        x0, A, B = (np.asarray(np.polyval(p, at)) for p in (self.x0, self.A, self.B))
+        return x0, A, B
+
+    def covers(self, delta: float) -> bool:
+        """Whether a reading is within the range of δ; NaN is not."""
+        return self.lowest <= delta <= self.highest
+
+    def check(self, delta: float) -> None:
+        """Raise a LocalizeError where a reading is beyond the range of δ."""
+        if not self.covers(delta):
+            raise LocalizeError(
+                f"δ of {self.name} must be within the model, {self.lowest:.4g} to {self.highest:.4g}; got {delta:.4g}."
+            )
+
+    def ellipse(self, delta: float) -> Ellipse:
+        """Return the ellipse of a reading.
+
+        Raises
+        ------
+        LocalizeError
+            A reading beyond the range, or one at which a semi-axis is not positive.
+        """
+        self.check(delta)
+        x0, A, B = (float(value) for value in self.curves(delta))
+        if min(A, B) <= 0:
+            raise LocalizeError(
+                f"the model of {self.name} has no ellipse at δ = {delta:.4g}: A = {A * 1e3:.4g}, B = {B * 1e3:.4g} mm."
+            )
+        return Ellipse(x0, A, B)
+
+
+@dataclass(frozen=True)
+class EllipseModel:
+    """Coils in a row and their ellipses.
+
+    Parameters
+    ----------
+    coils : tuple of CoilEllipses
+        In the order of the row; neighbours overlap.
+
+    Raises
+    ------
+    LocalizeError
+        No coils, or two of one name.
+
+    Examples
+    --------
+    >>> from coilarray.localize.published import published_model
+    >>> model = published_model()
+    >>> model.names
+    ('coil1', 'coil2', 'coil3')
+    >>> round(model["coil1"].ellipse(3e-4).A * 1e3, 2)
+    12.87
+    """
+
+    coils: tuple[CoilEllipses, ...]
+
+    def __post_init__(self) -> None:
+        if not self.coils or len(set(self.names)) != len(self.coils):
+            raise LocalizeError(f"a model must have one coil or more, each of its own name; got {self.names}.")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the coils, in the order of the row."""
+        return tuple(coil.name for coil in self.coils)
+
+    def __getitem__(self, name: str) -> CoilEllipses:
+        """Return the coil of a name; LocalizeError where there is none."""
+        for coil in self.coils:
+            if coil.name == name:
+                return coil
+        raise LocalizeError(f"the model has no coil {name!r}; it has {', '.join(self.names)}.")
+
+    def with_semiaxis_addition(self, addition: float = SEMIAXIS_ADDITION) -> EllipseModel:
+        """Return the model with a constant in m added to every A."""
+        return EllipseModel(tuple(replace(coil, A=(*coil.A[:-1], coil.A[-1] + addition)) for coil in self.coils))
+
+
+@dataclass(frozen=True)
+class EllipsePosition:
+    """Where two coils' ellipses meet.
+
+    Parameters
+    ----------
+    x : float
+        In m.
+    y : float
+        In m, not negative: the indentation is at y or at −y.
+    case : {"two points", "touching", "adjacent coils"}
+        The paper's case.
+    coils : tuple of str
+        The two coils whose ellipses were used.
+    """
+
+    x: float
+    y: float
+    case: Case
+    coils: tuple[str, str]
+
+
+def ellipse_model(fits: xr.Dataset) -> EllipseModel:
+    """Fit the polynomials of an ellipse model.
+
+    Parameters
+    ----------
+    fits : xarray.Dataset
+        As `coilarray.localize.ellipse.fit_ellipses` returns it.
+
+    Returns
+    -------
+    EllipseModel
+        Its coils in the order of their centres.
+
+    Raises
+    ------
+    LocalizeError
+        Fewer steps with an ellipse than a polynomial has coefficients.
+
+    Notes
+    -----
+    Every step counts the same, as in the paper.
+    """
+    kept = [_kept(fits.sel(state=state)) for state in fits.state.values.tolist()]
+    kept.sort(key=lambda fit: float(fit.x0[np.argmax(fit.delta.values)]))  # the smallest ellipse tells the centre best
+    return EllipseModel(tuple(_polynomials(fit) for fit in kept))
+
+
+def model_to_json(model: EllipseModel, source: str = "") -> str:
+    """Write a model as JSON, in SI units and full precision.
+
+    Parameters
+    ----------
+    model : EllipseModel
+    source : str
+        Where it comes from, for people.
+
+    Returns
+    -------
+    str
+        Read back by `model_from_json`.
+
+    Examples
+    --------
+    >>> from coilarray.localize.published import published_model
+    >>> model_from_json(model_to_json(published_model())) == published_model()
+    True
+    """
+    coils = [
+        {
+            "name": coil.name,
+            **{f"{key}_m": list(getattr(coil, key)) for key in ("x0", "A", "B")},
+            **{key: getattr(coil, key) for key in _RANGE},
+        }
+        for coil in model.coils
+    ]
+    return json.dumps({"schema": SCHEMA, "kind": _KIND, "source": source, "coils": coils}, indent=1) + "\n"
+
+
+def model_from_json(text: str) -> EllipseModel:
+    """Read a model that `model_to_json` wrote.
+
+    Parameters
+    ----------
+    text : str
+        Of the file.
+
+    Returns
+    -------
+    EllipseModel
+
+    Raises
+    ------
+    LocalizeError
+        Text that is no JSON, of another kind or schema, or with keys that are missing or no numbers; what
+        `EllipseModel` and `CoilEllipses` refuse.
+    """
+    try:
+        data = json.loads(text)
+    except (ValueError, RecursionError):
+        raise LocalizeError("an ellipse model must be a JSON file; this is none.") from None
+    if not isinstance(data, dict) or data.get("kind") != _KIND:
+        raise LocalizeError(f'an ellipse model must have "kind": "{_KIND}".')
+    if data.get("schema") != SCHEMA:
+        raise LocalizeError(f"the schema of an ellipse model must be {SCHEMA}; got {data.get('schema')}.")
+    coils = data.get("coils")
+    if not isinstance(coils, list):
+        raise LocalizeError("an ellipse model must have a list of coils.")
+    return EllipseModel(tuple(_coil_from(coil) for coil in coils))
+
+
+def crossing(first: Ellipse, second: Ellipse) -> tuple[float, float]:
+    """Return where two ellipses meet.
+
+    Parameters
+    ----------
+    first, second : Ellipse
+        Centres on y = 0.
+
+    Returns
+    -------
+    tuple of float
+        x and |y| in m; 0 where they touch on y = 0.
+
+    Raises
+    ------
+    LocalizeError
+        Ellipses that do not meet, and those that meet at two values of x of which not just one is between the centres.
+
+    Notes
+    -----
+    With y² = B²(1 − (x − x0)²/A²) of both, (k1 − k2) x² − 2 (k1 x1 − k2 x2) x + k1 x1² − k2 x2² − B1² + B2² = 0 where
+    k = B²/A². Solved about the middle of the centres.
+
+    Examples
+    --------
+    >>> x, y = crossing(Ellipse(-3e-3, 5e-3, 5e-3), Ellipse(3e-3, 5e-3, 5e-3))
+    >>> round(x, 12), round(y, 12)
+    (0.0, 0.004)
+    """
+    middle = (first.x0 + second.x0) / 2
+    length = max(first.A, second.A, first.B, second.B)
+    one, other = (Ellipse((e.x0 - middle) / length, e.A / length, e.B / length) for e in (first, second))
+    met = [(x, max(square, 0.0)) for x in _shared_x(one, other) if (square := _square(one, other, x)) is not None]
+    if len(met) > 1:
+        met = [(x, square) for x, square in met if abs(x) <= abs(one.x0)] or met
+    if not met:
+        raise LocalizeError(f"the ellipses do not meet: {_why_apart(first, second)}.")
+    if len(met) > 1:
+        places = " and ".join(f"{(middle + x * length) * 1e3:.4g}" for x, _ in met)
+        raise LocalizeError(f"the ellipses meet at more than one x: {places} mm.")
+    ((x, square),) = met
+    return middle + x * length, float(np.sqrt(square)) * length
+
+
+def intersect(model: EllipseModel, deltas: Mapping[str, float], first: str, second: str) -> EllipsePosition:
+    """Intersect the ellipses of two given coils.
+
+    Parameters
+    ----------
+    model : EllipseModel
+    deltas : mapping of str to float
+        Readings by the coils' names.
+    first, second : str
+        The two coils.
+
+    Returns
+    -------
+    EllipsePosition
+        Of the case "adjacent coils" where a coil lies between the two, else "two points" or "touching".
+
+    Raises
+    ------
+    LocalizeError
+        A coil that the model lacks, a reading that is missing, not finite or beyond the model, ellipses that do not
+        meet.
+
+    Examples
+    --------
+    >>> from coilarray.localize.published import published_model
+    >>> place = intersect(published_model(), {"coil1": 8.0895e-4, "coil2": 6.4684e-4}, "coil1", "coil2")
+    >>> round(place.x * 1e3, 3), round(place.y * 1e3, 3), place.case
+    (-8.75, 3.6, 'two points')
+    """
+    if first == second:
+        raise LocalizeError(f"two coils must be given; got {first} twice.")
+    ellipses = [model[name].ellipse(_reading(deltas, name)) for name in (first, second)]
+    try:
+        x, y = crossing(*ellipses)
+    except LocalizeError as error:
+        raise LocalizeError(f"{first} and {second} give no position, {error}") from None
+    apart = abs(model.names.index(first) - model.names.index(second)) > 1
+    case: Case = "adjacent coils" if apart else "two points" if y > 0 else "touching"
+    return EllipsePosition(x, y, case, (first, second))
+
+
+def locate_x(model: EllipseModel, deltas: Mapping[str, float]) -> EllipsePosition:
+    """Locate an indentation by the readings of all coils of a model.
+
+    Parameters
+    ----------
+    model : EllipseModel
+        At least two coils.
+    deltas : mapping of str to float
+        Readings by the coils' names; those of coils that the model does not have are not used.
+
+    Returns
+    -------
+    EllipsePosition
+
+    Raises
+    ------
+    LocalizeError
+        A reading that is missing, not finite, or beyond the model, ellipses that do not meet, a model of one coil.
+
+    Examples
+    --------
+    >>> from coilarray.localize.published import published_model
+    >>> place = locate_x(published_model(), {"coil1": 2.1125e-4, "coil2": 1.7582e-3, "coil3": 1.6317e-4})
+    >>> round(place.x * 1e3, 2), place.case, place.coils
+    (-0.25, 'adjacent coils', ('coil1', 'coil3'))
+    """
+    if len(model.coils) < 2:
+        raise LocalizeError(f"two coils are needed for a position; the model has {', '.join(model.names)}.")
+    readings = {name: _reading(deltas, name) for name in model.names}
+    top = max(range(len(model.coils)), key=lambda k: readings[model.names[k]])
+    coil = model.coils[top]
+    coil.check(readings[coil.name])
+    beside = model.coils[max(top - 1, 0) : top] + model.coils[top + 1 : top + 2]
+    if readings[coil.name] >= coil.centre and len(beside) == 2 and all(c.covers(readings[c.name]) for c in beside):
+        try:
+            return intersect(model, readings, beside[0].name, beside[1].name)
+        except LocalizeError:
+            pass  # the two do not meet: the usual pair
+    greater = max(beside, key=lambda c: readings[c.name])
+    pair = sorted((coil.name, greater.name), key=model.names.index)
+    return intersect(model, readings, pair[0], pair[1])
+
+
+def readings_at(coil: CoilEllipses, x: float, y: float) -> tuple[float, ...]:
+    """Return every δ at which a position is on the coil's ellipse, rising.
+
+    Parameters
+    ----------
+    coil : CoilEllipses
+    x, y : float
+        Position in m.
+
+    Returns
+    -------
+    tuple of float
+        Empty where no ellipse of the coil goes through the position.
+
+    Notes
+    -----
+    Changes of sign of (x − x0)²/A² + y²/B² − 1 over 2000 parts of the range, each closed in on with Brent's method.
+
+    Examples
+    --------
+    >>> from coilarray.localize.published import published_model
+    >>> coil1, _, coil3 = published_model().coils
+    >>> [round(delta * 1e3, 3) for delta in readings_at(coil1, -8.75e-3, -3.6e-3)]
+    [0.809]
+    >>> readings_at(coil3, -8.75e-3, -3.6e-3)
+    ()
+    """
+
+    def outside(delta: npt.ArrayLike) -> FloatArray:
+        x0, A, B = coil.curves(delta)
+        return np.asarray(np.hypot((x - x0) * B, y * A) - A * B)  # times A B, which may vanish
+
+    deltas = np.linspace(coil.lowest, coil.highest, _SEARCH + 1)
+    sign = outside(deltas) > 0
+    changes = np.flatnonzero(sign[1:] != sign[:-1])
+    return tuple(float(brentq(lambda d: float(outside(d)), deltas[k], deltas[k + 1], xtol=1e-15)) for k in changes)
+
+
+def _reading(deltas: Mapping[str, float], name: str) -> float:
+    if name not in deltas:
+        raise LocalizeError(f"the reading of {name} is missing.")
+    value = float(deltas[name])
+    if not np.isfinite(value):
+        raise LocalizeError(f"the reading of {name} must be finite; got {value}.")
+    return value
+
+
+def _coil_from(data: object) -> CoilEllipses:
+    """One coil of a JSON file."""
+    keys = ("x0_m", "A_m", "B_m", *_RANGE)
+    if not isinstance(data, dict) or not isinstance(data.get("name"), str):
+        raise LocalizeError("a coil of an ellipse model must have a name.")
+    name = data["name"]
+    missing = [key for key in keys if key not in data]
+    if missing:
+        raise LocalizeError(f"{name} of an ellipse model must have {', '.join(keys)}; {missing[0]} is missing.")
+    try:
+        p4, p3, p2, p1, p0 = (np.array([data[key] for key in keys[:3]], dtype=np.float64).T).tolist()
+        lowest, highest, centre = (float(data[key]) for key in _RANGE)
+    except (TypeError, ValueError, OverflowError):
+        raise LocalizeError(
+            f"{name} of an ellipse model must have {DEGREE + 1} numbers in x0_m, A_m and B_m and one in each of "
+            f"{', '.join(_RANGE)}."
+        ) from None
+    x0, A, B = zip(p4, p3, p2, p1, p0, strict=True)
+    return CoilEllipses(name, x0, A, B, lowest, highest, centre)
+
+
+def _kept(fit: xr.Dataset) -> xr.Dataset:
+    """Return the steps of one state that have an ellipse; refuse a state with too few."""
+    kept = fit.isel(step=np.flatnonzero(fit.refused.values == ""))
+    if kept.sizes["step"] <= DEGREE:
+        raise LocalizeError(
+            f"{fit.state.item()} has {kept.sizes['step']} levels with an ellipse; a polynomial of degree {DEGREE} "
+            f"needs {DEGREE + 1}."
+        )
+    return kept
+
+
+def _polynomials(fit: xr.Dataset) -> CoilEllipses:
+    """Polynomials through the steps of one state."""
+    name, peak, delta = str(fit.state.item()), float(fit.peak), fit.delta.values
+    powers = peak ** np.arange(DEGREE, -1, -1)  # δ over its peak, or the equations are ill-conditioned
+    x0, A, B = (
+        tuple((np.polyfit(delta / peak, fit[key].values, DEGREE) / powers).tolist()) for key in ("x0", "A", "B")
+    )
+    reach = float(fit.attrs["threshold"])
+    return CoilEllipses(name, x0, A, B, float(delta.min()) - reach, peak + reach, CENTRE_SHARE * peak)
+
+
+def _shared_x(first: Ellipse, second: Ellipse) -> list[float]:
+    """Real roots of the quadratic equation for x."""
+    k1, k2 = (first.B / first.A) ** 2, (second.B / second.A) ** 2
+    a = k1 - k2
+    half = k2 * second.x0 - k1 * first.x0
+    c = k1 * first.x0**2 - k2 * second.x0**2 - first.B**2 + second.B**2
+    under = half**2 - a * c
+    if under < 0:
+        return []
+    q = -(half + np.copysign(np.sqrt(under), half))  # of the same signs, nothing cancels (Numerical Recipes, Sect. 5.6)
+    return sorted({float(top / bottom) for top, bottom in ((q, a), (c, q)) if abs(bottom) > abs(top) * _FLAT})
+
+
+def _square(first: Ellipse, second: Ellipse, x: float) -> float | None:
+    """y² where both ellipses are at x, None where one of them is not there; 0 within rounding of it."""
+    squares = [e.B**2 * (1 - ((x - e.x0) / e.A) ** 2) for e in (first, second)]
+    rounding = _TOUCHING * max(first.B, second.B) ** 2
+    if min(squares) < -rounding:
+        return None
+    return 0.0 if min(squares) <= rounding else sum(squares) / 2
+
+
+def _why_apart(first: Ellipse, second: Ellipse) -> str:
+    gap = abs(first.x0 - second.x0) - first.A - second.A
+    return f"{gap * 1e3:.4g} mm lie between them" if gap > 0 else "one lies within the other"

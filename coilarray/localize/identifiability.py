@@ -1,0 +1,163 @@
+"""How well a reading tells position and depth: Fisher information, the Cramér–Rao bound, and its map over the board.
+
+For Gaussian noise of known covariance Σ in δ, and J the derivatives of the model by the unknowns,
+
+    F = Jᵀ Σ⁻¹ J,      cov(θ̂) ≥ F⁻¹
+
+for every unbiased estimate (S. M. Kay, Fundamentals of Statistical Signal Processing, vol. 1, sect. 3.9). The bound is
+of first order: on the middle line of a board that is symmetric, where δ has no slope across it, the information is
+singular and δ tells y² alone.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from coilarray.errors import LocalizeError
+from coilarray.localize.forward import ForwardModel, checked_noise
+
+FloatArray = npt.NDArray[np.float64]
+
+_SINGULAR = 1e-13  # least eigenvalue of a scaled information; its entries are rounded to 1e-16
+
+
+def fisher_information(model: ForwardModel, points: npt.ArrayLike, noise: npt.ArrayLike) -> FloatArray:
+    """Information of one reading of all states about x, y and, where it is unknown, the depth.
+
+    Parameters
+    ----------
+    model : ForwardModel
+        Of the board.
+    points : array_like, shape (…, 3)
+        x, y and depth in m.
+    noise : array_like, scalar or shape (states,)
+        Standard deviation of δ.
+
+    Returns
+    -------
+    ndarray, shape (…, unknowns, unknowns)
+        In 1/m².
+
+    Raises
+    ------
+    LocalizeError
+        What `ForwardModel.jacobian` and `checked_noise` refuse.
+    """
+    scaled = model.jacobian(points) / checked_noise(model, noise)[:, None]
+    return np.asarray(scaled.swapaxes(-1, -2) @ scaled)
+
+
+def covariance_of(information: FloatArray) -> FloatArray:
+    """Invert Fisher information.
+
+    Parameters
+    ----------
+    information : ndarray, shape (…, n, n)
+        About x, y and, with n = 3, the depth, in 1/m².
+
+    Returns
+    -------
+    ndarray, shape (…, n, n)
+        In m². Where the information is singular to rounding all variances are infinite and the covariances 0.
+
+    Examples
+    --------
+    >>> covariance_of(np.array([[4.0, 0.0], [0.0, 0.0]]))
+    array([[inf,  0.],
+           [ 0., inf]])
+    """
+    values, vectors, scale = _scaled_eigen(information)
+    singular = values[..., 0] <= _SINGULAR
+    safe = np.where(singular[..., None], 1.0, values)
+    inverse = np.einsum("...ik,...k,...jk->...ij", vectors, 1 / safe, vectors)
+    inverse = inverse / (scale[..., :, None] * scale[..., None, :])
+    unknown = np.where(np.eye(information.shape[-1], dtype=bool), np.inf, 0.0)
+    return np.where(singular[..., None, None], unknown, inverse)
+
+
+def identifiability(
+    model: ForwardModel,
+    depth: float,
+    *,
+    noise: npt.ArrayLike = 1e-5,
+    x: npt.ArrayLike | None = None,
+    y: npt.ArrayLike | None = None,
+) -> xr.Dataset:
+    """Map the Cramér–Rao bound over the board.
+
+    Parameters
+    ----------
+    model : ForwardModel
+        Of the board.
+    depth : float
+        In m; of no effect where the model has one depth alone.
+    noise : array_like, scalar or shape (states,)
+        Standard deviation of δ.
+    x, y : array_like, shape (n,), optional
+        Positions in m; those of the table by default.
+
+    Returns
+    -------
+    xarray.Dataset
+        Dimensions y and x. ``sigma_x``, ``sigma_y`` and, where the depth is unknown, ``sigma_h``: least standard
+        deviations in m, infinite where the information is singular. ``condition``: ratio of the largest to the least
+        eigenvalue of the information, x and y in one unit and the depth in its own, which tells how far the unknowns
+        can stand in for each other; infinite where singular. Attributes depth in m and noise.
+
+    Raises
+    ------
+    LocalizeError
+        Positions or a depth outside the table, noise that is not positive.
+
+    Examples
+    --------
+    >>> from coilarray.localize.forward import forward_model
+    >>> axis, h = np.linspace(-10e-3, 10e-3, 11), np.linspace(0.5e-3, 1.5e-3, 3)
+    >>> bell = lambda x, y: np.exp(-((axis - x) ** 2 + (axis[:, None] - y) ** 2) / (8e-3) ** 2)
+    >>> coils = np.stack([bell(-6e-3, -3e-3), bell(6e-3, -3e-3), bell(0, 5e-3)], axis=-1)
+    >>> coords = {"depth": h, "y": axis, "x": axis, "state": ["a", "b", "c"]}
+    >>> delta = h[:, None, None, None] * coils
+    >>> model = forward_model(xr.Dataset({"delta": (("depth", "y", "x", "state"), delta)}, coords))
+    >>> board = identifiability(model, 1e-3, x=[0.0], y=[0.0])
+    >>> round(board.sigma_x.item() * 1e3, 3), round(board.condition.item(), 1)
+    (0.076, 1.6)
+    """
+    along, across = (
+        np.atleast_1d(np.asarray(axis if given is None else given, dtype=np.float64))
+        for given, axis in ((x, model.x), (y, model.y))
+    )
+    if along.ndim != 1 or across.ndim != 1:
+        raise LocalizeError(f"x and y must be rows of positions; got shapes {along.shape} and {across.shape}.")
+    X, Y = np.meshgrid(along, across)
+    sigma = checked_noise(model, noise)
+    information = fisher_information(model, np.stack([X, Y, np.full_like(X, depth)], axis=-1), sigma)
+    deviations = np.sqrt(np.diagonal(covariance_of(information), axis1=-2, axis2=-1))
+    values, _, _ = _scaled_eigen(information)
+    singular = values[..., 0] <= _SINGULAR
+    condition = np.where(singular, np.inf, values[..., -1] / np.where(singular, 1.0, values[..., 0]))
+    names = ("x", "y", "h")[: model.unknowns]
+    where = ("y", "x")
+    variables: dict[str, tuple[tuple[str, str], FloatArray, dict[str, str]]] = {
+        f"sigma_{name}": (where, deviations[..., k], {"units": "m", "long_name": f"least standard deviation of {name}"})
+        for k, name in enumerate(names)
+    }
+    variables["condition"] = (where, condition, {"units": "1", "long_name": "condition of the information"})
+    return xr.Dataset(
+        variables,
+        coords={"y": ("y", across, {"units": "m"}), "x": ("x", along, {"units": "m"})},
+        attrs={"depth": float(depth), "noise": sigma.tolist()},
+    )
+
+
+def _scaled_eigen(information: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Rising eigenvalues and vectors of the scaled information, and the scale: one for x and y, one for the depth.
+
+    With a scale of its own an unknown that leaves δ alone but for rounding would look like any other.
+    """
+    diagonal = np.diagonal(information, axis1=-2, axis2=-1).copy()
+    diagonal[..., :2] = diagonal[..., :2].max(axis=-1, keepdims=True)
+    scale = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+    values, vectors = np.linalg.eigh(information / (scale[..., :, None] * scale[..., None, :]))
+    return values, vectors, scale

@@ -1,0 +1,439 @@
+"""Where and how deep an indentation is, from the δ of all coils: maximum likelihood with everything that also fits.
+
+With Gaussian noise of known standard deviation σ_s in δ_s, −2 ln of the likelihood is χ² up to a constant. A `Location`
+keeps every mode, that is every minimum of χ² that lies in the likelihood region {θ : χ²(θ) − min χ² ≤ q}, with q the
+quantile of χ² for as many degrees of freedom as unknowns: on a board that is symmetric in y both signs of y are there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import chdtrc, chdtri
+
+from coilarray.blocks import ranges
+from coilarray.errors import LocalizeError
+from coilarray.localize.forward import PARAMETERS, ForwardModel, checked_noise
+from coilarray.localize.identifiability import covariance_of
+from coilarray.localize.search import refine, scan_of, starts
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.intp]
+BoolArray = npt.NDArray[np.bool_]
+
+Verdict = Literal["found", "border", "outside", "no fit", "nothing pressed", "refused"]
+"""What a reading tells: a position in the table; one on its border, so that the indenter may be outside; that it is
+outside, or deeper; that no position explains the reading; no indentation beyond noise; or it is no reading at all."""
+
+Reading = Mapping[str, float] | Sequence[float] | FloatArray
+"""δ by the names of the states, or in the order of the model's states."""
+
+CONFIDENCE = 0.95
+"""Of regions, and so of the modes that are kept."""
+
+ALARM = 1e-3
+"""Probability with which a reading that the model does explain is called one that does not fit."""
+
+_SAME = 1.0  # two minima nearer than one standard deviation are one mode
+_BENT = 2.0  # factor by which χ² may differ from its parabola where a mode is called Gaussian
+_LEAST = 1e-13  # of eigenvalues, against division by zero where the information is singular
+_BLOCK = 1000  # readings solved together; some 10 MB
+
+
+@dataclass(frozen=True, eq=False)
+class Mode:
+    """One position that explains a reading.
+
+    Parameters
+    ----------
+    x, y, depth : float
+        In m.
+    information : ndarray, shape (unknowns, unknowns)
+        Fisher information there about x, y and, where it is unknown, the depth, in 1/m².
+    chi_square : float
+        Of the residuals.
+    gaussian : bool
+        True where the ellipsoid of the information describes the likelihood: at the ends of its axes χ² rises by what
+        it should within a factor of 2, all of them in the table. Elsewhere `deviance` tells the region.
+    border : tuple of str
+        Which of x, y and depth are on the border of the table.
+    """
+
+    x: float
+    y: float
+    depth: float
+    information: FloatArray
+    chi_square: float
+    gaussian: bool = False
+    border: tuple[str, ...] = ()
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Inverse of the information in m², shape (unknowns, unknowns); see `covariance_of`."""
+        return covariance_of(self.information)
+
+    @property
+    def deviations(self) -> FloatArray:
+        """Standard deviations of x, y and depth in m, shape (unknowns,)."""
+        return np.sqrt(np.diagonal(self.covariance))
+
+    def contains(self, points: npt.ArrayLike, confidence: float = CONFIDENCE) -> BoolArray:
+        """Tell which points are in the ellipsoid around the mode that holds the truth with a probability.
+
+        Parameters
+        ----------
+        points : array_like, shape (…, 3)
+            x, y and depth in m.
+        confidence : float
+            The probability.
+
+        Returns
+        -------
+        ndarray of bool, shape (…,)
+            Where (θ − θ̂)ᵀ F (θ − θ̂) is at most the quantile of χ².
+        """
+        free = len(self.information)
+        away = (np.asarray(points, dtype=np.float64) - [self.x, self.y, self.depth])[..., :free]
+        distance = np.einsum("...i,ij,...j->...", away, self.information, away)
+        return np.asarray(distance <= _quantile(free, confidence))
+
+
+@dataclass(frozen=True, eq=False)
+class Location:
+    """What a reading says about the indentation.
+
+    Parameters
+    ----------
+    verdict : Verdict
+        In two words.
+    reason : str
+        Why it is not ``"found"``; empty where it is.
+    modes : tuple of Mode
+        Best first; none where nothing is pressed or the reading is refused.
+    chi_square : float or None
+        Of the best mode, or of no indentation where nothing is pressed; None of a refused reading.
+    degrees_of_freedom : int
+        Of that χ²; 0 of a refused reading.
+    probability : float or None
+        That noise alone makes χ² as large or larger.
+    """
+
+    verdict: Verdict
+    reason: str = ""
+    modes: tuple[Mode, ...] = ()
+    chi_square: float | None = None
+    degrees_of_freedom: int = 0
+    probability: float | None = None
+
+    @property
+    def best(self) -> Mode:
+        """The most likely mode.
+
+        Raises
+        ------
+        LocalizeError
+            There is none.
+        """
+        if not self.modes:
+            raise LocalizeError(f"there is no position: {self.reason}")
+        return self.modes[0]
+
+    @property
+    def ambiguous(self) -> bool:
+        """True where more than one mode is likely enough to be kept."""
+        return len(self.modes) > 1
+
+
+def locate(
+    model: ForwardModel,
+    reading: Reading,
+    *,
+    noise: npt.ArrayLike = 1e-5,
+    confidence: float = CONFIDENCE,
+    alarm: float = ALARM,
+) -> Location:
+    """Find the indentation of one reading.
+
+    Parameters
+    ----------
+    model : ForwardModel
+        Of the board.
+    reading : mapping of str to float, or array_like, shape (states,)
+        δ by name, or in the model's order. A coil that is missing or NaN is refused; to go without it, locate with
+        ``model.select([...])``.
+    noise : array_like, scalar or shape (states,)
+        Standard deviation of δ.
+    confidence : float
+        Of the region whose modes are kept.
+    alarm : float
+        Least probability of the residuals at which a position is still said to fit, and of the reading itself at which
+        it is still said to be noise.
+
+    Returns
+    -------
+    Location
+
+    Raises
+    ------
+    LocalizeError
+        A reading with states that are unknown or missing, of another length or with a δ that is not between −1 and 1;
+        noise that is not positive, confidence or alarm outside 0 to 1, a model with fewer states than unknowns.
+
+    Examples
+    --------
+    >>> import xarray as xr
+    >>> from coilarray.localize.forward import forward_model
+    >>> axis, h = np.linspace(-10e-3, 10e-3, 21), np.linspace(0.25e-3, 1.75e-3, 7)
+    >>> far = lambda x, y: np.hypot(axis - x, axis[:, None] - y) / 8e-3
+    >>> coils = [np.exp(-far(*at) ** 2) for at in [(-6e-3, -3e-3), (6e-3, -3e-3), (0, 5e-3), (0, -6e-3)]]
+    >>> delta = 0.6 * h[:, None, None, None] * np.stack(coils, axis=-1)
+    >>> coords = {"depth": h, "y": axis, "x": axis, "state": ["a", "b", "c", "d"]}
+    >>> model = forward_model(xr.Dataset({"delta": (("depth", "y", "x", "state"), delta)}, coords))
+    >>> found = locate(model, dict(zip("abcd", model.delta([2e-3, 1e-3, 1e-3]))))
+    >>> found.verdict, len(found.modes), round(found.best.x * 1e3, 3), found.best.deviations.round(5)
+    ('found', 1, 2.0, array([1.5e-04, 1.1e-04, 2.0e-05]))
+    """
+    return _solve(model, [_values(model, reading)], noise, confidence, alarm)[0]
+
+
+def locate_all(
+    model: ForwardModel,
+    readings: Iterable[Reading],
+    *,
+    noise: npt.ArrayLike = 1e-5,
+    confidence: float = CONFIDENCE,
+    alarm: float = ALARM,
+) -> list[Location]:
+    """Find the indentations of many readings, as `locate` does one; a bad reading is marked and spoils no other.
+
+    Parameters
+    ----------
+    model : ForwardModel
+        Of the board.
+    readings : iterable of readings, or array_like, shape (n, states)
+        What `locate` takes.
+    noise, confidence, alarm
+        As in `locate`.
+
+    Returns
+    -------
+    list of Location
+        In the order of the readings; where `locate` would raise because of the reading, the verdict is
+        ``"refused"`` and the reason says why.
+
+    Raises
+    ------
+    LocalizeError
+        Noise, confidence, alarm or a model that `locate` refuses.
+    """
+    results: list[Location | None] = []
+    good = []
+    for reading in readings:
+        try:
+            good.append(_values(model, reading))
+            results.append(None)
+        except LocalizeError as error:
+            results.append(Location("refused", str(error)))
+    found = iter(_solve(model, good, noise, confidence, alarm))
+    return [next(found) if result is None else result for result in results]
+
+
+def deviance(
+    model: ForwardModel, reading: Reading, location: Location, points: npt.ArrayLike, *, noise: npt.ArrayLike = 1e-5
+) -> FloatArray:
+    """How much less likely points are than the best mode: χ²(θ) − χ² of the best mode.
+
+    The points with a deviance up to the quantile of χ² are the likelihood region. It follows curved valleys and holds
+    all modes, so it keeps its confidence where the ellipsoids of `Mode.contains` do not.
+
+    Parameters
+    ----------
+    model : ForwardModel
+        Of the board.
+    reading : mapping of str to float, or array_like, shape (states,)
+        δ.
+    location : Location
+        Of that reading and noise.
+    points : array_like, shape (…, 3)
+        x, y and depth in m.
+    noise : array_like, scalar or shape (states,)
+        Standard deviation of δ.
+
+    Returns
+    -------
+    ndarray, shape (…,)
+        Without unit; compare with the quantile of χ² for as many degrees of freedom as unknowns, 7.81 for three.
+
+    Raises
+    ------
+    LocalizeError
+        What `locate` and `ForwardModel.delta` refuse, and a location without a mode.
+    """
+    residuals = (_values(model, reading) - model.delta(points)) / checked_noise(model, noise)
+    return np.asarray((residuals**2).sum(axis=-1) - location.best.chi_square)
+
+
+def _solve(
+    model: ForwardModel, rows: Sequence[FloatArray], noise: npt.ArrayLike, confidence: float, alarm: float
+) -> list[Location]:
+    """Locate checked readings."""
+    sigma = checked_noise(model, noise)
+    for name, value in (("confidence", confidence), ("alarm", alarm)):
+        if not 0 < value < 1:
+            raise LocalizeError(f"{name} must be between 0 and 1; got {value}.")
+    if len(model.states) < model.unknowns:
+        raise LocalizeError(
+            f"{model.unknowns} unknowns need at least as many states; the model has {', '.join(model.states)}."
+        )
+    result: list[Location] = []
+    for first, last in ranges(len(rows), _BLOCK):
+        result += _solve_block(model, np.array(rows[first:last]), sigma, confidence, alarm)
+    return result
+
+
+def _solve_block(
+    model: ForwardModel, readings: FloatArray, sigma: FloatArray, confidence: float, alarm: float
+) -> list[Location]:
+    nothing = ((readings / sigma) ** 2).sum(axis=1)
+    pressed = np.flatnonzero(chdtrc(len(model.states), nothing) <= alarm)
+    result = [_nothing(float(value), len(model.states)) for value in nothing]
+    if len(pressed):
+        minima = _minima(model, readings[pressed], sigma, confidence)
+        ends = np.searchsorted(minima.owner, np.arange(len(pressed) + 1)).tolist()
+        for k, (first, last) in zip(pressed, pairwise(ends), strict=True):
+            modes = tuple(minima.mode(one) for one in range(first, last) if minima.is_new(first, one))
+            result[k] = _judged(modes, float(minima.pressure[first]), len(model.states), alarm)
+    return result
+
+
+@dataclass(frozen=True, eq=False)
+class _Minima:
+    """Minima of χ² in the likelihood region, by reading and then from the best: one row each."""
+
+    owner: IntArray
+    points: FloatArray
+    chi_square: FloatArray
+    fisher: FloatArray
+    gaussian: BoolArray
+    edge: BoolArray
+    pressure: FloatArray  # fall of χ² that lies beyond the border of the table, were the model linear there
+
+    def is_new(self, first: int, k: int) -> bool:
+        """Tell whether minimum k is farther than one standard deviation from every one since the first."""
+        away = (self.points[k] - self.points[first:k])[:, : self.fisher.shape[-1]]
+        return bool((np.einsum("ni,nij,nj->n", away, self.fisher[first:k], away) > _SAME).all())
+
+    def mode(self, k: int) -> Mode:
+        """Return minimum k as a result."""
+        x, y, depth = self.points[k].tolist()
+        border = tuple(name for name, at in zip(PARAMETERS, self.edge[k].tolist(), strict=False) if at)
+        return Mode(x, y, depth, self.fisher[k], float(self.chi_square[k]), bool(self.gaussian[k]), border)
+
+
+def _minima(model: ForwardModel, readings: FloatArray, sigma: FloatArray, confidence: float) -> _Minima:
+    quantile = _quantile(model.unknowns, confidence)
+    owner, points = starts(scan_of(model, tuple(sigma.tolist())), readings / sigma)
+    points, chi_square = refine(model, readings[owner], points, sigma)
+    order = np.lexsort((chi_square, owner))
+    owner, points, chi_square = owner[order], points[order], chi_square[order]
+    best = chi_square[np.searchsorted(owner, np.arange(len(readings)))]
+    kept = chi_square <= best[owner] + quantile
+    owner, points, chi_square = owner[kept], points[kept], chi_square[kept]
+    delta, jacobian = model.linear(points)
+    scaled = jacobian / sigma[:, None]
+    fisher = scaled.swapaxes(1, 2) @ scaled
+    slope = np.einsum("nsi,ns->ni", scaled, (readings[owner] - delta) / sigma)
+    covariance = covariance_of(fisher)
+    known = np.isfinite(covariance[:, 0, 0])
+    pressure = np.einsum("ni,nij,nj->n", slope, np.where(known[:, None, None], covariance, 0.0), slope)
+    pressure[points[:, 2] <= 0] = 0  # no indentation is shallower than none
+    gaussian = known & _is_gaussian(model, readings[owner], points, chi_square, fisher, sigma, quantile)
+    edge = ((points <= model.lower) | (points >= model.upper))[:, : model.unknowns]
+    return _Minima(owner, points, chi_square, fisher, gaussian, edge, pressure)
+
+
+def _is_gaussian(
+    model: ForwardModel,
+    readings: FloatArray,
+    points: FloatArray,
+    chi_square: FloatArray,
+    fisher: FloatArray,
+    sigma: FloatArray,
+    quantile: float,
+) -> BoolArray:
+    """Tell whether χ² rises as the ellipsoid of every minimum says, at the ends of its axes, all in the table."""
+    scale = np.sqrt(np.maximum(np.diagonal(fisher, axis1=1, axis2=2), _LEAST))
+    values, vectors = np.linalg.eigh(fisher / (scale[:, :, None] * scale[:, None, :]))
+    axes = vectors / scale[:, :, None] * np.sqrt(quantile / np.maximum(values, _LEAST))[:, None, :]
+    ends = np.repeat(points[:, None], 2 * axes.shape[-1], axis=1)
+    ends[..., : axes.shape[-1]] += np.concatenate((axes, -axes), axis=-1).swapaxes(1, 2)
+    inside = ((ends >= model.lower) & (ends <= model.upper)).all(axis=(1, 2))
+    result = np.zeros(len(points), dtype=bool)
+    if inside.any():
+        residuals = (readings[inside, None] - model.delta(ends[inside])) / sigma
+        rise = ((residuals**2).sum(axis=-1) - chi_square[inside, None]) / quantile
+        result[inside] = ((rise > 1 / _BENT) & (rise < _BENT)).all(axis=1)
+    return result
+
+
+def _nothing(chi_square: float, states: int) -> Location:
+    probability = float(chdtrc(states, chi_square))
+    reason = f"nothing is pressed: noise alone makes such a reading with a probability of {probability:.2g}."
+    return Location("nothing pressed", reason, (), chi_square, states, probability)
+
+
+def _judged(modes: tuple[Mode, ...], pressure: float, states: int, alarm: float) -> Location:
+    """Location of the modes of a reading that is more than noise."""
+    best = modes[0]
+    freedom = max(1, states - len(best.information) + len(best.border))
+    probability = float(chdtrc(freedom, best.chi_square))
+    edge = f"the best position is on the border of the table in {' and '.join(best.border)}"
+    verdict: Verdict = "found"
+    reason = ""
+    if best.border and chdtrc(len(best.border), pressure) < alarm:
+        verdict = "outside"
+        reason = f"{edge}, and one outside would fit better: χ² would fall by about {pressure:.3g}."
+    elif probability < alarm:
+        verdict = "no fit"
+        reason = (
+            f"no position of the table explains the reading: χ² is {best.chi_square:.4g} with {freedom} degrees of "
+            f"freedom, which noise exceeds with a probability of {probability:.1e}."
+        )
+    elif best.border:
+        verdict = "border"
+        reason = f"{edge}; the indenter may be outside."
+    return Location(verdict, reason, modes, best.chi_square, freedom, probability)
+
+
+def _quantile(freedom: int, confidence: float) -> float:
+    return float(chdtri(freedom, 1 - confidence))
+
+
+def _values(model: ForwardModel, reading: Reading) -> FloatArray:
+    """δ in the model's order, shape (states,), or one line about what is wrong with a reading."""
+    if isinstance(reading, Mapping):
+        for name in reading:
+            if name not in model.states:
+                raise LocalizeError(f"the model has no state {name!r}; there are {', '.join(model.states)}.")
+        for name in model.states:
+            if name not in reading:
+                raise LocalizeError(f"a reading must have δ of every state; that of {name} is missing.")
+        reading = [reading[name] for name in model.states]
+    try:
+        values = np.asarray(reading, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise LocalizeError(f"δ must be numbers; got {reading!r}.") from error
+    if values.shape != (len(model.states),):
+        raise LocalizeError(
+            f"a reading must have one δ for each of {len(model.states)} states; got shape {values.shape}."
+        )
+    bad = ~(np.abs(values) < 1)
+    if bad.any():
+        k = int(np.flatnonzero(bad)[0])
+        raise LocalizeError(f"δ must be a number between -1 and 1; that of {model.states[k]} is {values[k]}.")
+    return values

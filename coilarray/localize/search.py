@@ -1,0 +1,227 @@
+"""The most likely positions of an indentation: a scan of the whole table for starts, and a least-squares refinement.
+
+Both minimise χ²(θ) = Σ_s ((δ_s − model_s(θ))/σ_s)², which is −2 ln of the likelihood up to a constant, for many
+readings at once.
+
+The scan looks at cells of the table. Around the centre θ_c of one the model is taken as linear, and a step u away from
+the centre, in sizes of the cell, costs |u|²; what is left has a closed form,
+
+    min_u |e − J u|² + |u|² = |e|² − |Qᵀe|²,      e = (δ − model(θ_c))/σ,      Q = J L⁻ᵀ,   L Lᵀ = 1 + JᵀJ,
+
+so narrow valleys are seen that pass between the centres. The refinement is the method of Levenberg and Marquardt with
+Nielsen's rule for the damping (K. Madsen, H. B. Nielsen, O. Tingleff, Methods for Non-Linear Least Squares Problems,
+2004, sect. 3.2) inside the bounds of the table.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import minimum_filter
+
+from coilarray.blocks import ranges
+from coilarray.localize.forward import ForwardModel
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.intp]
+BoolArray = npt.NDArray[np.bool_]
+
+_MOST_CELLS = 64  # along x and along y; more only where the table is finer
+_DEPTH_CELLS = 8
+_STARTS = 12  # of one reading: with them the least χ² of 200 random starts is found (tests/test_localize_inverse.py)
+_FARTHEST = 2.0  # step of the scan in sizes of a cell; the model is not linear much longer
+_BLOCK = 64  # readings scanned together; a few MB
+_UNIT = 0.1  # of the table's shorter side, and of its depths: the steps that the damping treats alike
+_ITERATIONS = 100
+_SETTLED = 1e-6  # fall of χ² that a step promises; a standard deviation is a fall by 1
+_LEAST_DAMPING = 1e-10  # of the trace of the normal matrix, which a state without response leaves singular
+
+
+@dataclass(frozen=True, eq=False)
+class Scan:
+    """Cells of the table, with the linear model around each.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Cells along x, y and depth.
+    size : ndarray, shape (unknowns,)
+        Of a cell in m.
+    centres : ndarray, shape (cells, 3)
+        x, y and depth in m.
+    scaled : ndarray, shape (cells, states)
+        Model at the centre over the noise.
+    slopes : ndarray, shape (cells, states, unknowns)
+        Its change over a cell over the noise, J.
+    forms : ndarray, shape (1 + unknowns, states, cells)
+        `scaled` and the columns of Q.
+    """
+
+    shape: tuple[int, int, int]
+    size: FloatArray
+    centres: FloatArray
+    scaled: FloatArray
+    slopes: FloatArray
+    forms: FloatArray
+
+    def badness(self, readings: FloatArray) -> FloatArray:
+        """|e|² − |Qᵀe|² of every cell, shape (n, *shape), for readings over the noise, shape (n, states)."""
+        offsets = np.einsum("fsc,cs->fc", self.forms, self.scaled)
+        along = np.tensordot(readings, self.forms, axes=(1, 1))
+        total = (readings**2).sum(axis=1)[:, None] - 2 * along[:, 0] + offsets[0]
+        for k in range(1, len(self.forms)):
+            total -= (along[:, k] - offsets[k]) ** 2
+        return np.asarray(total.reshape(-1, *self.shape))
+
+
+@lru_cache(maxsize=8)
+def scan_of(model: ForwardModel, noise: tuple[float, ...]) -> Scan:
+    """Prepare the scan of a model's table for one noise in δ of every state."""
+    counts = [_even(min(len(axis) - 1, _MOST_CELLS)) for axis in (model.x, model.y)]
+    shape = (*counts, _DEPTH_CELLS if model.unknowns == 3 else 1)
+    span = model.upper - model.lower
+    axes = [low + length * (np.arange(n) + 0.5) / n for low, length, n in zip(model.lower, span, shape, strict=True)]
+    centres = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    size = (span / shape)[: model.unknowns]
+    delta, jacobian = model.linear(centres)
+    scaled, slopes = delta / np.array(noise), jacobian / np.array(noise)[:, None] * size
+    lower = np.linalg.cholesky(np.eye(model.unknowns) + slopes.swapaxes(1, 2) @ slopes)
+    Q = np.linalg.solve(lower, slopes.swapaxes(1, 2))
+    forms = np.concatenate((scaled[:, None], Q), axis=1)
+    return Scan(
+        (shape[0], shape[1], shape[2]), size, centres, scaled, slopes, np.ascontiguousarray(forms.T.swapaxes(0, 1))
+    )
+
+
+def _even(count: int) -> int:
+    """No centre on the middle line of the table: there a board that is symmetric has no slope across it."""
+    return count + count % 2
+
+
+def starts(scan: Scan, readings: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Positions to refine: the best of the cells that are better than their neighbours in x and y.
+
+    Parameters
+    ----------
+    scan : Scan
+        Of the model.
+    readings : ndarray, shape (n, states)
+        Over the noise.
+
+    Returns
+    -------
+    owner : ndarray of int, shape (m,)
+        Which reading a start belongs to, rising; every reading has one at least.
+    points : ndarray, shape (m, 3)
+        x, y and depth in m; not yet inside the bounds.
+    """
+    found = [_starts(scan, readings[first:last]) for first, last in ranges(len(readings), _BLOCK)]
+    owner = np.concatenate([part[0] + k * _BLOCK for k, part in enumerate(found)])
+    return owner, np.concatenate([part[1] for part in found])
+
+
+def _starts(scan: Scan, readings: FloatArray) -> tuple[IntArray, FloatArray]:
+    badness = scan.badness(readings)
+    level = badness.argmin(axis=-1)
+    least = np.take_along_axis(badness, level[..., None], axis=-1)[..., 0]
+    hollow = least <= minimum_filter(least, size=(1, 3, 3), mode="nearest")
+    ranked = np.where(hollow, least, np.inf).reshape(len(readings), -1)
+    count = min(_STARTS, ranked.shape[1])
+    places = np.argpartition(ranked, count - 1, axis=1)[:, :count]
+    used = np.isfinite(np.take_along_axis(ranked, places, axis=1))
+    owner, _ = np.nonzero(used)
+    places = places[used]
+    cells = places * scan.shape[2] + level.reshape(len(readings), -1)[owner, places]
+    J, e = scan.slopes[cells], readings[owner] - scan.scaled[cells]
+    step = _solve(J.swapaxes(1, 2) @ J + np.eye(len(scan.size)), (J.swapaxes(1, 2) @ e[..., None])[..., 0])
+    points = scan.centres[cells]
+    points[:, : len(scan.size)] += np.clip(step, -_FARTHEST, _FARTHEST) * scan.size
+    return owner, points
+
+
+def refine(
+    model: ForwardModel, readings: FloatArray, points: FloatArray, noise: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Go down to the least χ² near every start.
+
+    Parameters
+    ----------
+    model : ForwardModel
+        Of the board.
+    readings : ndarray, shape (m, states)
+        δ, one row for each start.
+    points : ndarray, shape (m, 3)
+        x, y and depth of the starts in m; those outside the table begin on its border.
+    noise : ndarray, shape (states,)
+        Standard deviation of δ.
+
+    Returns
+    -------
+    points : ndarray, shape (m, 3)
+        In m, inside the table or on its border.
+    chi_square : ndarray, shape (m,)
+        There.
+    """
+    free = model.unknowns
+    unit, low, high = _units(model), model.lower[:free], model.upper[:free]
+    points = points.copy()
+    points[:, :free] = np.clip(points[:, :free], low, high)
+    e, A = _residuals(model, readings, points, noise, unit)
+    chi_square = (e**2).sum(axis=1)
+    damping, growth = np.ones(len(points)), np.full(len(points), 2.0)
+    going = np.arange(len(points))
+    for _ in range(_ITERATIONS):
+        at = points[going, :free]
+        step, promised = _step(A[going], e[going], damping[going], at <= low, at >= high)
+        trial = points[going]
+        trial[:, :free] = np.clip(at + step * unit, low, high)
+        new_e, new_A = _residuals(model, readings[going], trial, noise, unit)
+        new = (new_e**2).sum(axis=1)
+        gain = np.minimum((chi_square[going] - new) / np.maximum(promised, _SETTLED * 1e-9), 2.0)
+        better = new <= chi_square[going]
+        taken, refused = going[better], going[~better]
+        points[taken], e[taken], A[taken], chi_square[taken] = trial[better], new_e[better], new_A[better], new[better]
+        damping[taken] *= np.clip(1 - (2 * gain[better] - 1) ** 3, 0.2, 2.0)
+        growth[taken] = 2.0
+        damping[refused] *= growth[refused]
+        growth[refused] *= 2
+        going = going[promised > _SETTLED]
+        if not len(going):
+            break
+    return points, chi_square
+
+
+def _step(
+    A: FloatArray, e: FloatArray, damping: FloatArray, at_low: BoolArray, at_high: BoolArray
+) -> tuple[FloatArray, FloatArray]:
+    """Damped step in units, and the fall of χ² that the linear model promises; parameters stay at their bounds."""
+    g, H = np.einsum("nsi,ns->ni", A, e), A.swapaxes(1, 2) @ A
+    held = (at_low & (g < 0)) | (at_high & (g > 0))
+    g[held] = 0
+    H[held] = 0
+    H.swapaxes(1, 2)[held] = 0
+    floor = _LEAST_DAMPING * (1 + np.einsum("nii->n", H))
+    step = _solve(H + (damping + floor)[:, None, None] * np.eye(g.shape[1]), g)
+    return step, 2 * (g * step).sum(axis=1) - np.einsum("ni,nij,nj->n", step, H, step)
+
+
+def _units(model: ForwardModel) -> FloatArray:
+    """Lengths in m in which the parameters are alike; x and y have the same."""
+    span = model.upper - model.lower
+    side = min(span[0], span[1])
+    return _UNIT * np.array([side, side, span[2]])[: model.unknowns]
+
+
+def _residuals(
+    model: ForwardModel, readings: FloatArray, points: FloatArray, noise: FloatArray, unit: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Residuals over the noise, and the model's slopes over the noise per unit."""
+    delta, jacobian = model.linear(points)
+    return (readings - delta) / noise, jacobian / noise[:, None] * unit
+
+
+def _solve(matrix: FloatArray, right: FloatArray) -> FloatArray:
+    return np.asarray(np.linalg.solve(matrix, right[..., None])[..., 0])

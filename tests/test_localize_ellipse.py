@@ -1,0 +1,635 @@
+"""The ellipse model: level curves, their ellipses, polynomials, and the position where two ellipses meet.
+
+Who checks whom: fitted ellipses against the exact ones of a hill with elliptic level curves, with measured convergence
+in the level's width and in the refinement; the axis-aligned conic against Gal's with all its terms; the spline against
+cubic convolution; intersections against closed forms and against points put on both ellipses; the whole on the
+simulated board against the positions of the indenter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import xarray as xr
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+import coilarray.localize.ellipse as ellipse_module
+from coilarray import load_design, response_map
+from coilarray.errors import LocalizeError
+from coilarray.localize.ellipse import Ellipse, fit_ellipse, fit_ellipses, refined_map
+from coilarray.localize.ellipse_model import (
+    CENTRE_SHARE,
+    CoilEllipses,
+    EllipseModel,
+    crossing,
+    ellipse_model,
+    intersect,
+    locate_x,
+    readings_at,
+)
+
+COILS = ["coil1", "coil2", "coil3"]
+WINDOW_X = np.arange(-26e-3, 26.1e-3, 2e-3)
+WINDOW_Y = np.arange(-6e-3, 6.1e-3, 2e-3)
+WIDE_X, WIDE_Y = np.arange(-14e-3, 16.1e-3, 1e-3), np.arange(-12e-3, 12.1e-3, 1e-3)
+PEAK, CENTRE, SLOPE, A, B = 1e-3, 1e-3, 1.0, 6e-3, 5e-3  # of the hill: x0 = CENTRE + SLOPE δ in m
+
+
+def hill(x, y):
+    """δ with exactly elliptic level curves, A √ln(PEAK/δ) by B √ln(PEAK/δ), whose centre moves with δ."""
+    X, Y = np.meshgrid(x, y)
+    low, high = np.full(X.shape, 1e-30), np.full(X.shape, PEAK)
+    for _ in range(80):  # bisection
+        middle = (low + high) / 2
+        outside = ((X - CENTRE - SLOPE * middle) / A) ** 2 + (Y / B) ** 2 > np.log(PEAK / middle)
+        low, high = np.where(outside, low, middle), np.where(outside, middle, high)
+    return (low + high) / 2
+
+
+def response(delta, x=WINDOW_X, y=WINDOW_Y, states=("coil1",)):
+    delta = np.asarray(delta)
+    if delta.ndim == 2:
+        delta = delta[:, :, None]
+    coords = {"depth": [1e-3], "y": y, "x": x, "state": list(states)}
+    return xr.Dataset({"delta": (("depth", "y", "x", "state"), delta[None])}, coords)
+
+
+def hill_errors(fits):
+    """Root mean squares over the levels up to 0.8 of the peak of the errors of x0, A and B in m."""
+    fit = fits.isel(state=0)
+    fit = fit.isel(step=np.flatnonzero((fit.refused.values == "") & (fit.delta.values < 0.8 * PEAK)))
+    delta = fit.delta.values
+    size = np.sqrt(np.log(PEAK / delta))
+    misses = (fit.x0.values - CENTRE - SLOPE * delta, fit.A.values - A * size, fit.B.values - B * size)
+    return np.array([np.sqrt(np.mean(miss**2)) for miss in misses])
+
+
+def noisy(dataset, seed, sigma=1e-5):
+    noise = np.random.default_rng(seed).standard_normal(dataset.delta.shape)
+    return dataset.assign(delta=dataset.delta + sigma * noise)
+
+
+@pytest.fixture(scope="module")
+def wide():
+    return response(hill(WIDE_X, WIDE_Y), WIDE_X, WIDE_Y)
+
+
+@pytest.fixture(scope="module")
+def board():
+    """The simulated sensor response matrix of the paper's board, in the paper's window, neighbours grounded."""
+    return response_map(load_design("gast2020"))
+
+
+@pytest.fixture(scope="module")
+def off_grid():
+    """The same board at 240 places that are not on the grid, between the centres of coils 1 and 3."""
+    random = np.random.default_rng(20)
+    x, y = (np.sort(random.uniform(-reach, reach, n)) for reach, n in ((13.28e-3, 20), (6e-3, 12)))
+    return response_map(load_design("gast2020"), x=x, y=y)
+
+
+# The conic
+
+
+@given(
+    x0=st.floats(-0.02, 0.02),
+    semi=st.tuples(st.floats(1e-3, 0.02), st.floats(1e-3, 0.02)),
+    start=st.floats(-3.0, 3.0),
+    span=st.floats(2.0, 6.0),
+)
+def test_points_on_an_ellipse_give_it_back(x0, semi, start, span):
+    angle = start + span * np.linspace(0, 1, 40)
+    fitted = fit_ellipse(x0 + semi[0] * np.cos(angle), semi[1] * np.sin(angle))
+    # 1e-8: rounding of 1e-16, times the condition of an arc of 2 rad, below 1e7
+    assert [fitted.x0, fitted.A, fitted.B] == pytest.approx([x0, *semi], rel=1e-8, abs=1e-8 * max(semi))
+
+
+@given(shift=st.floats(-0.1, 0.1), scale=st.floats(1e-3, 1e3))
+def test_fit_follows_shift_and_scale(shift, scale):
+    random = np.random.default_rng(1)
+    angle, ring = random.uniform(0, 4, 60), random.uniform(0.9, 1.1, 60)
+    x, y = 5e-3 * ring * np.cos(angle), 4e-3 * ring * np.sin(angle)
+    one, other = fit_ellipse(x, y), fit_ellipse(shift + scale * x, -scale * y)
+    # 1e-9: rounding of x + shift, at most 1e-16 · 0.1/5e-6
+    assert (other.x0 - shift) / scale == pytest.approx(one.x0, abs=1e-9 * max(1, 0.1 / scale))
+    assert [other.A / scale, other.B / scale] == pytest.approx([one.A, one.B], rel=1e-9 * max(1, 1 / scale))
+
+
+def gal(x, y):
+    """O. Gal's conic with all five terms, its centre and semi-axes along x and y."""
+    mean_x, mean_y = x.mean(), y.mean()
+    u, v = x - mean_x, y - mean_y
+    a, _, c, d, e = np.linalg.lstsq(np.stack([u**2, u * v, v**2, u, v], axis=1), np.ones_like(u), rcond=None)[0]
+    F = 1 + d**2 / (4 * a) + e**2 / (4 * c)
+    return mean_x - d / (2 * a), np.sqrt(F / a), np.sqrt(F / c)
+
+
+def test_fit_is_gals_where_points_are_symmetric():
+    """Points that mirror at y = 0 leave no xy and no y term: the two conics are one, on an ellipse or not."""
+    random = np.random.default_rng(2)
+    angle, ring = random.uniform(0, 2.5, 50), random.uniform(0.8, 1.2, 50)
+    x, y = 1e-3 + 5e-3 * ring * np.cos(angle), 4e-3 * ring * np.sin(angle)
+    x, y = np.concatenate((x, x)), np.concatenate((y, -y))
+    fitted = fit_ellipse(x, y)
+    # 1e-10: rounding of the normal equations' solution
+    assert [fitted.x0, fitted.A, fitted.B] == pytest.approx(gal(x, y), rel=1e-10)
+
+
+def test_distance_is_along_the_ray():
+    ellipse = Ellipse(1e-3, 5e-3, 4e-3)
+    assert ellipse.distance([7e-3, 1e-3, 1e-3], [0.0, 3e-3, 0.0]) == pytest.approx([1e-3, -1e-3, -5e-3], rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "text"),
+    [
+        ([0, 1], [0, 1], "at least three finite points"),
+        ([0, 1, np.nan], [0, 1, 2], "at least three finite points"),
+        ([0, 1, 2], [0, 1], "of one shape"),
+        ([1, 1, 1], [2, 2, 2], "more than one place"),
+        ([0, 1, 2, 3], [0, 0, 0, 0], "many conics"),
+        ([0.0, 1, 4, 9, 1, 4, 9], [0.0, 1, 2, 3, -1, -2, -3], "no ellipse"),  # a parabola
+        ([1.0, 1.25, 5 / 3, 1.25, 5 / 3], [0.0, 0.75, 4 / 3, -0.75, -4 / 3], "no ellipse"),  # a hyperbola
+    ],
+)
+def test_points_of_no_ellipse_are_refused(x, y, text):
+    with pytest.raises(LocalizeError, match=text):
+        fit_ellipse(x, y)
+
+
+# The refined map and the sweep
+
+
+def test_refined_map_is_exact_for_cubics_and_at_the_samples():
+    x, y = np.array([0.0, 1.0, 2.5, 3.0, 4.0]) * 1e-3, np.arange(6) * 1e-3
+
+    def cubic(x, y):
+        return 1e5 * np.add.outer(y**3, -(x**3)) + 30 * np.multiply.outer(y, x**2)
+
+    refined = refined_map(xr.DataArray(cubic(x, y), {"y": y, "x": x}, ("y", "x")), 4)
+    # 1e-12: rounding of numbers of 1e-5
+    assert refined.values == pytest.approx(cubic(refined.x.values, refined.y.values), abs=1e-12 * 1e-2)
+    assert refined.values[::4, ::4] == pytest.approx(cubic(x, y), abs=1e-12 * 1e-2)
+
+
+def test_refined_map_converges_with_the_grid():
+    """A cubic spline without free ends errs with the fourth power of the spacing."""
+    errors = []
+    for n in (13, 25, 49):
+        axis = np.linspace(0, 12e-3, n)
+        wave = np.sin(np.add.outer(axis / 4e-3, axis / 3e-3))
+        refined = refined_map(xr.DataArray(wave, {"y": axis, "x": axis}, ("y", "x")), 5)
+        exact = np.sin(np.add.outer(refined.y.values / 4e-3, refined.x.values / 3e-3))
+        errors.append(np.abs(refined.values - exact).max())
+    assert np.log2(errors[0] / errors[1]) > 3.5
+    assert np.log2(errors[1] / errors[2]) > 3.5
+
+
+def test_narrow_levels_find_the_ellipses_of_a_hill(wide):
+    # with levels of ±2e-5 A and B err by 0.05 mm, by the width of the level alone; see the next test for the order
+    assert hill_errors(fit_ellipses(wide, refinement=40, connected=False)) == pytest.approx(
+        [1e-6, 51e-6, 43e-6], rel=0.1
+    )
+    # ±5e-6: below 3 µm of 5 mm, and x0, which moves by 0.8 mm, to below 1 µm
+    assert (hill_errors(fit_ellipses(wide, refinement=40, threshold=5e-6, connected=False)) < [1e-6, 3e-6, 3e-6]).all()
+
+
+def test_error_falls_with_the_square_of_the_width(wide):
+    widths = (2e-5, 1e-5, 5e-6)
+    errors = np.array(
+        [hill_errors(fit_ellipses(wide, refinement=40, threshold=width, connected=False))[1:] for width in widths]
+    )
+    orders = np.log2(errors[:-1] / errors[1:])
+    # the squared misfit enters: order 2; a little more where a level of δ = 3e-5 is as wide as high
+    assert (orders > 1.8).all()
+    assert (orders < 2.8).all()
+
+
+def test_error_falls_with_the_refinement(wide):
+    """Narrow levels need a fine map: their points fill the level evenly only then."""
+    coarse, default, fine = (
+        hill_errors(fit_ellipses(wide, refinement=parts, threshold=5e-6, connected=False)) for parts in (5, 20, 40)
+    )
+    assert coarse[0] > 5 * default[0] > 10 * fine[0]  # x0: measured 6.4, 0.7 and 0.25 µm, first order and better
+    assert (fine[1:] < coarse[1:] / 2).all()  # A and B: down to the level's width
+
+
+def test_hill_in_a_window_that_cuts_it():
+    fits = fit_ellipses(response(hill(WINDOW_X, WINDOW_Y)))
+    # the levels' width as above, and more where an arc is left: measured 0.003, 0.079 and 0.089 mm
+    assert (hill_errors(fits) < [5e-6, 0.1e-3, 0.1e-3]).all()
+
+
+def test_every_step_says_what_it_is(wide):
+    two = xr.concat([wide, (wide / 2).assign_coords(state=["coil2"])], "state")
+    fits = fit_ellipses(two, states=["coil1", "coil2"], lowest=1e-4, step=1.3e-4)
+    assert fits.level.values == pytest.approx(1e-4 + 1.3e-4 * np.arange(7), rel=1e-12)
+    assert fits.refused.sel(state="coil1").values.tolist() == [""] * 7
+    assert fits.refused.sel(state="coil2").values.tolist() == [""] * 4 + ["above the largest δ"] * 3
+    kept = fits.refused == ""
+    for name in ("delta", "x0", "A", "B", "rms"):
+        assert (np.isfinite(fits[name]) == kept).all()
+        assert fits[name].attrs["units"]
+    assert (np.abs(fits.delta - fits.level).where(kept, 0) < fits.attrs["threshold"]).all()
+    assert fits.peak.values == pytest.approx([PEAK, PEAK / 2], rel=1e-3)
+    delta = fits.delta.sel(state="coil2").values[:3]
+    # half the hill has the same ellipses at half the δ; 0.1 mm: the level's width
+    assert fits.A.sel(state="coil2").values[:3] == pytest.approx(A * np.sqrt(np.log(PEAK / 2 / delta)), abs=0.1e-3)
+
+
+def test_steps_without_an_ellipse_are_refused(wide):
+    assert "too few points" in fit_ellipses(wide, refinement=1, threshold=1e-6).refused.values
+    X, Y = np.meshgrid(WINDOW_X, WINDOW_Y)
+    waist = 1 + (Y / 20e-3) ** 2 - 0.1 * (Y / 6e-3) ** 6  # narrowest at y = 0: the levels are hyperbolas rather
+    ridge = PEAK * np.exp(-((X / 8e-3) ** 2)) * waist
+    reasons = fit_ellipses(response(np.stack([ridge, hill(WINDOW_X, WINDOW_Y)], axis=-1), states=COILS[:2])).refused
+    assert (reasons.sel(state="coil1")[10:25] == "no ellipse").all()
+    assert (reasons.sel(state="coil2") == "").sum() > 30
+
+
+def test_depth_by_index_and_by_value(wide):
+    deep = xr.concat([wide, (2 * wide).assign_coords(depth=[1.5e-3])], "depth")
+    by_index, by_value = fit_ellipses(deep, -1), fit_ellipses(deep, 1.5e-3)
+    xr.testing.assert_identical(by_index, by_value)
+    assert float(by_index.peak[0]) == pytest.approx(2 * PEAK, rel=1e-3)
+    xr.testing.assert_identical(fit_ellipses(deep), fit_ellipses(wide))
+
+
+def test_states_with_a_peak_in_the_map_are_taken():
+    inner, edge, flat = hill(WINDOW_X, WINDOW_Y), hill(WINDOW_X - 26e-3, WINDOW_Y), hill(WINDOW_X, WINDOW_Y) / 20
+    three = response(np.stack([inner, edge, flat], axis=-1), states=COILS)
+    assert fit_ellipses(three).state.values.tolist() == ["coil1"]
+
+
+def test_far_points_of_a_noisy_map_are_left_out():
+    """By default only the points of the hill count; all points of a quiet map with one hill belong to it."""
+    quiet = response(hill(WINDOW_X, WINDOW_Y))
+    xr.testing.assert_identical(fit_ellipses(quiet), fit_ellipses(quiet, connected=False))
+    spot = quiet.copy(deep=True)
+    spot.delta[0, 3, -2] += 6e-5  # 23 mm away from the hill
+    with_all, of_hill = (fit_ellipses(spot, connected=connected).isel(state=0) for connected in (False, True))
+    reference = fit_ellipses(quiet).isel(state=0)
+    # the spline spreads the spot a little; the hill's foot moves by micrometres
+    assert float(np.abs(of_hill.x0 - reference.x0).max()) < 10e-6
+    assert float(np.abs(with_all.x0 - reference.x0).max()) > 1e-3
+
+
+def convolution(y, x, values, s):
+    """Keys' cubic convolution, MATLAB's 'cubic' for grids of equal spacing, with its rule at the edge."""
+
+    def weights(axis, at):
+        t = np.abs((at[:, None] - axis[0]) / (axis[1] - axis[0]) - np.arange(-1, len(axis) + 1))
+        near, far = 1.5 * t**3 - 2.5 * t**2 + 1, -0.5 * t**3 + 2.5 * t**2 - 4 * t + 2
+        full = np.where(t < 1, near, np.where(t < 2, far, 0.0))
+        inner = full[:, 1:-1].copy()
+        inner[:, :3] += np.outer(full[:, 0], [3, -3, 1])
+        inner[:, -3:] += np.outer(full[:, -1], [1, -3, 3])
+        return inner
+
+    return lambda fine_y, fine_x: weights(y, fine_y) @ values @ weights(x, fine_x).T
+
+
+def test_which_cubic_matters_little(board, monkeypatch):
+    """The paper does not say which cubic; the two of MATLAB differ by less than 0.1 mm."""
+    spline = fit_ellipses(board, states=COILS)
+    monkeypatch.setattr(ellipse_module, "RectBivariateSpline", convolution)
+    other = fit_ellipses(board, states=COILS)
+    differences = [float(np.abs(other[name] - spline[name]).isel(step=slice(20)).max()) for name in ("x0", "A", "B")]
+    # measured 0.01, 0.03 and 0.09 mm
+    assert (np.array(differences) < [0.02e-3, 0.05e-3, 0.12e-3]).all()
+
+
+def test_refinement_of_the_board(board):
+    """Study of the default: 20 parts are within 0.03 mm of 80, 5 are not."""
+    fine = fit_ellipses(board, states=COILS, refinement=80)
+
+    def largest(parts):
+        fits = fit_ellipses(board, states=COILS, refinement=parts)
+        return max(float(np.abs(fits[name] - fine[name]).isel(step=slice(20)).max()) for name in ("x0", "A", "B"))
+
+    # measured 0.12 and 0.025 mm
+    assert largest(5) > 0.05e-3
+    assert largest(20) < 0.03e-3
+
+
+def edited(**changes):
+    data = {"delta": hill(WINDOW_X, WINDOW_Y), "x": WINDOW_X, "y": WINDOW_Y, **changes}
+    return response(data["delta"], data["x"], data["y"])
+
+
+def with_value(value):
+    delta = hill(WINDOW_X, WINDOW_Y)
+    delta[2, 3] = value
+    return delta
+
+
+@pytest.mark.parametrize(
+    ("dataset", "settings", "text"),
+    [
+        (edited().drop_vars("delta"), {}, "must have delta with the dimensions"),
+        (edited().isel(depth=0), {}, "must have delta with the dimensions"),
+        (edited(), {"depth": 1}, "index of 1 depths"),
+        (edited(), {"depth": 2e-3}, "has the depths 1 mm; got 2 mm"),
+        (edited(), {"states": ["coil9"]}, "no state 'coil9'"),
+        (edited(), {"states": []}, "one state or more"),
+        (edited(), {"states": ["coil1", "coil1"]}, "each once"),
+        (edited(), {"refinement": 0}, "refinement must be a positive integer; got 0"),
+        (edited(), {"refinement": 2.5}, "refinement must be a positive integer"),
+        (edited(), {"threshold": 0.0}, "threshold must be positive"),
+        (edited(), {"step": -1e-5}, "step must be positive"),
+        (edited(), {"lowest": np.nan}, "lowest must be positive"),
+        (edited(delta=with_value(np.nan)), {"states": ["coil1"]}, r"δ at \(-20, -2\) mm is not"),
+        (edited(delta=hill(WINDOW_X, WINDOW_Y[3:]), y=WINDOW_Y[3:]), {"states": ["coil1"]}, "edge of the map"),
+        (edited(delta=hill(WINDOW_X, WINDOW_Y[2:5]), y=WINDOW_Y[2:5]), {}, "at least 4 positions along y; got 3"),
+        (edited(delta=hill(WINDOW_X[12:15], WINDOW_Y), x=WINDOW_X[12:15]), {}, "at least 4 positions along x; got 3"),
+        (edited(y=WINDOW_Y[::-1]), {}, "y must be finite and rising"),
+        (edited(delta=np.zeros((7, 27))), {}, "no closed curves"),
+        (edited(delta=hill(WINDOW_X, WINDOW_Y) - 2e-3), {}, "no closed curves"),
+        (edited(), {"states": ["coil1"], "lowest": 2e-3}, "no level of coil1 is an ellipse"),
+    ],
+)
+def test_bad_maps_and_settings_are_named(dataset, settings, text):
+    with pytest.raises(LocalizeError, match=text):
+        fit_ellipses(dataset, **settings)
+
+
+def test_map_that_does_not_count_y_from_the_coils(board):
+    moved = board.assign_coords(coil_y=board.coil_y + 12e-3)
+    with pytest.raises(LocalizeError, match="coil1 is at y = 12 mm"):
+        fit_ellipses(moved)
+
+
+# The model
+
+
+def straight(name, x0, A, B, highest=1e-3, centre=1e-3):
+    """A coil with A and B that fall linearly to a fifth over the range of δ, from 0."""
+    fall = -0.8 / highest
+    A, B = ((0.0, 0.0, 0.0, size * fall, size) for size in (A, B))
+    return CoilEllipses(name, (0.0, 0.0, 0.0, 0.0, x0), A, B, 0.0, highest, centre)
+
+
+ROW = EllipseModel(
+    tuple(straight(name, x0, 12e-3, 10e-3) for name, x0 in zip(COILS, (-13e-3, 0.0, 13e-3), strict=True))
+)
+
+
+def test_polynomials_give_quartics_back(wide):
+    fits = fit_ellipses(wide, lowest=1e-4)
+    delta = fits.delta.values
+    p = {"x0": (1e9, -2e6, 3e3, 2.0, 1e-3), "A": (-7e9, 4e6, 2e4, -32.0, 20e-3), "B": (-3e10, 7e7, -6e4, 8.0, 13e-3)}
+    exact = fits.assign({name: (fits.x0.dims, np.polyval(c, delta)) for name, c in p.items()})
+    (coil,) = ellipse_model(exact).coils
+    at = np.linspace(1e-4, 1e-3, 7)
+    for value, c in zip(coil.curves(at), p.values(), strict=True):
+        # 1e-12 m: rounding, times the condition of a fit in δ over its peak
+        assert value == pytest.approx(np.polyval(c, at), abs=1e-12)
+    assert coil.lowest == pytest.approx(float(delta.min()) - 2e-5, rel=1e-12)
+    assert coil.highest == pytest.approx(float(fits.peak[0]) + 2e-5, rel=1e-12)
+    assert coil.centre == pytest.approx(CENTRE_SHARE * float(fits.peak[0]), rel=1e-12)
+
+
+def test_too_few_levels_for_a_polynomial(wide):
+    with pytest.raises(LocalizeError, match="coil1 has 4 levels with an ellipse; a polynomial of degree 4 needs 5"):
+        ellipse_model(fit_ellipses(wide, states=["coil1"], lowest=2e-4, step=2.5e-4))
+
+
+def test_coils_are_ordered_along_the_row(board):
+    assert ellipse_model(fit_ellipses(board, states=COILS[::-1])).names == ("coil1", "coil2", "coil3")
+
+
+def test_semiaxis_addition_is_on_one_axis_alone():
+    more = ROW.with_semiaxis_addition()
+    for before, after in zip(ROW.coils, more.coils, strict=True):
+        x0, A, B = (now - then for now, then in zip(after.curves(4e-4), before.curves(4e-4), strict=True))
+        assert (float(x0), float(B)) == (0.0, 0.0)
+        assert A == pytest.approx(0.2e-3, rel=1e-12)
+    assert ROW.with_semiaxis_addition(0.0) == ROW
+
+
+# Two ellipses
+
+
+def test_equal_circles_meet_in_the_middle():
+    # 3-4-5
+    assert crossing(Ellipse(-3.0, 5.0, 5.0), Ellipse(3.0, 5.0, 5.0)) == pytest.approx((0.0, 4.0), rel=1e-12, abs=1e-12)
+
+
+def test_ellipses_of_one_shape_have_a_linear_equation():
+    # circles after y → 2y: x = (R1² − R2² + d²)/2d from the first centre
+    x, y = crossing(Ellipse(0.0, 5.0, 2.5), Ellipse(8.0, 4.0, 2.0))
+    assert (x, y) == pytest.approx(((25 - 16 + 64) / 16, np.sqrt(25 - (73 / 16) ** 2) / 2), rel=1e-12)
+
+
+@given(
+    x0=st.tuples(st.floats(-2, -0.5), st.floats(0.5, 2)),
+    at=st.tuples(st.floats(-0.4, 0.4), st.floats(0.1, 3)),
+    shape=st.tuples(st.floats(0.7, 1.4), st.floats(0.7, 1.4)),
+)
+def test_a_point_on_both_ellipses_is_found(x0, at, shape):
+    x, y = at
+    # B/A = shape, and A so that the point is on the ellipse
+    pair = [Ellipse(c, (size := np.hypot(x - c, y / q)), q * size) for c, q in zip(x0, shape, strict=True)]
+    k = [(e.B / e.A) ** 2 for e in pair]
+    if k[0] != k[1]:  # the other root, by the sum of both
+        other = 2 * (k[0] * x0[0] - k[1] * x0[1]) / (k[0] - k[1]) - x
+        assume(not (x0[0] < other < x0[1] and all(abs(other - e.x0) < e.A for e in pair)))
+    found = crossing(*pair)
+    assert found == pytest.approx(at, rel=1e-6, abs=1e-6)  # 1e-6: |y| is the root of a small difference
+    assert crossing(*pair[::-1]) == pytest.approx(found, rel=1e-9, abs=1e-9)
+    mirrored = crossing(*(Ellipse(-e.x0, e.A, e.B) for e in pair))
+    assert mirrored == pytest.approx((-found[0], found[1]), rel=1e-9, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    "pair", [(Ellipse(-3.0, 4.0, 2.0), Ellipse(3.0, 2.0, 7.0)), (Ellipse(0.0, 5.0, 5.0), Ellipse(1.0, 4.0, 2.0))]
+)
+def test_touching_ellipses_meet_on_the_axis(pair):
+    # from outside at x = 1, from inside at x = 5
+    x, y = crossing(*pair)
+    assert y == 0
+    assert x == pytest.approx(pair[0].x0 + pair[0].A, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("pair", "text"),
+    [
+        ((Ellipse(-3e-3, 2e-3, 2e-3), Ellipse(3e-3, 3e-3, 2e-3)), "do not meet: 1 mm lie between them"),
+        ((Ellipse(0.0, 5e-3, 5e-3), Ellipse(1e-3, 2e-3, 2e-3)), "one lies within the other"),
+        ((Ellipse(0.0, 5e-3, 5e-3), Ellipse(0.0, 5e-3, 5e-3)), "one lies within the other"),
+        ((Ellipse(-0.1e-3, 5e-3, 2e-3), Ellipse(0.1e-3, 2e-3, 5e-3)), "more than one x"),
+        ((Ellipse(-4e-3, 6e-3, 2e-3), Ellipse(4e-3, 6e-3, 2.5e-3)), None),
+    ],
+)
+def test_ellipses_that_give_no_single_x(pair, text):
+    if text is None:
+        assert abs(crossing(*pair)[0]) < 1e-3
+        return
+    with pytest.raises(LocalizeError, match=text):
+        crossing(*pair)
+
+
+def test_intersection_names_case_and_coils():
+    x, y = -6e-3, 3e-3
+    readings = {coil.name: readings_at(coil, x, y)[0] for coil in ROW.coils[:2]}
+    place = intersect(ROW, readings, "coil1", "coil2")
+    assert (place.case, place.coils) == ("two points", ("coil1", "coil2"))
+    assert (place.x, place.y) == pytest.approx((x, y), abs=1e-9)
+    on_axis = {coil.name: readings_at(coil, x, 0.0)[0] for coil in ROW.coils[:2]}
+    assert intersect(ROW, on_axis, "coil1", "coil2").case == "touching"
+    assert intersect(ROW, on_axis, "coil1", "coil2").x == pytest.approx(x, abs=1e-9)
+
+
+NEAR = EllipseModel(
+    (
+        straight("coil1", -13e-3, 20e-3, 14e-3),
+        straight("coil2", 0.0, 12e-3, 10e-3, highest=1.4e-3, centre=0.5e-3),
+        straight("coil3", 13e-3, 20e-3, 14e-3),
+    )
+)
+
+
+def readings_of(model, x, y):
+    return {coil.name: found[0] if (found := readings_at(coil, x, y)) else 1e-6 for coil in model.coils}
+
+
+def test_adjacent_coils_near_a_centre():
+    readings = {**readings_of(NEAR, 0.5e-3, 1e-3), "coil2": 1.3e-3}  # a reading that is not used but for the case
+    place = locate_x(NEAR, readings)
+    assert (place.case, place.coils) == ("adjacent coils", ("coil1", "coil3"))
+    assert (place.x, place.y) == pytest.approx((0.5e-3, 1e-3), abs=1e-9)
+
+
+def test_centre_begins_at_its_delta():
+    readings = readings_of(NEAR, 3e-3, 2e-3)
+    for centre, coils in ((readings["coil2"], ("coil1", "coil3")), (1.001 * readings["coil2"], ("coil2", "coil3"))):
+        model = EllipseModel((NEAR.coils[0], replace(NEAR.coils[1], centre=centre), NEAR.coils[2]))
+        place = locate_x(model, readings)
+        assert place.coils == coils
+        assert (place.x, place.y) == pytest.approx((3e-3, 2e-3), abs=1e-9)
+
+
+def test_usual_pair_where_the_adjacent_ones_do_not_meet():
+    readings = {**readings_of(NEAR, 6e-3, 2e-3), "coil1": 0.5e-3}
+    assert readings["coil2"] >= NEAR["coil2"].centre
+    with pytest.raises(LocalizeError, match="do not meet"):
+        intersect(NEAR, readings, "coil1", "coil3")
+    place = locate_x(NEAR, readings)
+    assert (place.case, place.coils) == ("two points", ("coil2", "coil3"))
+    assert (place.x, place.y) == pytest.approx((6e-3, 2e-3), abs=1e-9)
+
+
+def test_usual_pair_is_the_largest_and_its_greater_neighbour():
+    readings = {coil.name: found[0] for coil in ROW.coils if (found := readings_at(coil, 7e-3, 2e-3))}
+    place = locate_x(ROW, {"coil1": 1e-6, **readings, "coil7": 5.0})
+    assert place.coils == ("coil2", "coil3")
+    assert (place.x, place.y) == pytest.approx((7e-3, 2e-3), abs=1e-9)
+
+
+GOOD = {"coil1": 3e-4, "coil2": 4e-4, "coil3": 1e-4}
+
+
+@pytest.mark.parametrize(
+    ("readings", "text"),
+    [
+        ({"coil1": 3e-4, "coil2": 4e-4}, "the reading of coil3 is missing"),
+        ({**GOOD, "coil3": np.nan}, "the reading of coil3 must be finite; got nan"),
+        ({**GOOD, "coil1": np.inf}, "the reading of coil1 must be finite"),
+        ({**GOOD, "coil2": 2e-3}, "δ of coil2 must be within the model, 0 to 0.001; got 0.002"),
+        ({**GOOD, "coil1": -1e-5, "coil3": -2e-5}, "δ of coil1 must be within the model"),
+        ({**GOOD, "coil1": 9e-4, "coil2": 9e-4}, "coil1 and coil2 give no position, the ellipses do not meet"),
+    ],
+)
+def test_bad_readings_are_named(readings, text):
+    with pytest.raises(LocalizeError, match=text):
+        locate_x(ROW, readings)
+
+
+def test_bad_models_are_named():
+    coil = ROW.coils[0]
+    with pytest.raises(LocalizeError, match="one coil or more"):
+        EllipseModel(())
+    with pytest.raises(LocalizeError, match="each of its own name"):
+        EllipseModel((coil, coil))
+    with pytest.raises(LocalizeError, match="the model has no coil 'coil9'"):
+        ROW["coil9"]
+    with pytest.raises(LocalizeError, match="two coils are needed"):
+        locate_x(EllipseModel((coil,)), GOOD)
+    with pytest.raises(LocalizeError, match="got coil1 twice"):
+        intersect(ROW, GOOD, "coil1", "coil1")
+    with pytest.raises(LocalizeError, match="5 finite coefficients"):
+        CoilEllipses("a", (0.0, 0.0, np.nan, 0.0, 0.0), coil.A, coil.B, 0.0, 1e-3, 1e-3)
+    with pytest.raises(LocalizeError, match="must rise"):
+        CoilEllipses("a", coil.x0, coil.A, coil.B, 1e-3, 1e-3, 1e-3)
+    with pytest.raises(LocalizeError, match="centre of a must be positive"):
+        CoilEllipses("a", coil.x0, coil.A, coil.B, 0.0, 1e-3, np.nan)
+    with pytest.raises(LocalizeError, match="has no ellipse at δ"):
+        CoilEllipses("a", coil.x0, (0.0, 0.0, 0.0, 0.0, -1e-3), coil.B, 0.0, 1e-3, 1e-3).ellipse(5e-4)
+    with pytest.raises(LocalizeError, match="positive semi-axes"):
+        Ellipse(0.0, 1.0, -1.0)
+
+
+# The simulated board
+
+
+def x_errors(model, readings_map):
+    """Errors of x in m at all places between the outer centres that have a position, and their count."""
+    errors, places = [], 0
+    delta = readings_map.delta.isel(depth=0).transpose("y", "x", "state")
+    for row in delta:
+        for cell in row:
+            if abs(float(cell.x)) > 13.28e-3:
+                continue
+            places += 1
+            try:
+                found = locate_x(model, dict(zip(cell.state.values.tolist(), cell.values.tolist(), strict=True)))
+            except LocalizeError:
+                continue
+            errors.append(found.x - float(cell.x))
+    return np.array(errors), places
+
+
+def test_ellipses_of_the_simulated_board(board):
+    """Against Table A1, which has 15.5 … 6.8 mm for A there: the simulated hills are half as wide."""
+    fits = fit_ellipses(board)
+    assert fits.state.values.tolist() == COILS  # coil 4's centre is just beyond the window
+    model = ellipse_model(fits)
+    expected = {  # at 1e-4, 3e-4 and 5e-4, mm
+        "coil1": ([-13.23, -13.24, -13.24], [8.10, 6.08, 4.39]),
+        "coil2": ([0.00, 0.00, 0.00], [7.94, 5.51, 3.24]),
+        "coil3": ([13.28, 13.28, 13.28], [8.15, 6.12, 4.41]),
+    }
+    for name, (x0, A) in expected.items():
+        found = model[name].curves([1e-4, 3e-4, 5e-4])
+        # 0.05 mm: the polynomial, and what a change of the forward model by 1 % moves
+        assert found[0] * 1e3 == pytest.approx(x0, abs=0.05)
+        assert found[1] * 1e3 == pytest.approx(A, abs=0.05)
+
+
+def test_x_of_the_simulated_board_on_its_grid(board):
+    """Where two ellipses exist, x is right to 0.1 mm; but they exist at a third of the places only.
+
+    The paper has 0.8 mm over its window. In simulation a coil's δ is positive up to 9 mm from its centre only and
+    negative beyond, so that most places between the centres, 13.28 mm apart, have one reading within the model.
+    """
+    model = ellipse_model(fit_ellipses(board))
+    for addition in (0.0, 0.2e-3):
+        errors, places = x_errors(model.with_semiaxis_addition(addition), board)
+        assert places == 91
+        assert 25 <= len(errors) <= 40
+        assert np.abs(errors).max() < 0.12e-3  # measured 0.08 and 0.09 mm
+    reach = [float(model[name].curves(model[name].lowest)[1]) for name in COILS]
+    assert max(reach) < 10e-3 < 13.28e-3
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_x_of_the_simulated_board_with_noise(board, off_grid, seed):
+    """Noise of 1e-5 in every δ, of the map and of the readings; places that are not on the grid."""
+    model = ellipse_model(fit_ellipses(noisy(board, seed), states=COILS)).with_semiaxis_addition()
+    errors, places = x_errors(model, noisy(off_grid, seed + 100))
+    assert places == 240
+    assert len(errors) > 40
+    assert np.abs(errors).max() < 0.8e-3  # the paper's figure; measured 0.3 to 0.65 mm
