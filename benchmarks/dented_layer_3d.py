@@ -277,6 +277,15 @@ def _solve(
     start: FloatArray | None,
 ) -> tuple[FloatArray, FloatArray]:
     """Return what the layer adds to the inductances in H, and the potentials in A, shape (paths, unknowns)."""
+    stiffness, load, incident = _equations(loops, cells, in_layer, relative_permeability)
+    potential = _potential(stiffness, load, start)
+    return incident - potential @ load.T, potential
+
+
+def _equations(
+    loops: list[FloatArray], cells: Any, in_layer: npt.NDArray[np.bool_], relative_permeability: float
+) -> tuple[csr_matrix, FloatArray, FloatArray]:
+    """Return the stiffness and the loads (paths, unknowns) off the box's sides, and κ ∫ H_s,i·H_s,j dV in H."""
     element = skfem.ElementHex2()
     dofs = skfem.Dofs(cells, element)
     kappa = MU_0 * (relative_permeability - 1)
@@ -295,9 +304,7 @@ def _solve(
         else:
             stiffness += skfem.BilinearForm(_laplace).assemble(basis, mu=MU_0)
     free = np.setdiff1d(np.arange(dofs.N), dofs.get_facet_dofs(cells.boundary_facets()).flatten())
-    potential = np.zeros_like(load)
-    potential[:, free] = _potential(stiffness[free][:, free], load[:, free], None if start is None else start[:, free])
-    return incident - potential @ load.T, potential
+    return stiffness[free][:, free], load[:, free], incident
 
 
 def _pieces(in_layer: npt.NDArray[np.bool_]) -> list[npt.NDArray[np.int64]]:

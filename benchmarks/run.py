@@ -20,6 +20,7 @@ from pathlib import Path
 
 import accuracy
 import elastomer
+import localize
 import speed
 
 HERE = Path(__file__).parent
@@ -50,7 +51,7 @@ def _renew(text: str, name: str, table: str) -> str:
 def main() -> None:
     """Measure, print, keep."""
     accuracies = [*accuracy.measure(), *elastomer.accuracies()]
-    speeds = [*speed.measure(), *elastomer.speeds()]
+    speeds = [*speed.measure(), *elastomer.speeds(), *localize.figures()]
     tables = {"accuracy": _accuracy_table(accuracies), "speed": _speed_table(speeds)}
     for table in tables.values():
         print(table, end="\n\n")

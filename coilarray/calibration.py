@@ -124,7 +124,7 @@ def calibrate(
     zero above the peak of its coil. The capacitance is no unknown: δ does not depend on it. Confidence intervals take
     the residuals as independent, which curves over δ are not: they are too narrow rather than too wide.
     """
-    _check(design, states, unknowns)
+    _check(design, states, unknowns, base)
     names = [unknown.name for unknown in unknowns]
     target = _published(states)
     calls = 0
@@ -204,7 +204,9 @@ def _magnetic(design: Design) -> int:
     return found[0]
 
 
-def _check(design: Design, states: Sequence[str], unknowns: Sequence[Unknown]) -> None:
+def _check(design: Design, states: Sequence[str], unknowns: Sequence[Unknown], base: str | None) -> None:
+    if base not in (None, "bonded", "frictionless"):
+        raise LocalizeError(f"base must be bonded or frictionless; got {base!r}.")
     known = [unknown.name for unknown in UNKNOWNS]
     for unknown in unknowns:
         if unknown.name not in known:

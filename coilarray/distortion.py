@@ -16,14 +16,11 @@ import xarray as xr
 from coilarray.blocks import Progress
 from coilarray.coupling import provenance
 from coilarray.design import Design
-from coilarray.elastomer.contact import indent
-from coilarray.elastomer.dent import dent_of
-from coilarray.elastomer.dented_layer import dent_inductance
 from coilarray.errors import LocalizeError
 from coilarray.geometry import Conductor
 from coilarray.localize.ellipse import fit_ellipses, refined_map
 from coilarray.localize.published import published_model
-from coilarray.response import Imperfections, respond, response_map
+from coilarray.response import Imperfections, inductance_changes, respond, response_map
 from coilarray.terminations import Passive, ScanState
 
 FloatArray = npt.NDArray[np.float64]
@@ -171,16 +168,9 @@ class _Maps:
         return respond(self._design, base, inductance_change=self._change(base, level))
 
     def _change(self, base: xr.Dataset, paths: Sequence[Conductor]) -> FloatArray:
-        setup, faults = self._design.indentation, self._faults
-        if setup is None or faults.tilt != (0.0, 0.0) or faults.thickness_errors:
-            raise LocalizeError("the causes 'winding and leads' and 'layers' need a level sample as designed.")
-        depths = base.depth.values + faults.depth_error
-        sheets = self._design.sheets
-        contact = indent(sheets, setup.indenter, depths, base=setup.base, radius=setup.sample_radius)
-        places = np.stack(np.meshgrid(base.x, base.y), axis=-1).reshape(-1, 2) + faults.offset + setup.origin_point
-        change = dent_inductance(paths, [dent_of(contact.isel(depth=0), sheets)], places)
+        change = inductance_changes(self._design, paths, base, self._faults)
         self.tell()
-        return change.reshape(1, base.sizes["y"], base.sizes["x"], len(paths), len(paths))
+        return change
 
 
 def _axis(given: Sequence[float], more: float, parts: int) -> FloatArray:

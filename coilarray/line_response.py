@@ -13,7 +13,7 @@ from coilarray.elastomer.dent import dent_of
 from coilarray.elastomer.line_model import cross_section, line_dent_inductance, line_inductance
 from coilarray.elastomer.scattering import LayerMesh
 from coilarray.errors import ElastomerError
-from coilarray.geometry import CylinderEdge, FlatPunch
+from coilarray.geometry import CylinderEdge, Hemisphere, Paraboloid
 
 
 def line_response(
@@ -63,8 +63,7 @@ def line_response(
     setup = design.indentation
     if setup is None:
         raise ElastomerError(f"the design {design.name} has no [indenter] and [indentation].")
-    radius = getattr(setup.indenter, "radius", None)
-    if radius is None or isinstance(setup.indenter, FlatPunch):
+    if not isinstance(setup.indenter, Hemisphere | Paraboloid | CylinderEdge):
         raise ElastomerError(f"the two-dimensional model needs a round indenter; got a {setup.indenter.name}.")
     names = design.array.names
     name = names[0] if coil is None else coil
@@ -74,7 +73,9 @@ def line_response(
     along = np.atleast_1d(np.asarray(setup.x if x is None else x, dtype=np.float64))
     place = design.array.placements[names.index(name)]
     wires = cross_section(design.array.conductors()[names.index(name)], place.y)
-    contact = indent(design.sheets, CylinderEdge(radius), depth, base=setup.base, radius=setup.sample_radius)
+    contact = indent(
+        design.sheets, CylinderEdge(setup.indenter.radius), depth, base=setup.base, radius=setup.sample_radius
+    )
     dents = [dent_of(contact.isel(depth=k), design.sheets) for k in range(len(depth))]
     change = line_dent_inductance(wires, dents, along + setup.origin_point[0], mesh)
     flat = line_inductance(wires, design.sheets)

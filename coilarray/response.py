@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,10 +18,10 @@ from coilarray.elastomer.contact import indent
 from coilarray.elastomer.dent import Dent, dent_of
 from coilarray.elastomer.dented_layer import dent_inductance
 from coilarray.elastomer.dielectric import dent_capacitance
-from coilarray.elastomer.flat_layer import layer_inductance
+from coilarray.elastomer.flat_layer import layer_inductance, magnetic_slab
 from coilarray.elastomer.scattering import LayerMesh
 from coilarray.errors import ElastomerError
-from coilarray.geometry import Sheet
+from coilarray.geometry import Conductor, Sheet
 from coilarray.network import Network, resonances_near, resonate
 from coilarray.resistance import dc_resistance
 from coilarray.storage import load_part, save_dataset
@@ -30,10 +29,12 @@ from coilarray.terminations import ScanState
 
 FloatArray = npt.NDArray[np.float64]
 
-_POSITIONS = 1000  # a part of a resumable map
+_POSITIONS = 1000  # in a part of a resumable map, which is of one depth
+_FORMAT = "1"  # of parts; to be raised where the numerics change
 _FARTHEST = 1.0  # m
 _MOST_VALUES = 100_000_000  # of the inductance changes: 0.8 GB
 _CIRCUIT_VALUES = 5_000_000  # of all circuit matrices solved at once: 80 MB
+_LEVEL = 1e-9  # relative difference of heights that is none
 _WEDGE_NODES = 4  # thicknesses at which a tilted sample is solved; between them a cubic (tests/test_response.py)
 
 
@@ -163,9 +164,10 @@ def response_map(
     sheets = _true_sheets(design.sheets, faults.thickness_errors)
     grid = np.stack(np.meshgrid(along, across), axis=-1).reshape(-1, 2)
     places = grid + faults.offset
+    magnetic_slab(sheets)  # more than one magnetic region is refused before the work begins
     contact = _indent(setup, sheets, depth + faults.depth_error)
-    _require_inside(setup, places, float(contact.contact_radius.max()))
     levels = _levels(setup, sheets, contact, depth + faults.depth_error, places, faults.tilt)
+    _require_inside(setup, places, max(float(level.contact.contact_radius.max()) for level in levels))
     coils = len(design.array.names)
     if len(depth) * len(grid) * coils**2 > _MOST_VALUES:
         raise ElastomerError(
@@ -173,32 +175,25 @@ def response_map(
             f"inductance changes; at most {_MOST_VALUES} are allowed: compute the map in pieces."
         )
     change, gained = np.zeros((len(depth), len(grid), coils, coils)), np.zeros((len(depth), len(grid), coils))
-    blocks = ranges(len(grid), _POSITIONS)
-    key = _key(design, depth, along, across, faults, mesh, dielectric)
-    permittivity = design.circuit.elastomer_permittivity
-    steps = _Steps(progress, len(blocks) * len(levels))
-    for start, stop in blocks:
-        where = None if parts is None else parts / f"{key}-{start}.nc"
-        kept = None if where is None else load_part(where)
-        if kept is None:
+    steps = _Steps(progress, len(depth) * len(ranges(len(grid), _POSITIONS)) * len(levels))
+    permittivity = design.circuit.elastomer_permittivity if dielectric else None
+    for k in range(len(depth)):
+        pressed = [replace(level, dents=level.dents[k : k + 1]) for level in levels]
+        for start, stop in ranges(len(grid), _POSITIONS):
             on_board = places[start:stop] + setup.origin_point
-            for level in levels:
-                share = level.shares[start:stop, None]
-                part = dent_inductance(design.array, level.dents, on_board, mesh, progress=steps.within)
-                change[:, start:stop] += share[..., None] * part
-                if dielectric:
-                    gained[:, start:stop] += share * dent_capacitance(
-                        design.array, level.dents, on_board, permittivity, mesh
-                    )
-                steps.next()
-            if where is not None:
-                dims = ("depth", "place", "coil", "other")
-                data = {"change": (dims, change[:, start:stop]), "gained": (dims[:3], gained[:, start:stop])}
-                save_dataset(xr.Dataset(data), where)
-        else:
-            change[:, start:stop], gained[:, start:stop] = kept.change.values, kept.gained.values
-            for _ in levels:
-                steps.next()
+            shares = [level.shares[start:stop] for level in pressed]
+            where = (
+                None if parts is None else parts / f"{_key(design, pressed, shares, on_board, permittivity, mesh)}.nc"
+            )
+            kept = None if where is None else _kept(where, (stop - start, coils))
+            if kept is None:
+                kept = _computed(design, pressed, shares, on_board, permittivity, mesh, steps)
+                if where is not None:
+                    save_dataset(kept, where)
+            else:
+                for _ in levels:
+                    steps.next()
+            change[k, start:stop], gained[k, start:stop] = kept.change.values, kept.gained.values
     L0 = design_inductance(replace(design, sheets=sheets))[0] if inductance is None else inductance()
     L0 = L0 + _wedge_under_coils(design, setup, sheets, faults.tilt)
     network = _plain_network(design, L0) if network is None else replace(network, inductance=L0)
@@ -262,6 +257,42 @@ def respond(
     return others.assign_coords(state=[state.name for state in states])
 
 
+def inductance_changes(
+    design: Design, paths: Sequence[Conductor], response: xr.Dataset, imperfections: Imperfections
+) -> FloatArray:
+    """Inductance changes of other paths than the design's coils at every depth and place of a map.
+
+    Parameters
+    ----------
+    design : Design
+        Of the map; its sheets and indenter count.
+    paths : sequence of Conductor
+        In place of its coils.
+    response : xarray.Dataset
+        As `response_map` returns it, with the same imperfections.
+    imperfections : Imperfections
+        Of the experiment.
+
+    Returns
+    -------
+    ndarray, shape (depth, y, x, paths, paths)
+        In H, dented less flat.
+
+    Raises
+    ------
+    ElastomerError
+        As `response_map`.
+    """
+    setup = _setup(design)
+    sheets = _true_sheets(design.sheets, imperfections.thickness_errors)
+    depths = response.depth.values + imperfections.depth_error
+    places = np.stack(np.meshgrid(response.x, response.y), axis=-1).reshape(-1, 2) + imperfections.offset
+    levels = _levels(setup, sheets, _indent(setup, sheets, depths), depths, places, imperfections.tilt)
+    on_board = places + setup.origin_point
+    change = sum(level.shares[:, None, None] * dent_inductance(paths, level.dents, on_board) for level in levels)
+    return np.asarray(change).reshape(len(depths), response.sizes["y"], response.sizes["x"], len(paths), len(paths))
+
+
 def _setup(design: Design) -> Indentation:
     if design.indentation is None:
         raise ElastomerError(f"the design {design.name} has no [indenter] and [indentation].")
@@ -310,8 +341,9 @@ def _require_inside(setup: Indentation, places: FloatArray, reach: float) -> Non
 
 @dataclass(frozen=True, eq=False)
 class _Level:
-    """One of the level samples that stand in for a tilted one: its dents, and its share at every place."""
+    """One of the level samples that stand in for a tilted one: its indentation, and its share at every place."""
 
+    contact: xr.Dataset
     dents: tuple[Dent, ...]
     shares: FloatArray
 
@@ -327,19 +359,23 @@ def _levels(
     """Level samples whose weighted sum is the sample at every place; one where it is not tilted."""
     rise = places @ np.array(tilt)
     if not rise.any():
-        return [_Level(_dents(contact, sheets), np.ones(len(places)))]
+        return [_Level(contact, _dents(contact, sheets), np.ones(len(places)))]
     lowest = float(rise.min())
     if depths[0] + lowest <= 0:
         raise ElastomerError(
             f"the indenter at depth {depths[0] * 1e3:.4g} mm loses contact where the tilted sample is "
             f"{-lowest * 1e3:.4g} mm lower than at the origin."
         )
-    heights = _nodes(lowest, float(rise.max()))
-    shares = _lagrange(heights, rise)
+    if np.ptp(rise) <= _LEVEL * abs(lowest):  # one place, or a line along which nothing rises
+        heights, shares = np.array([lowest]), np.ones((len(places), 1))
+    else:
+        heights = _nodes(lowest, float(rise.max()))
+        shares = _lagrange(heights, rise)
     levels = []
     for height, share in zip(heights.tolist(), shares.T, strict=True):
         raised = _raised(sheets, height)
-        levels.append(_Level(_dents(_indent(setup, raised, depths + height), raised), share))
+        indented = _indent(setup, raised, depths + height)
+        levels.append(_Level(indented, _dents(indented, raised), share))
     return levels
 
 
@@ -413,23 +449,55 @@ def _noisy(delta: FloatArray, faults: Imperfections) -> FloatArray:
 
 def _key(
     design: Design,
-    depth: FloatArray,
-    x: FloatArray,
-    y: FloatArray,
-    faults: Imperfections,
+    levels: Sequence[_Level],
+    shares: Sequence[FloatArray],
+    points: FloatArray,
+    permittivity: float | None,
     mesh: LayerMesh,
-    dielectric: bool,
 ) -> str:
-    """Name of the parts that belong to one map: everything that enters the inductance changes."""
-    entering = {
-        **provenance(design),
-        "grid": [axis.tolist() for axis in (depth, x, y)],
-        "faults": asdict(replace(faults, noise=0.0, seed=0)),
-        "mesh": asdict(mesh),
-        "positions": _POSITIONS,
-        "dielectric": dielectric,
-    }
-    return hashlib.sha256(json.dumps(entering, sort_keys=True).encode()).hexdigest()[:16]
+    """Name of a part by everything that enters its numbers."""
+    digest = hashlib.sha256(repr((_FORMAT, permittivity, mesh)).encode())
+    arrays = [points, *shares, *(conductor.vertices for conductor in design.array.conductors())]
+    for dent in (level.dents[0] for level in levels):
+        digest.update(repr((dent.thicknesses, dent.permeabilities, dent.symmetry)).encode())
+        arrays += [dent.radius, dent.displacement]
+    for array in arrays:
+        digest.update(repr(array.shape).encode() + np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()[:24]
+
+
+def _kept(where: Path, size: tuple[int, int]) -> xr.Dataset | None:
+    """Read a part of an earlier run; None where it is none of ours or damaged."""
+    part = load_part(where)
+    places, coils = size
+    if part is None or not {"change", "gained"} <= set(part):
+        return None
+    whole = part.change.shape == (places, coils, coils) and part.gained.shape == (places, coils)
+    return part if whole and np.isfinite(part.change.values).all() else None
+
+
+def _computed(
+    design: Design,
+    levels: Sequence[_Level],
+    shares: Sequence[FloatArray],
+    points: FloatArray,
+    permittivity: float | None,
+    mesh: LayerMesh,
+    steps: _Steps,
+) -> xr.Dataset:
+    """Inductance and capacitance changes of one depth at some places."""
+    coils = len(design.array.names)
+    change, gained = np.zeros((len(points), coils, coils)), np.zeros((len(points), coils))
+    for level, share in zip(levels, shares, strict=True):
+        part = dent_inductance(design.array, level.dents, points, mesh, progress=steps.within)
+        change += share[:, None, None] * part[0]
+        if permittivity is not None:
+            gained += share[:, None] * dent_capacitance(design.array, level.dents, points, permittivity, mesh)[0]
+        steps.next()
+    if not (np.isfinite(change).all() and np.isfinite(gained).all()):
+        raise ElastomerError("the dented sheets gave numbers that are not finite; please report the design.")
+    dims = ("place", "coil", "other")
+    return xr.Dataset({"change": (dims, change), "gained": (dims[:2], gained)})
 
 
 def _dataset(

@@ -46,7 +46,20 @@ def refused(capsys, *arguments):
 def test_help_names_every_command(capsys):
     code, out, _ = run(capsys)
     assert code == 0
-    for command in ("report", "init", "check", "matrix", "field", "impedance", "indent", "response", "view"):
+    for command in (
+        "report",
+        "init",
+        "check",
+        "matrix",
+        "field",
+        "impedance",
+        "indent",
+        "response",
+        "fit",
+        "distortion",
+        "locate",
+        "view",
+    ):
         assert f"\n  {command} " in out
         code, text, _ = run(capsys, command, "--help")
         assert code == 0

@@ -21,11 +21,9 @@ if TYPE_CHECKING:
 FloatArray = npt.NDArray[np.float64]
 
 _MM = 1e3  # mm in a metre
-_BANDS = 20  # of colour at most
 _WIDTH = 2.5  # thicknesses of the stack shown on each side of the indenter: the raised ring lies within two
 _ABOVE, _BELOW = 0.45, 0.06  # thicknesses of the stack shown above its top and of the board
 _FORCE_HEIGHT = 3.4  # inches
-_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 @styled

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import shutil
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
@@ -20,6 +20,8 @@ from coilarray.cli.shared import (
     progress_bar,
 )
 from coilarray.errors import ElastomerError, NetworkError, OutputError
+
+_PART = re.compile(r"[0-9a-f]{24}\.nc")
 
 
 def response(
@@ -113,7 +115,11 @@ def response(
     else:
         in_metres = result.delta.rename(depth="depth_m", y="y_m", x="x_m")
         write_text(out, in_metres.to_dataframe().to_csv(lineterminator="\n"))
-    shutil.rmtree(parts, ignore_errors=True)
+    for part in parts.iterdir():
+        if _PART.fullmatch(part.name):  # whatever else lies there is not ours
+            part.unlink()
+    if not any(parts.iterdir()):
+        parts.rmdir()
     if plot is not None:
         from coilarray.report.figures import map_outlines
         from coilarray.viz import response_figure

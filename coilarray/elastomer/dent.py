@@ -17,6 +17,7 @@ from coilarray.geometry import Sheet
 FloatArray = npt.NDArray[np.float64]
 
 _STILL = 1e-3  # of the deepest displacement: where no face moves by more, the dent is over
+_FADE = 8  # points beyond the edge of what is known
 _ZONE = 4.0  # extent of the moved air below and above, in depths of the dent
 
 
@@ -35,7 +36,7 @@ class Dent:
     symmetry : {"axial", "plane"}
         About an axis, or the same all along y.
     below : float
-        Relative permeability under z = 0.
+        1 for air under z = 0; the lowest permeability where electrodes at z = 0 leave no contrast there.
 
     Raises
     ------
@@ -167,12 +168,15 @@ def dent_of(indentation: xr.Dataset, sheets: Sequence[Sheet]) -> Dent:
     displaced = r[:, None] + indentation.displacement_r.transpose("r", "interface").values
     upwards = indentation.displacement_z.transpose("r", "interface").values
     displaced[0] = 0.0
+    # beyond what is known, the influence has died out or the sample ends: back to level within a thickness of the stack
+    fade = np.linspace(0, 1, _FADE + 1)[1:]
+    beyond = max(float(displaced[-1].max()), float(r[-1])) + fade * float(indentation.height[-1])
+    r = np.append(r, beyond)
+    displaced = np.vstack((displaced, np.repeat(beyond[:, None], len(faces), axis=1)))
+    upwards = np.vstack((upwards, np.outer(1 - fade**2 * (3 - 2 * fade), upwards[-1])))
     if (np.diff(displaced, axis=0) <= 0).any():
         face = faces[int(np.argmin(np.diff(displaced, axis=0).min(axis=0)))]
         raise ElastomerError(f"the upper face of {face} folds over: this depth is beyond small strains.")
-    # beyond what is known, the influence has died out or the sample ends: level within a thickness of the stack
-    r = np.append(r, r[-1] + float(indentation.height[-1]))
-    displaced, upwards = np.vstack((displaced, np.full(len(faces), r[-1]))), np.vstack((upwards, np.zeros(len(faces))))
     shape = np.column_stack([CubicSpline(displaced[:, face], upwards[:, face])(r) for face in range(len(faces))])
     return Dent(
         tuple(sheet.thickness for sheet in sheets),

@@ -78,7 +78,9 @@ def dent_energies(
     if not moving or not len(points):
         return change
     clearance = min(dents[index].clearance for index in moving)
-    extent = float(np.hypot(*(points[:, None] - centres).T).max()) + radius + max(dent.width for dent in dents)
+    extent = (
+        float(np.hypot(*(points[:, None] - centres).T).max()) + radius + max(dents[index].width for index in moving)
+    )
     wavenumbers, weights = wavenumber_rule(clearance, extent, mesh)
     blocks = ranges(len(points), _POSITIONS)
     total = len(moving) + len(blocks)

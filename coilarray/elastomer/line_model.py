@@ -119,7 +119,7 @@ def line_inductance(wires: Wires, sheets: Sequence[Sheet]) -> float:
     magnetic = next((k for k, sheet in enumerate(sheets) if sheet.relative_permeability > 1), None)
     if magnetic is None:
         return alone
-    clearance = sum(sheet.thickness for sheet in sheets[:magnetic]) - float(wires.z.mean())
+    clearance = sum(sheet.thickness for sheet in sheets[:magnetic]) - float(wires.z.max())
     k, weights = wavenumber_rule(clearance, 2 * float(np.ptp(wires.x)), LayerMesh(decays=_FLAT_DECAYS / 2))
     R = reflection(k, [sheet.thickness for sheet in sheets], [sheet.relative_permeability for sheet in sheets])
     return alone - 2 * MU_0 / np.pi * float(weights @ (k * R * np.abs(_spectrum(wires, k)) ** 2))
@@ -161,7 +161,7 @@ def line_dent_inductance(
     moving = [index for index, dent in enumerate(dents) if np.isfinite(dent.clearance)]
     if not moving or not len(x):
         return change
-    extent = float(np.abs(x[:, None] - wires.x).max()) + max(dent.width for dent in dents)
+    extent = float(np.abs(x[:, None] - wires.x).max()) + max(dents[index].width for index in moving)
     k, weights = wavenumber_rule(min(dents[index].clearance for index in moving), extent, mesh)
     amplitude = _spectrum(wires, k)[:, None] * np.exp(1j * np.outer(k, x)) / np.pi
     # Ψ = ∫ (Re c cos kx − Im c sin kx) g dk/π about the indenter: an even and an odd part
