@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -62,6 +63,18 @@ def solids(array: CoilArray, sheets: Sequence[Sheet] = ()) -> dict[str, trimesh.
     names = [sheet.name for sheet in sheets]
     if len(set(names)) != len(names):
         raise GeometryError(f"sheet names must differ; got {', '.join(names)}.")
+    parts = {key: solid.copy() for key, solid in _board(array).items()}
+    outline = board_outline(array)
+    z = 0.0
+    for sheet in sheets:
+        parts[f"sheet/{sheet.name}"] = _extruded(outline, z, z + sheet.thickness)
+        z += sheet.thickness
+    return parts
+
+
+@functools.lru_cache(maxsize=1)  # a report shows one board in two scenes
+def _board(array: CoilArray) -> dict[str, trimesh.Trimesh]:
+    """Copper, barrels and laminate; kept, so callers get copies."""
     stackup = array.stackup
     holes = drills(array)
     parts: dict[str, trimesh.Trimesh] = {}
@@ -75,15 +88,10 @@ def solids(array: CoilArray, sheets: Sequence[Sheet] = ()) -> dict[str, trimesh.
             wall = shapely.difference(_hole(hole), disc(hole.x, hole.y, hole.diameter - 2 * hole.plating))
             bottom, top = stackup.span(hole.layers[-1])[0], stackup.span(hole.layers[0])[1]
             parts[f"barrel/{net}/{n}"] = _extruded(wall, bottom, top)
-    outline = board_outline(array)
     if len(stackup.names) > 1:
         through = shapely.union_all([_hole(hole) for hole in holes if hole.layers == stackup.names])
         bottom, top = stackup.span(stackup.names[-1])[1], stackup.span(stackup.names[0])[0]
-        parts["board"] = _extruded(shapely.difference(outline, through), bottom, top)
-    z = 0.0
-    for sheet in sheets:
-        parts[f"sheet/{sheet.name}"] = _extruded(outline, z, z + sheet.thickness)
-        z += sheet.thickness
+        parts["board"] = _extruded(shapely.difference(board_outline(array), through), bottom, top)
     return parts
 
 

@@ -242,11 +242,11 @@ def test_designs_without_a_response(capsys, old, new, message):
 def test_an_interrupted_map_goes_on(capsys, monkeypatch, starter):
     solve, asked = coilarray.response.dent_inductance, []
 
-    def interrupted(source, dents, positions, *rest):
+    def interrupted(source, dents, positions, *rest, **named):
         asked.append(np.array(positions))
         if len(asked) == 2:
             raise KeyboardInterrupt
-        return solve(source, dents, positions, *rest)
+        return solve(source, dents, positions, *rest, **named)
 
     monkeypatch.setattr(coilarray.response, "_POSITIONS", 1)
     monkeypatch.setattr(coilarray.response, "dent_inductance", interrupted)

@@ -17,7 +17,12 @@ import xarray as xr
 
 from coilarray import active_coil, coupling_matrix, indent, load_design, magnetic_field, parse_design, write_report
 from coilarray.designs import read
+from coilarray.errors import LocalizeError
+from coilarray.localize.ellipse import fit_ellipses
+from coilarray.localize.ellipse_model import ellipse_model, locate_x
+from coilarray.localize.published import published_map
 from coilarray.report import figures
+from coilarray.report.position import map_positions
 from coilarray.report.tables import Column
 from coilarray.report.write import _curve
 
@@ -33,7 +38,7 @@ def made(tmp_path_factory):
 
 TABLES = (
     "coils", "pairs", "design", "rules", "field_line", "windings", "states", "state_currents", "ldc1614",
-    "ldc1614_drive", "sweep", "indentation", "response",
+    "ldc1614_drive", "sweep", "indentation", "response", "ellipses", "polynomials", "map_positions",
 )  # fmt: skip
 
 
@@ -74,9 +79,10 @@ def page(made):
 def test_files(made):
     assert made.page.name == "report.html"
     assert sorted(path.name for path in made.folder.iterdir()) == [
-        "coils.csv", "coupling.nc", "design.csv", "field.nc", "field_line.csv", "impedance.nc", "indentation.csv",
-        "indentation.nc", "ldc1614.csv", "ldc1614_drive.csv", "pairs.csv", "report.json", "response.csv",
-        "response.nc", "rules.csv", "scan.nc", "state_currents.csv", "states.csv", "sweep.csv", "windings.csv",
+        "coils.csv", "coupling.nc", "design.csv", "ellipses.csv", "ellipses.nc", "field.nc", "field_line.csv",
+        "impedance.nc", "indentation.csv", "indentation.nc", "ldc1614.csv", "ldc1614_drive.csv", "map_positions.csv",
+        "pairs.csv", "polynomials.csv", "report.json", "response.csv", "response.nc", "rules.csv", "scan.nc",
+        "state_currents.csv", "states.csv", "sweep.csv", "windings.csv",
     ]  # fmt: skip
 
 
@@ -92,11 +98,12 @@ def test_page_needs_no_other_file(page, made):
 
 def test_page_has_every_part(page):
     text = " ".join(page.text)
-    parts = "Coils Coupling Field Circuit Indentation Copper Fabrication Design Provenance assumed"
+    parts = "Coils Coupling Field Circuit Indentation Position Copper Fabrication Design Provenance assumed"
     for part in parts.split():
         assert part in text
-    # board, 4 layers of copper, L, k, L_eff, currents, line, two maps, L and R over frequency, force, dent, responses
-    assert page.tags.count("img") == 18
+    # board, 4 layers of copper, L, k, L_eff, currents, line, two maps, L and R over frequency, force, dent, responses,
+    # ellipses over δ, two of them, error of x
+    assert page.tags.count("img") == 21
     assert "no rendering in this test" in text
 
 
@@ -211,6 +218,50 @@ def test_indentation_and_response_agree_with_the_library(made):
         )
 
 
+def test_positions_of_the_ellipse_model_agree_with_the_library(made, page):
+    rows = table(made, "map_positions")
+    assert len(rows) == 7 * 27
+    with xr.open_dataset(made.folder / "response.nc", engine="h5netcdf") as saved:
+        response = saved.load()
+    model = ellipse_model(fit_ellipses(response, -1)).with_semiaxis_addition(0.2e-3)
+    errors = []
+    for row in rows:
+        delta = response.delta.isel(depth=-1).sel(x=float(row["x_m"]), y=float(row["y_m"]))
+        try:
+            position = locate_x(model, dict(zip(response.state.values, delta.values.tolist(), strict=True)))
+        except LocalizeError:
+            assert row["determined_x_m"] == row["error_m"] == ""
+            continue
+        # the fits are the same arithmetic on the same numbers
+        assert float(row["determined_x_m"]) == pytest.approx(position.x, rel=0, abs=1e-12)
+        errors.append(abs(position.x - float(row["x_m"])))
+    text = " ".join("".join(page.text).split())
+    assert f"gives a position at {len(errors)} of the grid's 189 places" in text
+    assert f"the largest error of x there is {1e3 * max(errors):.2f} mm" in text
+    assert {row["source"] for row in table(made, "polynomials")} == {"this map", "Table A1"}
+
+
+def test_the_example_of_two_ellipses_is_beside_the_axis():
+    positions = map_positions(published_map())
+    place = positions.example()
+    assert place[1] != 0.0
+    assert positions.found[place].case == "two points"
+    shown = positions.ellipses(place)
+    assert tuple(shown) == positions.found[place].coils
+    for ellipse in shown.values():
+        found = positions.found[place]
+        assert abs(float(ellipse.distance(found.x, found.y))) < 1e-9  # m; a root of both equations, to rounding
+    error = positions.error
+    assert int(np.isfinite(error).sum()) == len(positions.found)
+    assert float(np.abs(error).max()) == positions.largest_error()
+
+
+@pytest.mark.parametrize("states", [["coil1"], ["coil2"]])
+def test_one_coil_gives_no_position(states):
+    with pytest.raises(LocalizeError, match=f"closed curves of two coils; the map has those of {states[0]} only"):
+        map_positions(published_map().sel(state=states))
+
+
 def test_the_dent_is_rendered_over_the_middle_of_a_coil(monkeypatch):
     design = load_design("gast2020")
     pressed = indent(design.sheets, design.indentation.indenter, [0.5e-3, 1e-3])
@@ -244,6 +295,9 @@ def test_single_coil_report(tmp_path):
     assert text.count("<img") == 12
     assert made.data["sheet_share"]["least"] > 0
     assert "pairs has" not in text
+    # a single line of places has no closed curves
+    assert "at least 4 positions along y" in made.data["position_problem"]
+    assert made.data["position_problem"] in text
 
 
 def test_a_design_without_a_circuit_model_still_has_a_report(tmp_path):
@@ -295,6 +349,7 @@ def test_an_indentation_that_fails_is_told(tmp_path, old, new, problem, dent):
     assert (made.folder / "indentation.nc").exists() == dent
     assert ("in section" in page) == dent
     assert not (made.folder / "response.csv").exists()
+    assert "Not computed: there is no response map." in page
     assert (made.folder / "coupling.nc").exists()  # the rest is there
 
 

@@ -8,28 +8,35 @@ import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.image import imsave
 
 from coilarray.design import Design
 from coilarray.geometry import Indenter
+from coilarray.localize.ellipse_model import EllipseModel
+from coilarray.report.position import MapPositions
 from coilarray.viz import (
     plot_board,
     plot_copper,
     plot_currents,
     plot_dent,
     plot_effective_inductance,
+    plot_ellipse_parameters,
+    plot_ellipses,
     plot_field_lines,
     plot_field_map,
     plot_force_depth,
     plot_matrix,
     plot_response_profile,
     plot_sweep,
+    plot_x_error,
     rendering_problem,
     response_figure,
     save_board_picture,
@@ -39,6 +46,7 @@ from coilarray.viz import (
 FloatArray = npt.NDArray[np.float64]
 
 _DPI = 130
+_RIM = 0.1  # inches of white around a picture
 _DENT_SIZE = (1280, 720)  # pixels; the page is 1100 wide
 
 
@@ -228,6 +236,33 @@ def response_pictures(design: Design, response: xr.Dataset) -> list[Picture]:
     return pictures
 
 
+def position_pictures(
+    design: Design, response: xr.Dataset, positions: MapPositions, published: EllipseModel | None
+) -> list[Picture]:
+    """Draw A, B and x0 of the middle coil over δ, two ellipses that meet, and the error of x over the map."""
+    coil = positions.model.names[(len(positions.model.names) - 1) // 2]
+    beside = "" if published is None or coil not in published.names else "; grey: Table A1 of the paper"
+    place = positions.example()
+    at = f"({place[0] * 1e3:.4g}, {place[1] * 1e3:.4g}) mm"
+    return [
+        _draw(
+            "ellipse_parameters",
+            f"Semi-axes and centre of the ellipses of {coil} over δ, and the polynomials fitted to them{beside}.",
+            lambda: plot_ellipse_parameters(positions.fits, positions.model, coil, published=published),
+        ),
+        _draw(
+            "ellipses",
+            f"Ellipses for the readings at {at}, which meet where the indenter may be; their x is its position.",
+            lambda: plot_ellipses(positions.ellipses(place), positions.found[place], place),
+        ),
+        _draw(
+            "x_error",
+            "Determined less real x over the map; grey where the model has no position.",
+            lambda: plot_x_error(positions.error, outlines=map_outlines(design, response)),
+        ),
+    ]
+
+
 def map_outlines(design: Design, response: xr.Dataset) -> list[FloatArray]:
     """Outline of every coil, shape (m, 2), in m from the origin of a response map."""
     shifts = np.column_stack((response.coil_x, response.coil_y)) - design.array.centres
@@ -251,9 +286,25 @@ def _draw(name: str, caption: str, plot: Callable[[], Axes | Figure]) -> Picture
     drawn = plot()
     figure = drawn if isinstance(drawn, Figure) else drawn.figure
     assert isinstance(figure, Figure)  # plots draw on figures, never on sub-figures
+    return Picture(name, caption, _uri(_png(figure)))
+
+
+def _png(figure: Figure) -> bytes:
+    """Draw a figure and cut its white rim off; Matplotlib's own tight box draws it twice."""
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=_DPI, bbox_inches="tight")
-    return Picture(name, caption, _uri(buffer.getvalue()))
+    figure.set_dpi(_DPI)
+    canvas: Any = FigureCanvasAgg(figure)  # its methods have no types
+    canvas.draw()
+    pixels = np.asarray(canvas.buffer_rgba())
+    inked = (pixels[..., :3] != 255).any(axis=2)
+    if any(edge.any() for edge in (inked[0], inked[-1], inked[:, 0], inked[:, -1])):  # it may go on beyond the figure
+        figure.savefig(buffer, format="png", dpi=_DPI, bbox_inches="tight")
+        return buffer.getvalue()
+    rim = round(_RIM * _DPI)
+    rows, columns = (np.flatnonzero(inked.any(axis=k)) for k in (1, 0))
+    cut = tuple(slice(max(0, at[0] - rim), at[-1] + 1 + rim) for at in (rows, columns))
+    imsave(buffer, pixels[cut], format="png", dpi=_DPI)
+    return buffer.getvalue()
 
 
 def _uri(png: bytes) -> str:

@@ -37,12 +37,14 @@ class ScientificColumn(Column):
         return f"{value * self.scale:.{self.digits}g}".replace("-", "−")
 
 
-def polynomial_table(model: EllipseModel) -> Table:
+def polynomial_table(model: EllipseModel, *, compare: bool = True) -> Table:
     """One row for each coil and parameter of an ellipse model, and below it the same of Table A1 where it has the coil.
 
     Parameters
     ----------
     model : EllipseModel
+    compare : bool
+        False leaves Table A1 out: on another board its coils have the names alone in common.
 
     Returns
     -------
@@ -55,7 +57,7 @@ def polynomial_table(model: EllipseModel) -> Table:
         Column("source", "source"),
         *(ScientificColumn(f"{power}_m", f"{power} (mm)", 1e3, 4) for power in _POWERS),
     )
-    published = {coil.name: coil for coil in published_model().coils}
+    published = {coil.name: coil for coil in published_model().coils} if compare else {}
     rows: list[tuple[Value, ...]] = []
     for coil in model.coils:
         for key in _PARAMETERS:
@@ -65,7 +67,7 @@ def polynomial_table(model: EllipseModel) -> Table:
     return Table("polynomials", "Polynomials", columns, tuple(rows))
 
 
-def fit_table(fits: xr.Dataset, model: EllipseModel) -> Table:
+def fit_table(fits: xr.Dataset, model: EllipseModel, *, compare: bool = True) -> Table:
     """One row a coil: steps, range of δ, misfit of the ellipses and of the polynomials, distance to Table A1.
 
     Parameters
@@ -74,6 +76,8 @@ def fit_table(fits: xr.Dataset, model: EllipseModel) -> Table:
         As `coilarray.localize.ellipse.fit_ellipses` returns it.
     model : EllipseModel
         Of these fits.
+    compare : bool
+        As in `polynomial_table`; False leaves the columns of the distance out.
 
     Returns
     -------
@@ -89,9 +93,9 @@ def fit_table(fits: xr.Dataset, model: EllipseModel) -> Table:
         Column("highest_delta", "to (10⁻⁶)", 1e6, 0),
         Column("ellipse_rms_m", "ellipses, rms (mm)", 1e3, 3),
         *(Column(f"{key}_rms_m", f"{key}(δ), rms (mm)", 1e3, 3) for key in _PARAMETERS),
-        *(Column(f"{key}_less_published_rms_m", f"{key} − Table A1 (mm)", 1e3, 2) for key in _PARAMETERS),
+        *(Column(f"{key}_less_published_rms_m", f"{key} − Table A1 (mm)", 1e3, 2) for key in _PARAMETERS if compare),
     )
-    published = {coil.name: coil for coil in published_model().coils}
+    published = {coil.name: coil for coil in published_model().coils} if compare else {}
     rows: list[tuple[Value, ...]] = []
     for coil in model.coils:
         of = fits.sel(state=coil.name)
@@ -100,7 +104,7 @@ def fit_table(fits: xr.Dataset, model: EllipseModel) -> Table:
         below = [text for text in of.refused.values.tolist() if text and text != "above the largest δ"]
         off = [_rms(kept[key].values - np.polyval(getattr(coil, key), delta)) for key in _PARAMETERS]
         at = _COMPARED[(_COMPARED >= coil.lowest) & (_COMPARED <= coil.highest)]
-        apart: list[Value] = ["", "", ""]
+        apart: list[Value] = ["", "", ""] if compare else []
         if coil.name in published:
             other = published[coil.name]
             apart = [_rms(np.polyval(getattr(coil, k), at) - np.polyval(getattr(other, k), at)) for k in _PARAMETERS]

@@ -18,12 +18,15 @@ from coilarray.blocks import Progress
 from coilarray.coupling import couple_design, provenance
 from coilarray.design import Design
 from coilarray.elastomer.contact import indent
-from coilarray.errors import CoilarrayError, GeometryError, NetworkError
+from coilarray.errors import CoilarrayError, GeometryError, LocalizeError, NetworkError
 from coilarray.files import make_folder, write_text
 from coilarray.geometry import check_rules
 from coilarray.impedance import close_channels, design_network, scan_design, sweep_design
+from coilarray.localize.ellipse_model import SEMIAXIS_ADDITION
+from coilarray.localize.published import published_model
 from coilarray.near_field import operating_field
-from coilarray.report import circuit_tables, figures, indentation_tables, tables
+from coilarray.report import circuit_tables, figures, indentation_tables, localize_tables, tables
+from coilarray.report.position import MapPositions, map_position_table, map_positions
 from coilarray.response import response_map
 from coilarray.storage import save_dataset
 from coilarray.viz import rendering_problem
@@ -38,6 +41,7 @@ _PLANE_POINTS = 400
 _SWEEP, _SWEEP_POINTS = (0.1, 4.0), 60
 # depths of the force curve, none nearer to one of the design's than this part of the deepest
 _CURVE_POINTS, _CURVE_APART = 8, 0.02
+_PUBLISHED = "gast2020"  # the design whose coils are those of Table A1
 _ENTERING = ("elastomer.", "indenter.", "indentation.")  # keys of the design shown beside the indentation
 
 
@@ -92,9 +96,10 @@ def write_report(design: Design, where: str | Path = ".", progress: Progress | N
     -----
     Every number on the page also stands in the folder: ``coils.csv``, ``pairs.csv``, ``design.csv``, ``rules.csv``,
     ``field_line.csv``, ``windings.csv``, ``states.csv``, ``state_currents.csv``, ``ldc1614.csv``,
-    ``ldc1614_drive.csv``, ``sweep.csv``, ``indentation.csv`` and ``response.csv``, all of them in ``report.json``;
-    ``coupling.nc``, ``field.nc``, ``scan.nc``, ``impedance.nc``, ``indentation.nc`` and ``response.nc`` hold the
-    arrays. What a design does not ask for is left out; what it asks for in vain too, and the page says why.
+    ``ldc1614_drive.csv``, ``sweep.csv``, ``indentation.csv``, ``response.csv``, ``ellipses.csv``,
+    ``polynomials.csv`` and ``map_positions.csv``, all of them in ``report.json``; ``coupling.nc``, ``field.nc``,
+    ``scan.nc``, ``impedance.nc``, ``indentation.nc``, ``response.nc`` and ``ellipses.nc`` hold the arrays.
+    What a design does not ask for is left out; what it asks for in vain too, and the page says why.
     """
     folder = Path(where)
     data_folder = folder / "report"
@@ -131,6 +136,11 @@ def write_report(design: Design, where: str | Path = ".", progress: Progress | N
         indentation, indentation_problem = pressing.result()
         response, response_problem = responding.result()
         pictures += _pressed_pictures(design, indentation, response, active)
+        positions, position_problem = _locate(response)
+        compare = design.name == _PUBLISHED
+        if response is not None and positions is not None:
+            known = published_model() if compare else None
+            pictures += figures.position_pictures(design, response, positions, known)
         steps.next()
         scan, sweep, circuit_problem = circuit.result()
     pictures += [] if sweep is None else figures.sweep_pictures(sweep)
@@ -144,6 +154,7 @@ def write_report(design: Design, where: str | Path = ".", progress: Progress | N
         *_circuit_tables(scan, sweep),
         *([] if indentation is None else [indentation_tables.indentation_table(indentation)]),
         *([] if response is None else [indentation_tables.response_table(response)]),
+        *([] if positions is None else _position_tables(positions, compare)),
     ]
     made = {**provenance(design), "date": datetime.now(UTC).isoformat(timespec="seconds")}
     data: dict[str, object] = {
@@ -160,6 +171,8 @@ def write_report(design: Design, where: str | Path = ".", progress: Progress | N
             for a, b, distance in ([] if scan is None else close_channels(scan.state.values.tolist(), scan.frequency))
         ],
         "indentation_problem": indentation_problem or response_problem,
+        "position_problem": "" if design.indentation is None else position_problem,
+        "position": None if positions is None else _position_summary(positions),
         "sheet_share": _sheet_share(coupling),
         "field_coil": active,
         "field_height_m": design.field_height,
@@ -179,6 +192,7 @@ def write_report(design: Design, where: str | Path = ".", progress: Progress | N
         "impedance": sweep,
         "indentation": indentation,
         "response": response,
+        "ellipses": None if positions is None else positions.fits,
     }
     for name, dataset in datasets.items():
         if dataset is not None:
@@ -226,6 +240,36 @@ def _respond(design: Design, inductance: Callable[[], FloatArray]) -> tuple[xr.D
         return response_map(design, inductance=inductance), ""
     except CoilarrayError as error:
         return None, str(error)
+
+
+def _locate(response: xr.Dataset | None) -> tuple[MapPositions | None, str]:
+    """Positions that the ellipse model of a response map gives; where that fails, nothing and the reason."""
+    if response is None:
+        return None, "there is no response map."
+    try:
+        return map_positions(response), ""
+    except LocalizeError as error:
+        return None, str(error)
+
+
+def _position_tables(positions: MapPositions, compare: bool) -> list[tables.Table]:
+    return [
+        replace(localize_tables.fit_table(positions.fits, positions.model, compare=compare), name="ellipses"),
+        localize_tables.polynomial_table(positions.model, compare=compare),
+        map_position_table(positions),
+    ]
+
+
+def _position_summary(positions: MapPositions) -> dict[str, object]:
+    """Return what the page says about the positions, in SI units."""
+    return {
+        "coils": list(positions.model.names),
+        "depth_m": positions.depth,
+        "semiaxis_addition_m": SEMIAXIS_ADDITION,
+        "places": len(positions.readings),
+        "located": len(positions.found),
+        "largest_error_m": positions.largest_error(),
+    }
 
 
 def _curve(depths: Sequence[float]) -> list[float]:
