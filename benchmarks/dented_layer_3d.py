@@ -12,7 +12,7 @@ with b_j the right-hand side of coil j (reduced scalar potential: Simkin & Trowb
 in the difference. The hexahedra are triquadratic: φ·b is an energy, so its error falls with the fourth power of the
 cell width (tests/test_dented_layer_3d.py measures that). The main programme computes two neighbouring coils of the
 gast2020 board under one smooth dent at three places, on four meshes and in three boxes, and writes
-benchmarks/dented_layer_3d.json; on one core it takes about half an hour, and 7 GB.
+benchmarks/dented_layer_3d.json; on one core it takes half an hour to an hour, and up to 9 GB.
 """
 
 from __future__ import annotations

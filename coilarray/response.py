@@ -32,6 +32,7 @@ FloatArray = npt.NDArray[np.float64]
 _POSITIONS = 1000  # in a part of a resumable map, which is of one depth
 _FORMAT = "1"  # of parts; to be raised where the numerics change
 _FARTHEST = 1.0  # m
+_STEEPEST = 0.1  # slope of a sample; beyond it the wedge's own slope would count
 _MOST_VALUES = 100_000_000  # of the inductance changes: 0.8 GB
 _CIRCUIT_VALUES = 5_000_000  # of all circuit matrices solved at once: 80 MB
 _LEVEL = 1e-9  # relative difference of heights that is none
@@ -61,7 +62,7 @@ class Imperfections:
     Raises
     ------
     ElastomerError
-        A value that is not finite, or noise or a seed that is negative.
+        A value that is not finite, a tilt above 0.1, or noise or a seed that is negative.
     """
 
     tilt: tuple[float, float] = (0.0, 0.0)
@@ -75,6 +76,8 @@ class Imperfections:
         numbers = [*self.tilt, *self.offset, self.depth_error, *self.thickness_errors.values(), self.noise]
         if not np.isfinite(numbers).all():
             raise ElastomerError(f"tilt, offset, errors and noise must be finite; got {numbers}.")
+        if max(map(abs, self.tilt)) > _STEEPEST:
+            raise ElastomerError(f"tilt must be at most {_STEEPEST}, for it is taken as small; got {self.tilt}.")
         if self.noise < 0:
             raise ElastomerError(f"noise must not be negative; got {self.noise}.")
         if self.seed < 0:

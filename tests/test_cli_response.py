@@ -188,7 +188,7 @@ def test_strays_and_permittivity_enter_the_circuit(capsys, starter, expected):
         (("--y-mm", ""), "got ''"),
         (("--tilt", "nan", "0"), "tilt, offset, errors and noise must be finite"),
         (("--tilt", "0.1"), "'--tilt'"),
-        (("--tilt", "1", "0"), "loses contact where the tilted sample is"),
+        (("--tilt", "1", "0"), "tilt must be at most 0.1"),
         (("--offset-mm", "inf", "0"), "must be finite"),
         (("--depth-error-mm", "nan"), "must be finite"),
         (("--depth-error-mm", "-1"), "depth of an indentation must be from 0"),

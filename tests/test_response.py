@@ -200,7 +200,7 @@ def test_dataset_is_complete_and_can_be_stored(plain, tmp_path):
         ({"depths": [1e-3, 0.5e-3]}, "depths must be finite and rising"),
         ({"x": [np.nan]}, "x must be finite"),
         ({"imperfections": Imperfections(thickness_errors={"foam": 1e-3})}, "foam.*base, magnetic"),
-        ({"imperfections": Imperfections(tilt=(0.2, 0.0))}, "loses contact"),
+        ({"imperfections": Imperfections(tilt=(0.1, 0.0))}, "loses contact"),
     ],
 )
 def test_bad_input_of_the_response(changes, message):
@@ -213,6 +213,10 @@ def test_bad_imperfections_are_refused():
         Imperfections(depth_error=np.nan)
     with pytest.raises(ElastomerError, match="noise must not be negative; got -1"):
         Imperfections(noise=-1)
+    with pytest.raises(ElastomerError, match="seed must not be negative; got -1"):
+        Imperfections(seed=-1)
+    with pytest.raises(ElastomerError, match=r"tilt must be at most 0.1.*0.5"):
+        Imperfections(tilt=(0.5, 0.0))
 
 
 def test_a_contact_outside_the_sample_is_refused():
