@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from coilarray.cli.maps import check_file
 from coilarray.cli.shared import (
     AllowViolations,
     AsJson,
@@ -19,7 +20,7 @@ from coilarray.cli.shared import (
     print_table,
     progress_bar,
 )
-from coilarray.errors import ElastomerError, NetworkError, OutputError
+from coilarray.errors import ElastomerError, NetworkError
 
 _PART = re.compile(r"[0-9a-f]{24}\.nc")
 
@@ -69,9 +70,8 @@ def response(
 
     Example: coilarray response gast2020 --depth-mm 0.5,1 --out map.nc --plot map.png
     """
-    _check_file("--out", out, (".nc", ".csv"))
-    if plot is not None:
-        _check_file("--plot", plot, (".png", ".svg", ".pdf"))
+    check_file("--out", out, (".nc", ".csv"))
+    check_file("--plot", plot, (".png", ".svg", ".pdf"))
     depths, x, y = (
         None if text is None else lengths(option, text)
         for option, text in (("--depth-mm", depth_mm), ("--x-mm", x_mm), ("--y-mm", y_mm))
@@ -132,16 +132,6 @@ def response(
     typer.echo(f"wrote {out}: {' × '.join(str(n) for n in result.delta.shape)} values over {result.delta.dims}")
     if plot is not None:
         typer.echo(f"wrote {plot}")
-
-
-def _check_file(option: str, path: Path, suffixes: Sequence[str]) -> None:
-    """Refuse before a long computation what could not be written after it."""
-    if path.suffix.lower() not in suffixes:
-        raise OutputError(f"{option} must end in {', '.join(suffixes[:-1])} or {suffixes[-1]}; got {path}.")
-    if path.is_dir():
-        raise OutputError(f"cannot write {path}: it is a folder.")
-    if not path.parent.is_dir():
-        raise OutputError(f"cannot write {path}: there is no folder {path.parent}.")
 
 
 def _thickness_errors(texts: Sequence[str]) -> dict[str, float]:
