@@ -116,7 +116,7 @@ def accuracies() -> list[Accuracy]:
 _MEMORY = """
 from coilarray import load_design, response_map
 response_map(load_design("gast2020"))
-with open("/proc/self/status", encoding="ascii") as status:  # ru_maxrss would hold the peak of the process that started it
+with open("/proc/self/status", encoding="ascii") as status:  # ru_maxrss may be that of the process that started it
     print(next(int(line.split()[1]) for line in status if line.startswith("VmHWM")) / 1024)
 """
 

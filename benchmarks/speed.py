@@ -53,7 +53,7 @@ from coilarray import load_design, magnetic_field
 array = load_design("gast2020").array
 points = np.random.default_rng(0).uniform([-0.04, -0.012, 0.002], [0.04, 0.012, 0.01], (1_000_000, 3))
 B = magnetic_field(array, points)
-with open("/proc/self/status", encoding="ascii") as status:  # ru_maxrss would hold the peak of the process that started it
+with open("/proc/self/status", encoding="ascii") as status:  # ru_maxrss may be that of the process that started it
     print(next(int(line.split()[1]) for line in status if line.startswith("VmHWM")) / 1024)
 """
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -36,13 +37,18 @@ class DesignNetwork:
         Ready to be solved.
     capacitance : xarray.Dataset
         As `coilarray.capacitance.coil_capacitance` returns it.
-    elastomer : xarray.Dataset
-        As `coilarray.capacitance.elastomer_effect` returns it; a dent reaches at most through the topmost sheet.
+    design : Design
+        Which it is of.
     """
 
     network: Network
     capacitance: xr.Dataset
-    elastomer: xr.Dataset
+    design: Design
+
+    @cached_property
+    def elastomer(self) -> xr.Dataset:
+        """What `coilarray.capacitance.elastomer_effect` says; a dent reaches at most through the topmost sheet."""
+        return _elastomer(self.design)
 
 
 def design_network(design: Design, inductance: Callable[[], FloatArray] | None = None) -> DesignNetwork:
@@ -69,7 +75,6 @@ def design_network(design: Design, inductance: Callable[[], FloatArray] | None =
     parts = coil_capacitance(design.array, design.sheets, relative_permittivity=_permittivity(design))
     between = -parts.capacitance.values.copy()
     np.fill_diagonal(between, 0.0)
-    effect = _elastomer(design)
     R = np.diag(dc_resistance(conductors, design.circuit.resistivity))
     network = Network(
         design.array.names,
@@ -79,7 +84,7 @@ def design_network(design: Design, inductance: Callable[[], FloatArray] | None =
         np.maximum(0.5 * (between + between.T), 0.0),  # rounding
         design.circuit.switches,
     )
-    return DesignNetwork(network, parts, effect)
+    return DesignNetwork(network, parts, design)
 
 
 def scan_design(design: Design, progress: Progress | None = None, prepared: DesignNetwork | None = None) -> xr.Dataset:
