@@ -84,7 +84,7 @@ def _coverage(trial: Trial, noise: float, readings: FloatArray, found: list[Loca
 
 
 def _errors(trial: Trial, found: list[Location], kept: npt.NDArray[np.bool_]) -> tuple[float, float]:
-    """95 % of |x error| in m and of the relative depth error, best modes, at the points that are kept."""
+    """95 % of the x errors in m and of the relative depth error, best modes, at the points that are kept."""
     pairs = [
         (location.best.x - point[0], location.best.depth / point[2] - 1)
         for location, point, use in zip(found, trial.points, kept, strict=True)
@@ -125,7 +125,7 @@ def _at_the_goals_noise(board: Trial) -> list[Speed]:
             "92–98 %", 0.92 <= covered <= 0.98,
         ),
         Speed("places where the bound allows 0.1 mm and 3 %", 100 * share, "%", f"{places}; {why}"),
-        Speed("95 % of |x error|, all places", x * 1e3, "mm", f"{places}; depth {100 * depth:.0f} %"),
+        Speed("95 % of the x errors, all places", x * 1e3, "mm", f"{places}; depth {100 * depth:.0f} %"),
     ]  # fmt: skip
 
 
@@ -143,7 +143,7 @@ def _where_allowed(board: Trial) -> list[Speed]:
     return [
         Speed("largest noise at which any place allows 0.1 mm and 3 %", float(bearable.max()), "", f"half: {half}"),
         Speed(
-            f"95 % of |x error| where allowed, noise {QUIET:.0e}", x * 1e3, "mm", f"{count} places; {covered}",
+            f"95 % of the x errors where allowed, noise {QUIET:.0e}", x * 1e3, "mm", f"{count} places; {covered}",
             "≤ 0.1 mm", count >= 200 and x <= FARTHEST,
         ),
         Speed(
@@ -160,7 +160,7 @@ def _known_depth() -> Speed:
     x, _ = _errors(known, found, np.ones(len(found), dtype=bool))
     sigma = known.bound(NOISE)[:, 0]
     note = f"{len(found)} places, noise {NOISE:.0e}; median of the bound {np.median(sigma) * 1e3:.2f} mm"
-    return Speed("95 % of |x error| at a known depth of 1 mm", x * 1e3, "mm", note)
+    return Speed("95 % of the x errors at a known depth of 1 mm", x * 1e3, "mm", note)
 
 
 def figures() -> list[Speed]:
