@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from coilarray.cli.maps import check_file
 from coilarray.cli.shared import (
     AllowViolations,
     AsJson,
@@ -16,7 +17,7 @@ from coilarray.cli.shared import (
     print_table,
     progress_bar,
 )
-from coilarray.errors import GeometryError, OutputError
+from coilarray.errors import GeometryError
 
 _MOST_POINTS = 10_000
 
@@ -41,10 +42,8 @@ def impedance(
         raise GeometryError(f"--from-MHz must be at least 1e-06 and below --to-MHz; got {from_mhz:g} and {to_mhz:g}.")
     if not 2 <= points <= _MOST_POINTS:
         raise GeometryError(f"--points must be 2 to {_MOST_POINTS}; got {points}.")
-    if out is not None and out.suffix.lower() not in (".nc", ".csv"):
-        raise OutputError(f"--out must end in .nc or .csv; got {out}.")
-    if plot is not None and plot.suffix.lower() not in (".png", ".svg", ".pdf"):
-        raise OutputError(f"--plot must end in .png, .svg or .pdf; got {plot}.")
+    check_file("--out", out, (".nc", ".csv"))
+    check_file("--plot", plot, (".png", ".svg", ".pdf"))
     import numpy as np
 
     from coilarray.files import write_atomically, write_text

@@ -7,8 +7,9 @@ from typing import Annotated, get_args
 
 import typer
 
+from coilarray.cli.maps import check_file
 from coilarray.cli.shared import AsJson, DesignArgument, lengths, print_json, print_table
-from coilarray.errors import ElastomerError, OutputError
+from coilarray.errors import ElastomerError
 
 # what the dent depends on; the rest of [indentation] says where it is made
 _ENTERING = ("thickness_mm", "youngs_modulus_kPa", "poissons_ratio", "base", "depths_mm", "sample_radius_mm")
@@ -43,10 +44,8 @@ def indent(
     Example: coilarray indent gast2020 --depth-mm 0.1:1:10 --plot dent.png --out dent.csv
     """
     depths = None if depth_mm is None else _depths(depth_mm)
-    if out is not None and out.suffix.lower() not in (".nc", ".csv"):
-        raise OutputError(f"--out must end in .nc or .csv; got {out}.")
-    if plot is not None and plot.suffix.lower() not in (".png", ".svg", ".pdf"):
-        raise OutputError(f"--plot must end in .png, .svg or .pdf; got {plot}.")
+    check_file("--out", out, (".nc", ".csv"))
+    check_file("--plot", plot, (".png", ".svg", ".pdf"))
     from coilarray.coupling import provenance
     from coilarray.design import load_design
     from coilarray.elastomer.compliance import Base

@@ -242,7 +242,6 @@ class _Forms:
         self, basis: Basis, mu: FloatArray, a: FloatArray, b: FloatArray, c: FloatArray, symmetry: str
     ) -> None:
         axial = symmetry == "axial"
-        self._axial = axial
 
         @BilinearForm
         def gradient(u, v, w):  # type: ignore[no-untyped-def]
