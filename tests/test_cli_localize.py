@@ -22,8 +22,10 @@ from coilarray.cli.main import main
 from coilarray.localize.ellipse import fit_ellipses
 from coilarray.localize.ellipse_model import ellipse_model, locate_x, model_from_json
 from coilarray.localize.forward import forward_model
-from coilarray.localize.inverse import locate
+from coilarray.localize.inverse import Location, Mode, locate
 from coilarray.localize.published import published_map, published_model, table_a1
+from coilarray.report.localize_tables import location_record
+from coilarray.response import response_map
 from coilarray.storage import save_dataset
 
 NAMES = [f"coil{k + 1}" for k in range(len(FIELD))]
@@ -390,6 +392,17 @@ def test_without_a_coil(capsys, maps):
         assert json.loads(out)["positions"][0]["x_m"] == pytest.approx(POINT[0], abs=1e-5)
 
 
+@pytest.mark.parametrize("more", [(), ("--ellipse",)])
+def test_other_columns_are_left_alone(capsys, maps, more):
+    given = {"coil1": 8.0895e-4, "coil2": 6.4684e-4, "coil3": 0} if more else reading()
+    model = "published" if more else maps / "field.nc"
+    answers = [
+        run(capsys, "locate", "--model", model, *more, text_of(one), "--json") for one in (given, {"time": 3.5} | given)
+    ]
+    assert answers[0][0] == 0
+    assert answers[0] == answers[1]
+
+
 BAD_LINES = [
     b"",
     b"   ",
@@ -524,7 +537,7 @@ def test_the_table_of_a_design_is_computed_once(capsys, monkeypatch):
         (("coil1=a",), "δ of coil1 must be a number; got 'a'"),
         (("coil1=1e-4,coil1=1e-4",), "must name a coil once; got 'coil1' again"),
         (("coil1=1e-4",), "that of coil2 is missing"),
-        (("coil9=1e-4",), "the model has no state 'coil9'"),
+        (("coil9=1e-4",), "that of coil1 is missing"),
         (("none.csv",), "cannot read none.csv: No such file"),
         (("empty.csv",), "there is no reading in empty.csv"),
         (("names.csv",), "there is no reading in names.csv"),
@@ -585,3 +598,30 @@ def test_model_files_that_are_none(capsys, maps, change, message):
     (data if set(change) & set(data) else data["coils"][0]).update(change)
     Path("m.json").write_text(json.dumps(data), encoding="utf-8")
     assert message in refused(capsys, "locate", "--ellipse", "--model", "m.json", "coil1=1e-4,coil2=1e-4,coil3=0")
+
+
+def test_the_table_of_a_real_board_finds_what_pressed_on_it(capsys, tmp_path):
+    """The whole way with nothing replaced: table of the design, map of the design, position and depth."""
+    place = (4.3e-3, 3.1e-3, 1.15e-3)
+    design = load_design("gast2020")
+    pressed = response_map(design, depths=[place[2]], x=[place[0]], y=[place[1]])
+    delta = pressed.delta[0, 0, 0]
+    given = {str(name): float(value) for name, value in zip(delta.state.values, delta.values, strict=True)}
+    command = ("locate", "--table", tmp_path / "t.nc", text_of(given), "--noise", "3e-7", "--json")
+    code, out, _ = run(capsys, *command)
+    assert code == 0
+    (answer,) = json.loads(out)["positions"]
+    assert answer["status"] == "located"
+    near = min(answer["modes"], key=lambda mode: abs(mode["y_m"] - place[1]))
+    # the spacing of the table and the meshes of its depths err by up to 1e-3 of δ, 1 % of the depth and 0.1 mm here
+    assert near["x_m"] == pytest.approx(place[0], abs=0.1e-3)
+    assert near["y_m"] == pytest.approx(place[1], abs=0.1e-3)
+    assert near["depth_m"] == pytest.approx(place[2], rel=0.01)
+
+
+def test_a_deviation_beyond_any_board_is_not_told():
+    mode = Mode(1e-3, 0.0, 1e-3, np.diag([1e8, 1e-4, 1e10]), 1.0)
+    record = location_record(Location("found", modes=(mode,), chi_square=1.0, degrees_of_freedom=3, probability=0.8))
+    assert record["sigma_x_m"] == pytest.approx(1e-4, rel=1e-12)
+    assert record["sigma_y_m"] is None
+    assert record["sigma_depth_m"] == pytest.approx(1e-5, rel=1e-12)

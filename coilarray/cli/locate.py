@@ -191,13 +191,12 @@ def _with_all_coils(model: ForwardModel, coils: Sequence[str] | None, noise: flo
     from coilarray.localize.inverse import locate_all
     from coilarray.report.localize_tables import location_record
 
-    unused = set(model.states) - set(coils) if coils else set()
     used = model.select(coils) if coils else model
     checked_noise(used, noise)
     locate_all(used, [], noise=noise)  # a model that no reading fits is refused here, not at the first reading
 
     def solve(readings: Sequence[Reading | LocalizeError]) -> list[Record]:
-        good = [_without(one, unused, model.states) for one in readings if not isinstance(one, LocalizeError)]
+        good = [_of_states(one, used.states, model.states) for one in readings if not isinstance(one, LocalizeError)]
         found = iter(locate_all(used, good, noise=noise))
         return [
             {"error": str(one)} if isinstance(one, LocalizeError) else location_record(next(found)) for one in readings
@@ -206,12 +205,12 @@ def _with_all_coils(model: ForwardModel, coils: Sequence[str] | None, noise: flo
     return solve
 
 
-def _without(reading: Reading, unused: set[str], states: Sequence[str]) -> Reading:
-    """Leave out the coils that are not used; a list has all coils of the model in its order."""
-    if isinstance(reading, dict):
-        return {name: value for name, value in reading.items() if name not in unused}
-    if unused and len(reading) == len(states):
-        return [value for name, value in zip(states, reading, strict=True) if name not in unused]
+def _of_states(reading: Reading, used: Sequence[str], every: Sequence[str]) -> Reading:
+    """Take the δ of the states that are used: a list has all of the model in its order, a mapping may hold more."""
+    if isinstance(reading, dict):  # a time, for example; a misspelt coil is noticed as missing
+        return {name: reading[name] for name in used if name in reading}
+    if len(reading) == len(every):
+        return [value for name, value in zip(every, reading, strict=True) if name in used]
     return reading
 
 
