@@ -33,6 +33,7 @@ PEAK_ERROR = 5e-5
 _MESH = LayerMesh(harmonics=6, decays=6.0, width=0.4, rows=4)  # 1e-3 of δ, far below what is compared
 _STEP = 0.02  # of an unknown's range, for slopes: far above the noise of the meshes
 _CONFIDENCE = 0.95
+_AT_BOUND = 5e-3  # of an unknown's range: the solver stays inside its bounds and stops a little short of them
 _PEAKS = (1.0e-3, 1.5e-3)
 
 
@@ -272,7 +273,7 @@ def _result(
     half = float(student.ppf((1 + _CONFIDENCE) / 2, freedom)) * sigma * scale
     correlation = covariance / np.outer(sigma, sigma)
     at_bound = [
-        min(v - u.low, u.high - v) < 1e-3 * (u.high - u.low) for u, v in zip(unknowns, value.tolist(), strict=True)
+        min(v - u.low, u.high - v) < _AT_BOUND * (u.high - u.low) for u, v in zip(unknowns, value.tolist(), strict=True)
     ]
     names = [unknown.name for unknown in unknowns]
     return xr.Dataset(
