@@ -14,7 +14,7 @@ from coilarray.circuit import Termination, all_open, all_shorted, checked_networ
 from coilarray.design import Design
 from coilarray.elastomer.flat_layer import layer_inductance
 from coilarray.errors import NetworkError
-from coilarray.inductance import coupling_matrix, inductance_matrix
+from coilarray.inductance import Accuracy, coupling_matrix, inductance_matrix
 from coilarray.resistance import dc_resistance
 
 FloatArray = npt.NDArray[np.float64]
@@ -65,7 +65,9 @@ def couple_design(design: Design, progress: Progress | None = None) -> xr.Datase
     return result.assign_attrs(provenance(design))
 
 
-def design_inductance(design: Design, progress: Progress | None = None) -> tuple[FloatArray, FloatArray]:
+def design_inductance(
+    design: Design, progress: Progress | None = None, *, accuracy: Accuracy = "full"
+) -> tuple[FloatArray, FloatArray]:
     """Inductance matrix of a design under its flat sheets.
 
     Parameters
@@ -74,6 +76,8 @@ def design_inductance(design: Design, progress: Progress | None = None) -> tuple
         As `coilarray.load_design` returns it.
     progress : callable, optional
         Called with (done, total) as the matrix of the bare board is computed.
+    accuracy : {"full", "screen"}
+        As in `coilarray.inductance_matrix`.
 
     Returns
     -------
@@ -83,8 +87,8 @@ def design_inductance(design: Design, progress: Progress | None = None) -> tuple
         The part of it that the magnetic sheets make.
     """
     conductors = design.array.conductors()
-    by_sheets = layer_inductance(conductors, design.sheets)
-    return inductance_matrix(conductors, progress) + by_sheets, by_sheets
+    by_sheets = layer_inductance(conductors, design.sheets, accuracy=accuracy)
+    return inductance_matrix(conductors, progress, accuracy=accuracy) + by_sheets, by_sheets
 
 
 def provenance(design: Design) -> dict[str, str]:

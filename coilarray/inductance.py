@@ -5,6 +5,8 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -17,8 +19,14 @@ from coilarray.geometry import Conductor
 from coilarray.kernels.bars import bar_self, parallel_bars
 from coilarray.kernels.filaments import filament_pair
 from coilarray.kernels.paths import mutual_sum, own_mutual_sum
+from coilarray.kernels.turns import find_series, own_series_sum, series_members, series_rules, series_sum
 
 FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+Accuracy = Literal["full", "screen"]
+"""``full``: 1e-6 of L and k. ``screen``: a tenth of the time for windings of many turns, 1e-4 of L and 5e-5 in k, for
+searches whose results are computed again in full (tests/test_inductance_screen.py)."""
 
 _SCALE = MU_0 / (4 * np.pi)
 _SAME_PLACE = 1e-12  # of the sources' extent; offsets and shapes that differ by less are the same pair
@@ -27,6 +35,8 @@ OWN_REACH = 160.0
 """Widths up to which the cross-section counts within one path (tests/test_inductance_convergence.py)."""
 MUTUAL_REACH = 40.0
 """Widths up to which the cross-section counts between two paths (tests/test_inductance_convergence.py)."""
+# the same for screening: leaves out 1/(12·15²) = 4e-5 of a pair, and 5e-3 of one where coils overlap
+_SCREEN_OWN_REACH, _SCREEN_MUTUAL_REACH = 15.0, 4.0
 
 
 def straight_filaments(p1: npt.ArrayLike, p2: npt.ArrayLike, q1: npt.ArrayLike, q2: npt.ArrayLike) -> float:
@@ -136,16 +146,18 @@ def self_inductance(source: Source) -> FloatArray:
         A thin filament: its self-inductance is infinite.
     """
     conductors = as_conductors(source)
-    return np.diag(_matrix(conductors, [(i, i) for i in range(len(conductors))])).copy()
+    return np.diag(_matrix(conductors, [(i, i) for i in range(len(conductors))], "full")).copy()
 
 
-def mutual_inductance(first: Source, second: Source) -> FloatArray:
+def mutual_inductance(first: Source, second: Source, *, accuracy: Accuracy = "full") -> FloatArray:
     """Mutual inductance between every path of one source and every path of another.
 
     Parameters
     ----------
     first, second : CoilArray, Conductor, polyline or sequence of them
         Thin filaments are allowed.
+    accuracy : {"full", "screen"}
+        See `Accuracy`.
 
     Returns
     -------
@@ -166,10 +178,10 @@ def mutual_inductance(first: Source, second: Source) -> FloatArray:
     """
     a, b = as_conductors(first), as_conductors(second)
     wanted = itertools.product(range(len(a)), range(len(a), len(a) + len(b)))
-    return _matrix(a + b, wanted)[: len(a), len(a) :]
+    return _matrix(a + b, wanted, accuracy)[: len(a), len(a) :]
 
 
-def inductance_matrix(source: Source, progress: Progress | None = None) -> FloatArray:
+def inductance_matrix(source: Source, progress: Progress | None = None, *, accuracy: Accuracy = "full") -> FloatArray:
     """Inductance matrix of the paths: L_ii on the diagonal, M_ij off it.
 
     Parameters
@@ -178,6 +190,8 @@ def inductance_matrix(source: Source, progress: Progress | None = None) -> Float
         Every segment needs a cross-section. The current density is uniform in it (direct current).
     progress : callable, optional
         Called with (done, total) as the work goes on.
+    accuracy : {"full", "screen"}
+        See `Accuracy`.
 
     Returns
     -------
@@ -206,7 +220,8 @@ def inductance_matrix(source: Source, progress: Progress | None = None) -> Float
     37.64
     """
     conductors = as_conductors(source)
-    return _matrix(conductors, itertools.combinations_with_replacement(range(len(conductors)), 2), progress)
+    wanted = itertools.combinations_with_replacement(range(len(conductors)), 2)
+    return _matrix(conductors, wanted, accuracy, progress)
 
 
 def coupling_matrix(inductance: npt.ArrayLike) -> FloatArray:
@@ -245,12 +260,41 @@ def coupling_matrix(inductance: npt.ArrayLike) -> FloatArray:
     return np.asarray(k)
 
 
+def standing_for_all(path: Conductor, accuracy: Accuracy) -> tuple[IntArray, FloatArray]:
+    """Segments whose weighted sum stands for that over a whole path.
+
+    Parameters
+    ----------
+    path : Conductor
+        Any.
+    accuracy : {"full", "screen"}
+        ``full`` takes every segment once; ``screen`` a few turns of a winding, for sums of what changes smoothly from
+        turn to turn.
+
+    Returns
+    -------
+    segments : ndarray, shape (n,)
+        Their numbers.
+    weights : ndarray, shape (n,)
+        Adding up to the number of segments.
+    """
+    if accuracy == "full":
+        return np.arange(len(path.lengths)), np.ones(len(path.lengths))
+    series = find_series(_segment_table(path))
+    return series_members(series, *series_rules(int(series[:, 2].max())))
+
+
 @dataclass(frozen=True, eq=False)
 class _Shape:
     """The segment table of a path that starts at the origin, shared by all its copies."""
 
     table: FloatArray
     is_filament: bool
+
+    @cached_property
+    def series(self) -> IntArray:
+        """Sides of successive turns, see `coilarray.kernels.turns.find_series`."""
+        return find_series(self.table)
 
 
 def _segment_table(conductor: Conductor) -> FloatArray:
@@ -287,7 +331,10 @@ def _shapes(conductors: tuple[Conductor, ...], quantum: float) -> tuple[list[_Sh
 
 
 def _matrix(
-    conductors: tuple[Conductor, ...], wanted: Iterable[tuple[int, int]], progress: Progress | None = None
+    conductors: tuple[Conductor, ...],
+    wanted: Iterable[tuple[int, int]],
+    accuracy: Accuracy,
+    progress: Progress | None = None,
 ) -> FloatArray:
     """Symmetric matrix of the wanted pairs of paths (i ≤ j) in H, zero elsewhere."""
     extent = float(np.ptp(np.concatenate([conductor.vertices for conductor in conductors]), axis=0).max())
@@ -312,9 +359,12 @@ def _matrix(
     blocks = []
     for key in pairs:
         rows = len(shapes[key[0]].table)
-        parts = min(rows, 8 if len(pairs) < 4 * cores() else 1)
+        parts = min(rows, 8 if accuracy == "full" and len(pairs) < 4 * cores() else 1)
         blocks += [(key, start, stop) for start, stop in _row_ranges(rows, parts)]
-    sums = run_blocks(lambda block: _block_sum(shapes, shifts, *block), blocks, progress)
+    if accuracy == "full":
+        sums = run_blocks(lambda block: _block_sum(shapes, shifts, *block), blocks, progress)
+    else:
+        sums = run_blocks(lambda block: _screened_sum(shapes, shifts, block[0]), blocks, progress)
     totals = dict.fromkeys(pairs, 0.0)
     for (key, _, _), part in zip(blocks, sums, strict=True):
         totals[key] += part
@@ -347,7 +397,26 @@ def _block_sum(
     if key[0] == key[1] and key[2:] == (0, 0, 0):
         if shapes[key[0]].is_filament:
             return np.inf
-        total = own_mutual_sum(a, start, stop, OWN_REACH, 0)
-        sizes, counts = np.unique(np.round(a[start:stop, [6, 10, 11]], 15), axis=0, return_counts=True)
-        return float(total + sum(c * bar_self(*size) for size, c in zip(sizes, counts, strict=True)))
+        return float(own_mutual_sum(a, start, stop, OWN_REACH, 0) + _bars_alone(a[start:stop], np.ones(stop - start)))
     return float(mutual_sum(a, b, shifts[key], start, stop, MUTUAL_REACH, 0))
+
+
+def _screened_sum(
+    shapes: list[_Shape], shifts: dict[tuple[int, int, int, int, int], FloatArray], key: tuple[int, int, int, int, int]
+) -> float:
+    """All of a pair of paths by a few turns that stand for the others."""
+    a, b = shapes[key[0]], shapes[key[1]]
+    rules = series_rules(int(max(a.series[:, 2].max(), b.series[:, 2].max())))
+    if key[0] == key[1] and key[2:] == (0, 0, 0):
+        if a.is_filament:
+            return np.inf
+        rows, weights = series_members(a.series, *rules)
+        return float(own_series_sum(a.table, a.series, _SCREEN_OWN_REACH, *rules) + _bars_alone(a.table[rows], weights))
+    return float(series_sum(a.table, b.table, shifts[key], a.series, b.series, _SCREEN_MUTUAL_REACH, *rules))
+
+
+def _bars_alone(rows: FloatArray, weights: FloatArray) -> float:
+    """Weighted sum of ∬ dl·dl'/R of every bar with itself; equal ones are computed once."""
+    sizes, which = np.unique(np.round(rows[:, [6, 10, 11]], 15), axis=0, return_inverse=True)
+    counts = np.bincount(which.ravel(), weights)
+    return float(sum(c * bar_self(*size) for size, c in zip(sizes, counts, strict=True)))

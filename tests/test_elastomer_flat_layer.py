@@ -131,7 +131,7 @@ def test_cross_section(width, thickness, angle):
     corner = np.array([[0, 0, -1e-3], [9e-3, 0, -1e-3], [9e-3 + 6e-3 * np.cos(angle), 6e-3 * np.sin(angle), -1e-3]])
     bars = Conductor(corner, width, thickness)
     stack = [Sheet("base", 1.5e-3), MAGNETIC]
-    assert flat_layer._near_images(flat_layer._board((bars,), magnetic_slab(stack)), magnetic_slab(stack)) == 0
+    assert flat_layer._near_images(flat_layer._board((bars,), magnetic_slab(stack), "full"), magnetic_slab(stack)) == 0
     lines, shares = _strands(bars)
     filaments = shares @ _series(as_conductors(lines), magnetic_slab(stack), 14) @ shares
     change = layer_inductance([bars], stack)[0, 0]
@@ -155,10 +155,10 @@ def test_rules_over_the_spectrum_converge(monkeypatch):
     paths = [polygon(6, 11e-3, -1e-3), polygon(6, 11e-3, -1.5e-3, centre=(60e-3, 5e-3))]
     stack = [Sheet("base", 3e-3), Sheet("magnetic", 0.5e-3, 50.0)]
     errors = []
-    monkeypatch.setattr(flat_layer, "_DIGITS", 40.0)
+    monkeypatch.setitem(flat_layer._DIGITS, "full", 40.0)
     finest = layer_inductance(paths, stack)
     for digits in (5.0, 10.0, 15.0, 25.0):
-        monkeypatch.setattr(flat_layer, "_DIGITS", digits)
+        monkeypatch.setitem(flat_layer._DIGITS, "full", digits)
         errors.append(abs(layer_inductance(paths, stack) - finest).max() / finest.max())
     # geometric: each step of 5 takes e⁻⁵ = 1/148 by the bound, and at least a tenth of that is seen
     assert errors[1] < errors[0] / 15

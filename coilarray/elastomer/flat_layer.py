@@ -32,16 +32,18 @@ from coilarray.conductors import Source, as_conductors
 from coilarray.constants import MU_0
 from coilarray.errors import ElastomerError
 from coilarray.geometry import Conductor, Sheet
-from coilarray.inductance import mutual_inductance
+from coilarray.inductance import Accuracy, mutual_inductance, standing_for_all
 from coilarray.kernels.cuts import lateral_axes
 
 FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
 ComplexArray = npt.NDArray[np.complex128]
 
 _NEAR = 1 / 16  # of the board: the spectrum takes images (twice the gap) from there on; it costs (board/distance)²
 _BALANCE = 0.025  # between the costs of an image and of the spectrum, for sheets so thin that many images lie near
 _WIDTHS = 4.0  # images nearer than this many widths are near: the series in _mean_wave errs by 1e-11 beyond
-_DIGITS = 25.0  # −ln 1.4e-11, error of every rule over the spectrum against the sum of all parts without their signs
+# −ln of the error of every rule over the spectrum against the sum of all parts without their signs: 1.4e-11, 3e-4
+_DIGITS: dict[Accuracy, float] = {"full": 25.0, "screen": 8.0}
 _WIDEST_PANEL = 200.0  # radians across the board; wider ones save nothing
 _LOWEST = 2.0**-60  # of the highest wavenumber; below there is nothing to integrate
 _SAME_SHAPE = 1e-12  # of the size; paths that differ by less share a spectrum
@@ -116,7 +118,9 @@ def magnetic_slab(sheets: Sequence[Sheet]) -> Slab | None:
     return Slab(heights[first], math.fsum(sheet.thickness for sheet in sheets[first : last + 1]), permeability)
 
 
-def layer_inductance(source: Source, sheets: Sequence[Sheet], progress: Progress | None = None) -> FloatArray:
+def layer_inductance(
+    source: Source, sheets: Sequence[Sheet], progress: Progress | None = None, *, accuracy: Accuracy = "full"
+) -> FloatArray:
     """Change of the inductance matrix of current paths by flat sheets above them.
 
     Parameters
@@ -127,6 +131,8 @@ def layer_inductance(source: Source, sheets: Sequence[Sheet], progress: Progress
         Upwards from z = 0, wide against the coils. At most one magnetic region, see `magnetic_slab`.
     progress : callable, optional
         Called with (done, total) as the work goes on.
+    accuracy : {"full", "screen"}
+        As in `coilarray.inductance_matrix`; ``screen`` errs by up to 1e-3 of the change itself.
 
     Returns
     -------
@@ -169,11 +175,11 @@ def layer_inductance(source: Source, sheets: Sequence[Sheet], progress: Progress
     change = np.zeros((len(paths), len(paths)))
     if slab is None:
         return change
-    board = _board(paths, slab)
+    board = _board(paths, slab, accuracy)
     near = _near_images(board, slab)
     nodes = _wavenumbers(board, slab, near)
     for n in range(near):
-        change += _weight(slab, n) * mutual_inductance(paths, _images(paths, slab, n))
+        change += _weight(slab, n) * mutual_inductance(paths, _images(paths, slab, n), accuracy=accuracy)
         if progress is not None:
             progress(n + 1, near + len(nodes))
     rest = None if progress is None else lambda done, total: progress(near + done, near + total)
@@ -200,13 +206,17 @@ def _images(paths: Sequence[Conductor], slab: Slab, n: int) -> list[Conductor]:
 class _Shape:
     """A path about its own origin, lengths in m.
 
-    `vertices`, shape (n + 1, 3); `across`, shape (n, 2), half the width of the bars as a vector; `up`, shape (n,), the
-    vertical part of half their thickness. Vertical bars are thin.
+    `vertices`, shape (m, 3); `starts` and `ends`, shape (n,), the vertices of each bar; `across`, shape (n, 2), half
+    its width as a vector; `up`, shape (n,), the vertical part of half its thickness; `weights`, shape (n,), of how many
+    alike it stands for. Vertical bars are thin.
     """
 
     vertices: FloatArray
+    starts: IntArray
+    ends: IntArray
     across: FloatArray
     up: FloatArray
+    weights: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,7 +224,7 @@ class _Board:
     """Distinct shapes of the paths, and which one lies where below the sheet; lengths in m.
 
     `origins`, shape (paths, 3), z counted from the sheet's lower face; `extent` is the largest horizontal distance,
-    `gap` that of the highest copper from its image, `size` the largest width or thickness.
+    `gap` that of the highest copper from its image, `size` the largest width or thickness, `digits` the accuracy.
     """
 
     shapes: list[_Shape]
@@ -223,9 +233,10 @@ class _Board:
     extent: float
     gap: float
     size: float
+    digits: float
 
 
-def _board(paths: Sequence[Conductor], slab: Slab) -> _Board:
+def _board(paths: Sequence[Conductor], slab: Slab, accuracy: Accuracy) -> _Board:
     corners = np.concatenate([path.vertices for path in paths])
     span = np.ptp(corners, axis=0)
     tops = [_top(path, slab.lower) for path in paths]
@@ -234,7 +245,7 @@ def _board(paths: Sequence[Conductor], slab: Slab) -> _Board:
     known: dict[bytes, int] = {}
     shape_of = []
     for path, origin in zip(paths, origins, strict=True):
-        shape = _shape(path, origin)
+        shape = _shape(path, origin, accuracy)
         table = np.concatenate([part.ravel() for part in (shape.vertices, shape.across, shape.up)])
         key = np.round(table / (_SAME_SHAPE * span.max())).astype(np.int64).tobytes()
         if key not in known:
@@ -248,19 +259,34 @@ def _board(paths: Sequence[Conductor], slab: Slab) -> _Board:
         extent=math.hypot(span[0], span[1]),
         gap=2 * max(slab.lower - max(tops), 0.0),
         size=max(float(max(path.widths.max(), path.thicknesses.max())) for path in paths),
+        digits=_DIGITS[accuracy],
     )
 
 
-def _shape(path: Conductor, origin: FloatArray) -> _Shape:
+def _shape(path: Conductor, origin: FloatArray, accuracy: Accuracy) -> _Shape:
     lateral, _ = lateral_axes(path.vertices)
+    rows, weights = standing_for_all(path, accuracy)
+    needed, places = np.unique(np.concatenate((rows, rows + 1)), return_inverse=True)
+    return _Shape(
+        path.vertices[needed] - origin,
+        starts=places[: len(rows)],
+        ends=places[len(rows) :],
+        across=(lateral[:, :2] * path.widths[:, None] / 2)[rows],
+        up=_upward(path)[rows],
+        weights=weights,
+    )
+
+
+def _upward(path: Conductor) -> FloatArray:
+    """Vertical part of half the thickness of every bar in m."""
     level = np.hypot(*np.diff(path.vertices[:, :2], axis=0).T) / path.lengths
-    return _Shape(path.vertices - origin, lateral[:, :2] * path.widths[:, None] / 2, level * path.thicknesses / 2)
+    return np.asarray(level * path.thicknesses / 2)
 
 
 def _top(path: Conductor, face: float) -> float:
     """Height of a path's highest copper in m, which must lie below the sheet's lower face."""
     ends = np.maximum(path.vertices[1:, 2], path.vertices[:-1, 2])
-    top = float((ends + _shape(path, path.vertices[0]).up).max())
+    top = float((ends + _upward(path)).max())
     rounding = 1e-12 * float(np.abs(path.vertices).max())
     if top > face + rounding or (path.is_filament and top > face - rounding):
         raise ElastomerError(
@@ -277,14 +303,14 @@ def _near_images(board: _Board, slab: Slab) -> int:
     return max(math.ceil((least - board.gap) / (2 * slab.thickness)), 0)
 
 
-def _nodes(radians: float) -> int:
+def _nodes(radians: float, digits: float) -> int:
     """Nodes of the rules that integrate e^{ix}, |x| ≤ radians, to the tolerance.
 
     A Gauss rule errs like M ρ^(−2n) with M = exp(radians (ρ − 1/ρ)/2), the maximum on the ellipse ρ (Trefethen,
     Approximation Theory and Approximation Practice, thm. 19.3), n points on half a circle in the same way on the
     strip |Im θ| < ln ρ. ρ = 3 is near the best.
     """
-    return math.ceil((radians * 4 / 3 + _DIGITS) / (2 * math.log(3)))
+    return math.ceil((radians * 4 / 3 + digits) / (2 * math.log(3)))
 
 
 def _wavenumbers(board: _Board, slab: Slab, near: int) -> list[tuple[float, float]]:
@@ -294,7 +320,7 @@ def _wavenumbers(board: _Board, slab: Slab, near: int) -> list[tuple[float, floa
     k = ln β/t < 0.
     """
     nearest = board.gap + 2 * near * slab.thickness
-    highest = _DIGITS / nearest
+    highest = board.digits / nearest
     pole = math.log1p(2 / (slab.relative_permeability - 1)) / slab.thickness
     lowest = max(min(pole, 0.5 / slab.thickness, highest / 8), _LOWEST * highest)
     edges = [0.0, lowest]
@@ -303,7 +329,7 @@ def _wavenumbers(board: _Board, slab: Slab, near: int) -> list[tuple[float, floa
     nodes = []
     for start, stop in itertools.pairwise(edges):
         half = (stop - start) / 2
-        x, weight = np.polynomial.legendre.leggauss(_nodes(half * board.extent))
+        x, weight = np.polynomial.legendre.leggauss(_nodes(half * board.extent, board.digits))
         nodes += list(zip((start + half * (1 + x)).tolist(), (half * weight).tolist(), strict=True))
     return nodes
 
@@ -331,7 +357,7 @@ def _rest(slab: Slab, near: int, k: float) -> float:
 
 def _spectral_products(board: _Board, k: float) -> FloatArray:
     """Mean of J_i·J'_j over the directions of one wavenumber in 1/m, shape (paths, paths), in m²."""
-    n = _nodes(k * board.extent)
+    n = _nodes(k * board.extent, board.digits)
     angle = np.pi * np.arange(n) / n  # the other half circle has the conjugates
     waves = k * np.column_stack((np.cos(angle), np.sin(angle)))
     own = np.array([_transform(shape, waves, k) for shape in board.shapes])
@@ -343,17 +369,18 @@ def _spectral_products(board: _Board, k: float) -> FloatArray:
 def _transform(shape: _Shape, waves: FloatArray, k: float) -> ComplexArray:
     """Give ∫ e^{i(k_x x + k_y y)} e^{kz} dl along a path of bars, shape (3, n) in m; `waves`, shape (n, 2) in 1/m."""
     corner = np.exp(1j * _along(waves, shape.vertices) + k * shape.vertices[:, 2])
-    steps = np.diff(shape.vertices, axis=0)
+    begin, end = corner[:, shape.starts], corner[:, shape.ends]
+    steps = shape.vertices[shape.ends] - shape.vertices[shape.starts]
     # along a bar the mean is (difference of the ends)/2c, and (tanh c)/c times their mean where that loses digits
     c = 0.5j * _along(waves, steps) + 0.5 * k * steps[:, 2]
     short = np.abs(c) < 1e-3
-    ends = (corner[:, 1:] + corner[:, :-1])[short]
+    both = (end + begin)[short]
     c2 = c[short] ** 2
     c[short] = 1.0
-    mean = (corner[:, 1:] - corner[:, :-1]) / (2 * c)
-    mean[short] = ends / 2 * (1 - c2 / 3)
+    mean = (end - begin) / (2 * c)
+    mean[short] = both / 2 * (1 - c2 / 3)
     mean *= _mean_wave(-(_along(waves, shape.across) ** 2)) * _mean_wave((k * shape.up) ** 2)
-    return np.asarray([(mean * step).sum(axis=1) for step in steps.T])
+    return np.asarray([(mean * (shape.weights * step)).sum(axis=1) for step in steps.T])
 
 
 def _along(waves: FloatArray, vectors: FloatArray) -> FloatArray:

@@ -53,7 +53,7 @@ _NODES, _WEIGHTS = _gauss_tables()
 
 
 @kernel
-def _closest_offset(dx: float, dy: float, dz: float, a: FloatArray, b: FloatArray) -> tuple[float, float, float]:
+def closest_offset(dx: float, dy: float, dz: float, a: FloatArray, b: FloatArray) -> tuple[float, float, float]:
     """Shortest vector from the first segment to the second; (dx, dy, dz) leads from start to start."""
     cosine = a[3] * b[3] + a[4] * b[4] + a[5] * b[5]
     du = dx * a[3] + dy * a[4] + dz * a[5]
@@ -256,7 +256,7 @@ def bar_pair(a: FloatArray, b: FloatArray, shift: FloatArray, reach: float, extr
     count = 1
     rule[0, 0], rule[0, 1], rule[0, 2], rule[0, 3] = 1.0, 0.0, 0.0, 0.0
     if size > 0.0 and centre_distance - 0.5 * (a[6] + b[6]) < reach * size:
-        gx, gy, gz = _closest_offset(dx, dy, dz, a, b)
+        gx, gy, gz = closest_offset(dx, dy, dz, a, b)
         distance = math.sqrt(gx * gx + gy * gy + gz * gz)
         if distance < reach * size:
             parallel = 1.0 - cosine * cosine < PARALLEL_SIN2

@@ -1,0 +1,265 @@
+"""Neumann sums over the turns of a winding by quadrature: a few turns stand for all of them.
+
+The same side of successive turns is a *series* of segments whose ends step evenly. A sum over a series is replaced by
+one over a few of its members, with the weights that are exact for polynomials of the index (`series_rules`):
+
+* two series that lie apart: a few members of each;
+* two that run beside or across each other: the pairs of one difference (or one sum) of the indices lie alike, and
+  their sum is taken by the rule, halved wherever a rule with fewer members disagrees.
+
+Errors are about 1e-5 of the own inductance of a winding of 30 turns, less between windings that lie apart.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import numpy as np
+import numpy.typing as npt
+
+from coilarray.kernels.compiled import kernel
+from coilarray.kernels.paths import RULE_SIZE, bar_pair, closest_offset
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+_MEMBERS, _CHECK = 5, 4  # members that stand for a series, and those of the rule that checks them
+_APART = 0.3  # of a series' width: distance from which two series are taken as a whole
+_FEW = 49  # pairs that are summed one by one
+_AGREE = 1e-2  # of a sum: what its two rules may differ by; the better rule errs far less
+_STEP = 1e-10  # of the path's size: evenness of the steps
+
+
+@cache
+def series_rules(longest: int) -> tuple[IntArray, FloatArray, FloatArray, IntArray]:
+    """Rules for sums over 1 … `longest` equidistant indices.
+
+    Returns
+    -------
+    members : ndarray, shape (longest + 1, 5)
+        Indices, from 0; row n is for n of them.
+    weights, check : ndarray, shape (longest + 1, 5)
+        Exact for polynomials of degree 4, and of degree 3 without the middle member.
+    counts : ndarray, shape (longest + 1,)
+        Members of each rule.
+    """
+    members = np.zeros((longest + 1, _MEMBERS), dtype=np.int64)
+    weights, check = np.zeros((longest + 1, _MEMBERS)), np.zeros((longest + 1, _MEMBERS))
+    counts = np.minimum(np.arange(longest + 1), _MEMBERS)
+    fewer = np.array([0, 1, 3, 4])
+    for n in range(1, longest + 1):
+        if n <= _MEMBERS:
+            members[n, :n] = np.arange(n)
+            weights[n, :n] = check[n, :n] = 1.0
+            continue
+        chosen = np.round((n - 1) / 2 * (1 - np.cos(np.pi * np.arange(_MEMBERS) / (_MEMBERS - 1)))).astype(int)
+        powers = np.polynomial.legendre.legvander(2 * np.arange(n) / (n - 1) - 1, _MEMBERS - 1)
+        members[n] = chosen
+        weights[n] = np.linalg.solve(powers[chosen].T, powers.sum(axis=0))
+        part = powers[:, :_CHECK]
+        check[n, fewer] = np.linalg.solve(part[chosen[fewer]].T, part.sum(axis=0))
+    return members, weights, check, counts
+
+
+@kernel
+def _steps_evenly(path: FloatArray, i: int, j: int, k: int, tolerance: float) -> bool:
+    """Say whether three segments of one cross-section have starts and ends on equidistant points."""
+    for column in range(10, 12):
+        if path[i, column] != path[j, column] or path[j, column] != path[k, column]:
+            return False
+    for axis in range(3):
+        p, q, r = path[i, axis], path[j, axis], path[k, axis]
+        if abs(p - 2.0 * q + r) > tolerance:
+            return False
+        p += path[i, 3 + axis] * path[i, 6]
+        q += path[j, 3 + axis] * path[j, 6]
+        r += path[k, 3 + axis] * path[k, 6]
+        if abs(p - 2.0 * q + r) > tolerance:
+            return False
+    return True
+
+
+@kernel
+def _find_series(path: FloatArray, tolerance: float) -> IntArray:
+    n = path.shape[0]
+    free = np.ones(n, np.bool_)
+    found = np.empty((n, 3), np.int64)
+    count = 0
+    for first in range(n):
+        if not free[first]:
+            continue
+        step, members = 1, 1
+        for stride in range(1, (n - 1 - first) // 2 + 1):
+            last = first
+            while last + 2 * stride < n:
+                a, b, c = last, last + stride, last + 2 * stride
+                if not (free[a] and free[b] and free[c] and _steps_evenly(path, a, b, c, tolerance)):
+                    break
+                last += stride
+            if last > first:
+                step, members = stride, (last - first) // stride + 2
+                break
+        for k in range(members):
+            free[first + k * step] = False
+        found[count, 0], found[count, 1], found[count, 2] = first, step, members
+        count += 1
+    return found[:count]
+
+
+def find_series(path: FloatArray) -> IntArray:
+    """Cut a path into series of segments whose starts and ends step evenly.
+
+    Parameters
+    ----------
+    path : ndarray, shape (n, 12)
+        Rows of `coilarray.kernels.paths`.
+
+    Returns
+    -------
+    ndarray, shape (series, 3)
+        First row, stride and number of rows; every row is in one series. A single segment is a series of one.
+    """
+    return np.asarray(_find_series(path, _STEP * float(np.ptp(path[:, :3], axis=0).max() + path[:, 6].max())))
+
+
+def series_members(
+    series: IntArray, members: IntArray, weights: FloatArray, check: FloatArray, counts: IntArray
+) -> tuple[IntArray, FloatArray]:
+    """Rows of a path that stand for all of it, and their weights, both of shape (n,)."""
+    rows = [first + step * members[n, : counts[n]] for first, step, n in series]
+    return np.concatenate(rows), np.concatenate([weights[n, : counts[n]] for n in series[:, 2]])
+
+
+@kernel
+def _distance(a: FloatArray, b: FloatArray, shift: FloatArray) -> float:
+    x, y, z = closest_offset(b[0] + shift[0] - a[0], b[1] + shift[1] - a[1], b[2] + shift[2] - a[2], a, b)
+    return math.sqrt(x * x + y * y + z * z)
+
+
+@kernel
+def _width(path: FloatArray, series: IntArray) -> float:
+    """How far a series reaches from its first member to its last."""
+    last = series[0] + (series[2] - 1) * series[1]
+    square = 0.0
+    for axis in range(3):
+        square += (path[last, axis] - path[series[0], axis]) ** 2
+    return math.sqrt(square)
+
+
+@kernel
+def _sum_along(
+    first: FloatArray, second: FloatArray, shift: FloatArray, i: int, di: int, j: int, dj: int, count: int,
+    reach: float, members: IntArray, weights: FloatArray, check: FloatArray, counts: IntArray, rule: FloatArray,
+) -> float:  # fmt: skip
+    """Sum of the pairs (i + t·di, j + t·dj), 0 ≤ t < `count`, halved where the two rules disagree."""
+    total = 0.0
+    begins, lengths = np.empty(64, np.int64), np.empty(64, np.int64)
+    begins[0], lengths[0] = 0, count
+    left = 1
+    while left > 0:
+        left -= 1
+        begin, n = begins[left], lengths[left]
+        if n <= _MEMBERS + 1:
+            for t in range(begin, begin + n):
+                total += bar_pair(first[i + t * di], second[j + t * dj], shift, reach, 0, rule)
+            continue
+        better, worse = 0.0, 0.0
+        for k in range(counts[n]):
+            t = begin + members[n, k]
+            value = bar_pair(first[i + t * di], second[j + t * dj], shift, reach, 0, rule)
+            better += weights[n, k] * value
+            worse += check[n, k] * value
+        if abs(better - worse) <= _AGREE * abs(better):
+            total += better
+        else:
+            half = n // 2
+            begins[left], lengths[left] = begin, half
+            begins[left + 1], lengths[left + 1] = begin + half, n - half
+            left += 2
+    return total
+
+
+@kernel
+def _sum_apart(
+    first: FloatArray, second: FloatArray, shift: FloatArray, a: IntArray, b: IntArray, reach: float,
+    members: IntArray, weights: FloatArray, rule: FloatArray, counts: IntArray,
+) -> float:  # fmt: skip
+    """Sum of two series by a few members of each."""
+    total = 0.0
+    for i in range(counts[a[2]]):
+        row = 0.0
+        for j in range(counts[b[2]]):
+            p, q = a[0] + members[a[2], i] * a[1], b[0] + members[b[2], j] * b[1]
+            row += weights[b[2], j] * bar_pair(first[p], second[q], shift, reach, 0, rule)
+        total += weights[a[2], i] * row
+    return total
+
+
+@kernel
+def _sum_two_series(
+    first: FloatArray, second: FloatArray, shift: FloatArray, a: IntArray, b: IntArray, reach: float,
+    members: IntArray, weights: FloatArray, check: FloatArray, counts: IntArray, rule: FloatArray,
+) -> float:  # fmt: skip
+    m, n = a[2], b[2]
+    a_last, b_last = a[0] + (m - 1) * a[1], b[0] + (n - 1) * b[1]
+    total = 0.0
+    if m * n <= _FEW or min(m, n) <= 2:
+        for i in range(m):
+            for j in range(n):
+                total += bar_pair(first[a[0] + i * a[1]], second[b[0] + j * b[1]], shift, reach, 0, rule)
+        return total
+    near, far = _distance(first[a[0]], second[b[0]], shift), _distance(first[a[0]], second[b_last], shift)
+    near_too, far_too = _distance(first[a_last], second[b_last], shift), _distance(first[a_last], second[b[0]], shift)
+    if min(near, far, near_too, far_too) > _APART * max(_width(first, a), _width(second, b)):
+        return _sum_apart(first, second, shift, a, b, reach, members, weights, rule, counts)
+    # the pairs of one difference of the indices lie alike, or those of one sum: whichever leads along the nearness
+    alike = near + near_too <= far + far_too
+    j_begin, dj = (b[0], b[1]) if alike else (b_last, -b[1])
+    for difference in range(1 - m, n):
+        i = max(0, -difference)
+        count = min(m, n - difference) - i
+        total += _sum_along(
+            first, second, shift, a[0] + i * a[1], a[1], j_begin + (i + difference) * dj, dj, count,
+            reach, members, weights, check, counts, rule,
+        )  # fmt: skip
+    return total
+
+
+@kernel
+def series_sum(
+    first: FloatArray, second: FloatArray, shift: FloatArray, of_first: IntArray, of_second: IntArray, reach: float,
+    members: IntArray, weights: FloatArray, check: FloatArray, counts: IntArray,
+) -> float:  # fmt: skip
+    """Sum of `bar_pair` over all rows of `first` and all of `second` moved by `shift`."""
+    rule = np.empty((RULE_SIZE, 4))
+    total = 0.0
+    for a in range(of_first.shape[0]):
+        for b in range(of_second.shape[0]):
+            total += _sum_two_series(
+                first, second, shift, of_first[a], of_second[b], reach, members, weights, check, counts, rule
+            )
+    return total
+
+
+@kernel
+def own_series_sum(
+    path: FloatArray, series: IntArray, reach: float,
+    members: IntArray, weights: FloatArray, check: FloatArray, counts: IntArray,
+) -> float:  # fmt: skip
+    """Twice the sum of `bar_pair` over the pairs i < j of one path."""
+    rule = np.empty((RULE_SIZE, 4))
+    shift = np.zeros(3)
+    total = 0.0
+    for a in range(series.shape[0]):
+        begin, step, n = series[a]
+        for apart in range(1, n):
+            total += _sum_along(
+                path, path, shift, begin, step, begin + apart * step, step, n - apart,
+                reach, members, weights, check, counts, rule,
+            )  # fmt: skip
+        for b in range(a + 1, series.shape[0]):
+            total += _sum_two_series(
+                path, path, shift, series[a], series[b], reach, members, weights, check, counts, rule
+            )
+    return 2.0 * total
