@@ -14,6 +14,7 @@ from shapely import affinity
 
 from coilarray.errors import GeometryError
 from coilarray.geometry import Coil, CoilArray, Placement, Sheet, Stackup
+from coilarray.geometry.copper import uniform_runs
 from coilarray.layered_strips import LayeredMedium, crossed_grid_capacitance, strip_capacitance
 
 FloatArray = npt.NDArray[np.float64]
@@ -35,9 +36,9 @@ class WindingCapacitance:
     interlayer, turn_to_turn : float
         Parts in F of the lumped capacitance across the terminals: the field's energy between turns of different
         layers, and between turns of one layer.
-    layers : ndarray, shape (layers, layers)
-        Maxwell matrix in F of the layers, each at one potential; rows sum to zero. Layers that only carry a lead
-        have zeros.
+    layers : ndarray, shape (lines, lines)
+        Maxwell matrix in F of the coil's lines, one a layer of the winding, each at one potential; rows sum to zero.
+        Lines that only carry a lead have zeros.
     longest_turns : float
         Lumped capacitance in F if every turn were as long as the longest: of one quadratic form, so that it grows with
         every permittivity, and by more than `total` does.
@@ -380,11 +381,12 @@ def _windings(array: CoilArray, above: Slabs, half_space: float) -> list[Winding
 
 @dataclass(frozen=True, eq=False)
 class _Cut:
-    """Traces on one ray: layer of the coil, place across the unfolded cut and place along the whole path, in m."""
+    """Traces on one ray: line of the coil; place across the unfolded cut, place along the path and width in m."""
 
-    layer: npt.NDArray[np.int64]
+    line: npt.NDArray[np.int64]
     across: FloatArray
     along: FloatArray
+    width: FloatArray
 
 
 def _cuts(placement: Placement) -> list[_Cut]:
@@ -397,10 +399,10 @@ def _cuts(placement: Placement) -> list[_Cut]:
     for ray in range(_RAYS):
         angle = azimuth + 2 * math.pi * ray / _RAYS
         cut = _cut(coil, centre, np.array([math.cos(angle), math.sin(angle)]))
-        if len(cut.layer) < 2:
+        if len(cut.line) < 2:
             raise GeometryError(
                 f"the winding of {placement.name} must run at least twice around the centre of its outline; "
-                f"a ray from there meets {len(cut.layer)} of its traces."
+                f"a ray from there meets {len(cut.line)} of its traces."
             )
         cuts.append(cut)
     return cuts
@@ -408,9 +410,9 @@ def _cuts(placement: Placement) -> list[_Cut]:
 
 def _cut(coil: Coil, centre: FloatArray, ray: FloatArray) -> _Cut:
     normal = np.array([-ray[1], ray[0]])
-    found = []  # layer, distance from the centre, along the path, cosine
+    found = []  # line, distance from the centre, along the path, width, cosine
     start = 0.0
-    for layer, line in enumerate(coil.lines):
+    for k, (line, widths) in enumerate(zip(coil.lines, coil.widths, strict=True)):
         points = line - centre
         side, reach = points @ normal, points @ ray
         lengths = np.hypot(*np.diff(points, axis=0).T)
@@ -420,13 +422,13 @@ def _cut(coil: Coil, centre: FloatArray, ray: FloatArray) -> _Cut:
         cosine = np.abs(side[i + 1] - side[i]) / lengths[i]
         along = start + np.cumsum(np.append(0.0, lengths))[i] + part * lengths[i]
         keep = (u > 0) & (cosine > _CROSSING)
-        found.append(np.column_stack((np.full(len(u), float(layer)), u, along, cosine))[keep])
+        found.append(np.column_stack((np.full(len(u), float(k)), u, along, widths[i], cosine))[keep])
         start += float(lengths.sum())
-    layer, u, along, cosine = np.vstack(found)[np.argsort(np.vstack(found)[:, 1], kind="stable")].T
+    which, u, along, width, cosine = np.vstack(found)[np.argsort(np.vstack(found)[:, 1], kind="stable")].T
     if not len(u):
-        return _Cut(np.zeros(0, dtype=np.int64), u, along)
+        return _Cut(np.zeros(0, dtype=np.int64), u, along, width)
     across = np.append(u[0] * cosine[0], np.diff(u) * 0.5 * (cosine[1:] + cosine[:-1])).cumsum()
-    return _Cut(layer.astype(np.int64), across, along)
+    return _Cut(which.astype(np.int64), across, along, width)
 
 
 def _winding(stackup: Stackup, placement: Placement, above: Slabs, half_space: float) -> WindingCapacitance:
@@ -435,21 +437,22 @@ def _winding(stackup: Stackup, placement: Placement, above: Slabs, half_space: f
     copper = np.array([stackup.index(layer) for layer in placement.layers])
     ends = np.cumsum([0.0, *(float(np.hypot(*np.diff(line, axis=0).T).sum()) for line in coil.lines)])
     cuts = _cuts(placement)
-    layers = np.concatenate([cut.layer for cut in cuts])
-    lengths = _shares(layers, np.concatenate([cut.along for cut in cuts]), ends)
+    lines = np.concatenate([cut.line for cut in cuts])
+    lengths = _shares(lines, np.concatenate([cut.along for cut in cuts]), ends)
     interlayer = turn_to_turn = longest = 0.0
     between = np.zeros((len(coil.lines),) * 2)
     done = 0
     for cut in cuts:
-        n = len(cut.layer)
-        face = first + 2 * copper[cut.layer]
-        period = _MIRROR_DISTANCE * float(cut.across.max() + coil.trace_width / 2)
+        n = len(cut.line)
+        layer = copper[cut.line]
+        face = first + 2 * layer
+        period = _MIRROR_DISTANCE * float((cut.across + cut.width / 2).max())
         try:
             c = strip_capacitance(
                 medium,
                 np.concatenate((face, face + 1)).tolist(),
                 np.tile(cut.across, 2),
-                np.full(2 * n, coil.trace_width),
+                np.tile(cut.width, 2),
                 np.tile(np.arange(n), 2).tolist(),
                 period=period,
                 mirror=True,
@@ -460,11 +463,11 @@ def _winding(stackup: Stackup, placement: Placement, above: Slabs, half_space: f
         V = cut.along / ends[-1]
         energy = -c * (V[:, None] - V) ** 2 / 4  # J/m at V = 1, of strip i against strip j
         length = lengths[done : done + n]
-        same = cut.layer[:, None] == cut.layer
+        same = layer[:, None] == layer
         turn_to_turn += 2 * float(length @ np.where(same, energy, 0.0).sum(axis=1))
         interlayer += 2 * float(length @ np.where(same, 0.0, energy).sum(axis=1))
         longest += float(length.max() * (V @ c @ V))
-        np.add.at(between, (cut.layer[:, None], cut.layer), c * 0.5 * (length[:, None] + length))
+        np.add.at(between, (cut.line[:, None], cut.line), c * 0.5 * (length[:, None] + length))
         done += n
     np.fill_diagonal(between, 0.0)
     np.fill_diagonal(between, -between.sum(axis=1))
@@ -473,15 +476,16 @@ def _winding(stackup: Stackup, placement: Placement, above: Slabs, half_space: f
 
 def _basis(stackup: Stackup, coil: Coil) -> int:
     """Functions a strip: three for traces up to twice the gap and the thinnest dielectric, more for wider ones."""
+    widest = max(float(widths.max()) for widths in coil.widths)
     nearest = min(coil.gap, *stackup.dielectric_thickness) if stackup.dielectric_thickness else coil.gap
-    return max(3, math.ceil(2 * math.sqrt(coil.trace_width / nearest)))
+    return max(3, math.ceil(2 * math.sqrt(widest / nearest)))
 
 
-def _shares(layer: npt.NDArray[np.int64], along: FloatArray, ends: FloatArray) -> FloatArray:
-    """Length in m of its layer's path that each cut trace stands for: half-way to the next, and to the ends."""
+def _shares(line: npt.NDArray[np.int64], along: FloatArray, ends: FloatArray) -> FloatArray:
+    """Length in m of its line that each cut trace stands for: half-way to the next, and to the ends."""
     shares = np.zeros_like(along)
-    for i in np.unique(layer):
-        on = np.flatnonzero(layer == i)
+    for i in np.unique(line):
+        on = np.flatnonzero(line == i)
         on = on[np.argsort(along[on])]
         s = along[on]
         if len(on) == 1:
@@ -497,7 +501,7 @@ def _between_coils(array: CoilArray, above: Slabs, half_space: float) -> FloatAr
     """Maxwell matrix between coils from the areas in which their windings lie above each other."""
     medium, first = _board_medium(array.stackup, above, half_space)
     bands = _bands(array)
-    shapes = [shape for _, _, shape in bands]
+    shapes = [band.area for band in bands]
     C = np.zeros((len(array.placements),) * 2)
     edges = shapely.union_all(shapely.boundary(shapes))
     areas: dict[tuple[int, ...], float] = {}
@@ -505,22 +509,21 @@ def _between_coils(array: CoilArray, above: Slabs, half_space: float) -> FloatAr
     within, cell = shapely.STRtree(shapes).query(shapely.point_on_surface(cells), predicate="within")[::-1]
     for index in np.unique(cell):
         pattern = tuple(sorted(within[cell == index].tolist()))
-        if len({bands[band][0] for band in pattern}) > 1:
+        if len({bands[band].coil for band in pattern}) > 1:
             areas[pattern] = areas.get(pattern, 0.0) + float(cells[index].area)
     for pattern, area in areas.items():
-        coils = sorted({bands[band][0] for band in pattern})
+        coils = sorted({bands[band].coil for band in pattern})
         planes, widths, pitches, grids, owners = [], [], [], [], []
         basis = 3
-        for grid, band in enumerate(pattern):
-            index, layer, _ = bands[band]
-            coil = array.placements[index].coil
+        for grid, band in enumerate(bands[index] for index in pattern):
+            coil = array.placements[band.coil].coil
             basis = max(basis, _basis(array.stackup, coil))
             for face in (0, 1):
-                planes.append(first + 2 * layer + face)
-                widths.append(coil.trace_width)
-                pitches.append(coil.trace_width + coil.gap)
+                planes.append(first + 2 * band.layer + face)
+                widths.append(band.width)
+                pitches.append(band.width + coil.gap)
                 grids.append(grid)
-                owners.append(coils.index(index))
+                owners.append(coils.index(band.coil))
         per_area = crossed_grid_capacitance(medium, planes, widths, pitches, grids, owners, basis=basis)
         C[np.ix_(coils, coils)] += area * per_area
     np.fill_diagonal(C, 0.0)
@@ -528,39 +531,69 @@ def _between_coils(array: CoilArray, above: Slabs, half_space: float) -> FloatAr
     return C
 
 
-def _bands(array: CoilArray) -> list[tuple[int, int, shapely.Geometry]]:
-    """Traces and gaps of every layer of every coil: index of the coil, index of the copper layer, area."""
+@dataclass(frozen=True, eq=False)
+class _Band:
+    """Traces and gaps of a coil on one layer: indices of coil and copper layer, mean width in m, area."""
+
+    coil: int
+    layer: int
+    width: float
+    area: shapely.Geometry
+
+
+def _bands(array: CoilArray) -> list[_Band]:
     own: dict[int, list[shapely.Geometry]] = {}
     bands = []
     for index, placement in enumerate(array.placements):
         coil = placement.coil
         if id(coil) not in own:
-            own[id(coil)] = [_band(line, (coil.trace_width + coil.gap) / 2) for line in coil.lines]
-        for shape, layer in zip(own[id(coil)], placement.layers, strict=True):
+            own[id(coil)] = [_band(coil, k) for k in range(len(coil.lines))]
+        for layer in dict.fromkeys(placement.layers):
+            lines = placement.lines_on(layer)
+            shape = own[id(coil)][lines[0]] if len(lines) == 1 else shapely.union_all([own[id(coil)][k] for k in lines])
             turned = affinity.rotate(shape, placement.rotation, origin=(0, 0), use_radians=True)
-            bands.append((index, array.stackup.index(layer), affinity.translate(turned, placement.x, placement.y)))
+            area = affinity.translate(turned, placement.x, placement.y)
+            bands.append(_Band(index, array.stackup.index(layer), _mean_width(coil, lines), area))
     return bands
 
 
-def _band(line: FloatArray, reach: float) -> shapely.Geometry:
-    """Area within `reach` of a line; slits between turns, from the slight tilt of a spiral's sides, are closed."""
-    slit = 0.05 * reach
-    wide = shapely.buffer(shapely.LineString(line), reach + slit, cap_style="flat", join_style="mitre", mitre_limit=2.0)
+def _mean_width(coil: Coil, lines: Sequence[int]) -> float:
+    """Width of a coil's lines in m, weighted by length."""
+    widths = np.concatenate([coil.widths[k] for k in lines])
+    lengths = np.concatenate([np.hypot(*np.diff(coil.lines[k], axis=0).T) for k in lines])
+    return float(widths[0] + np.average(widths - widths[0], weights=lengths))  # exact where all are the same
+
+
+def _band(coil: Coil, index: int) -> shapely.Geometry:
+    """Traces of a line and half of the gaps; slits between turns, from the slight tilt of their sides, are closed."""
+    slit = 0.05 * (coil.trace_width + coil.gap) / 2
+    ribbons = [
+        shapely.buffer(
+            shapely.LineString(piece),
+            (width + coil.gap) / 2 + slit,
+            cap_style="flat",
+            join_style="mitre",
+            mitre_limit=2.0,
+        )
+        for piece, width in uniform_runs(coil.lines[index], coil.widths[index])
+    ]
+    wide = ribbons[0] if len(ribbons) == 1 else shapely.union_all(ribbons)
     return shapely.buffer(wide, -slit, join_style="mitre", mitre_limit=2.0)
 
 
 def _refuse_touching_coils(array: CoilArray) -> None:
     for layer in array.stackup.names:
         here = [
-            (placement, shapely.LineString(placement.to_board(placement.coil.lines[placement.layers.index(layer)])))
+            (placement.name, shapely.LineString(placement.to_board(piece)), width)
             for placement in array.placements
-            if layer in placement.layers
+            for k in placement.lines_on(layer)
+            for piece, width in uniform_runs(placement.coil.lines[k], placement.coil.widths[k])
         ]
-        if len(here) < 2:
+        if len({name for name, _, _ in here}) < 2:
             continue
-        lines = [line for _, line in here]
-        reach = max(placement.coil.trace_width for placement, _ in here)
+        lines = [line for _, line, _ in here]
+        reach = max(width for _, _, width in here)
         for i, j in shapely.STRtree(lines).query(lines, predicate="dwithin", distance=reach).T.tolist():
-            (one, line), (other, other_line) = here[i], here[j]
-            if i < j and line.distance(other_line) < (one.coil.trace_width + other.coil.trace_width) / 2:
-                raise GeometryError(f"the copper of {one.name} and {other.name} overlaps on {layer}.")
+            (one, line, width), (other, other_line, other_width) = here[i], here[j]
+            if i < j and one != other and line.distance(other_line) < (width + other_width) / 2:
+                raise GeometryError(f"the copper of {one} and {other} overlaps on {layer}.")

@@ -16,6 +16,7 @@ from pydantic import ValidationError
 
 from coilarray import designs
 from coilarray.errors import DesignError, GeometryError, NetworkError
+from coilarray.fab_schema import load_profile
 from coilarray.geometry import Coil, CoilArray, FabRules, Indenter, Sheet
 from coilarray.schema import Document, StateTable, first_error
 from coilarray.terminations import Passive, ScanState, Switches, check_state
@@ -108,7 +109,7 @@ class Design:
     circuit : Circuit
         Terminations and tank.
     rules : FabRules
-        Limits of the board house.
+        Limits of the board house, of a bundled profile where the file names one.
     field_height : float
         Height in m of the plane on which reports show the field.
     values : mapping of str to object
@@ -119,6 +120,9 @@ class Design:
         Keys whose values are assumed, with the reason.
     digest : str
         SHA-256 of all values that enter a result, hexadecimal: equal for equal designs whatever their comments.
+    document : mapping of str to object
+        The file as TOML reads it, nothing added: plain tables, lists and values. `coilarray.variation.vary` changes
+        its entries, and `build_design` makes the design of it again.
     """
 
     name: str
@@ -134,6 +138,7 @@ class Design:
     given: frozenset[str]
     assumed: Mapping[str, str]
     digest: str
+    document: Mapping[str, Any]
 
 
 def load_design(name_or_path: str | Path | None = None) -> Design:
@@ -189,6 +194,28 @@ def parse_design(text: str, origin: str = "design") -> Design:
         raise DesignError(f"{origin}: not valid TOML: {error}.") from None
     except RecursionError:
         raise DesignError(f"{origin}: not valid TOML: nested too deeply.") from None
+    return build_design(document, origin)
+
+
+def build_design(document: Mapping[str, Any], origin: str = "design") -> Design:
+    """Check a document and make the design of it.
+
+    Parameters
+    ----------
+    document : mapping of str to object
+        A design file as TOML reads it.
+    origin : str
+        Names it in messages.
+
+    Returns
+    -------
+    Design
+
+    Raises
+    ------
+    DesignError
+        As `load_design`.
+    """
     try:
         parsed = Document.model_validate(document)
     except ValidationError as error:
@@ -234,6 +261,7 @@ def _build(parsed: Document, document: Mapping[str, Any]) -> Design:
         check_state(state, array.names)
     if len({state.name for state in plan}) != len(plan):
         raise DesignError(f"scan must name each state differently; got {', '.join(state.name for state in plan)}.")
+    given = frozenset(_flatten(document))
     entering = {key: value for key, value in values.items() if key not in ("title", "source")}
     return Design(
         name=parsed.name,
@@ -259,12 +287,13 @@ def _build(parsed: Document, document: Mapping[str, Any]) -> Design:
             plan,
             circuit.elastomer_permittivity,
         ),
-        rules=parsed.rules.build(),
+        rules=parsed.fab.build(),
         field_height=parsed.field.height_mm * 1e-3,
         values=values,
-        given=frozenset(_flatten(document)),
-        assumed=dict(parsed.assumed),
+        given=given,
+        assumed={**_assumed_by_profile(parsed.fab.profile, given), **parsed.assumed},
         digest=hashlib.sha256(json.dumps(entering, sort_keys=True).encode()).hexdigest(),
+        document=document,
     )
 
 
@@ -308,6 +337,12 @@ def _indentation(parsed: Document, array: CoilArray) -> Indentation | None:
         sample_radius=None if table.sample_radius_mm is None else table.sample_radius_mm * 1e-3,
         sample_bounds=table.sample_bounds(),
     )
+
+
+def _assumed_by_profile(name: str | None, given: frozenset[str]) -> dict[str, str]:
+    """Limits that a fab profile assumes and the file does not give, with the reason."""
+    assumed = {} if name is None else load_profile(name).assumed
+    return {f"fab.{key}": reason for key, reason in assumed.items() if f"fab.{key}" not in given}
 
 
 @contextmanager

@@ -31,6 +31,18 @@ class LocalizeError(CoilarrayError, ValueError):
     """A response or reading that gives no position: which coil or value, what is allowed."""
 
 
+class BoardError(CoilarrayError, ValueError):
+    """A board file that cannot be read or holds no coil: the file, the place in it, and the reason."""
+
+
+class GoalError(CoilarrayError, ValueError):
+    """A quantity, goal, sweep or tolerance that cannot be: which name or value, what is allowed."""
+
+
+class ClusterError(CoilarrayError):
+    """Workers that do not answer or were lost for good: which address or process, and what to do."""
+
+
 class OutputError(CoilarrayError):
     """A result that cannot be written: the path and the reason."""
 

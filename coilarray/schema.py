@@ -5,22 +5,21 @@ Numbers stay in the units of their key names up to the `build` methods, which re
 
 from __future__ import annotations
 
-import difflib
 import itertools
 import math
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Discriminator, Field, Tag, ValidationError, model_validator
 from pydantic_core import ErrorDetails, PydanticCustomError
 
 from coilarray.constants import RESISTIVITY_COPPER
 from coilarray.errors import DesignError, GeometryError
+from coilarray.fab_schema import FabTable
 from coilarray.geometry import (
     Coil,
     Cone,
     CylinderEdge,
-    FabRules,
     FlatPunch,
     Hemisphere,
     Leads,
@@ -35,6 +34,29 @@ from coilarray.geometry import (
     path_coil,
     spiral_coil,
 )
+from coilarray.schema_table import (
+    Degrees,
+    HalfAngle,
+    Kilopascals,
+    LimitMillimetres,
+    LoadOhms,
+    Micrometres,
+    Millimetres,
+    Name,
+    Nanohenries,
+    Ohms,
+    Picofarads,
+    Point,
+    PoissonsRatio,
+    Position,
+    Range,
+    Relative,
+    Resistivity,
+    StepMillimetres,
+    StrayPicofarads,
+    Table,
+    Turns,
+)
 from coilarray.terminations import Passive, ScanState
 
 SCHEMA = 1
@@ -42,51 +64,10 @@ SCHEMA = 1
 
 _MM, _UM, _DEG, _KPA = 1e-3, 1e-6, math.pi / 180, 1e3
 
-# Bounds far beyond any board: a typo is refused where it stands instead of overflowing or running for hours.
-Millimetres = Annotated[float, Field(gt=0, le=10_000)]
-Micrometres = Annotated[float, Field(gt=0, le=100_000)]
-LimitMillimetres = Annotated[float, Field(ge=0, le=10_000)]
-Position = Annotated[float, Field(ge=-100_000, le=100_000)]
-Degrees = Annotated[float, Field(ge=-36_000, le=36_000)]
-Picofarads = Annotated[float, Field(ge=1e-6, le=1e12)]
-StrayPicofarads = Annotated[float, Field(ge=0, le=1e6)]
-Nanohenries = Annotated[float, Field(ge=0, le=1e9)]
-Ohms = Annotated[float, Field(ge=0, le=1e9)]
-LoadOhms = Annotated[float, Field(gt=0, le=1e9)]
-Resistivity = Annotated[float, Field(ge=1e-10, le=1.0)]
-Relative = Annotated[float, Field(ge=1, le=1e6)]
-Turns = Annotated[float, Field(gt=0, le=1000)]
-Kilopascals = Annotated[float, Field(ge=1e-6, le=1e9)]
-PoissonsRatio = Annotated[float, Field(ge=0, le=0.5)]
-HalfAngle = Annotated[float, Field(gt=0, lt=90)]
-StepMillimetres = Annotated[float, Field(ge=1e-3, le=10_000)]
 _MOST_SEGMENTS = 100_000
 _MOST_POSITIONS = 100_000
 _WHOLE_STEPS = 1e-6  # of a step: what a range may lack of a whole number of them
 _LONGEST_VALUE = 80  # characters shown of a wrong value
-Point = Annotated[list[Position], Field(min_length=2, max_length=2)]
-Range = Annotated[list[Position], Field(min_length=2, max_length=2)]
-Name = Annotated[str, Field(min_length=1, pattern=r"^[A-Za-z0-9_.+][A-Za-z0-9_.+-]*$")]
-
-
-class Table(BaseModel):
-    """A table of the file: unknown keys, wrong types and numbers that are not finite are refused."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
-
-    @model_validator(mode="before")
-    @classmethod
-    def _known_keys(cls, table: object) -> object:
-        """Name the allowed keys beside an unknown one, which `extra="forbid"` alone does not."""
-        known = sorted(field.alias or name for name, field in cls.model_fields.items())
-        for key in table if isinstance(table, Mapping) else ():
-            if key not in known:
-                close = difflib.get_close_matches(str(key), known, n=1)
-                hint = f"did you mean {close[0]}? " if close else ""
-                raise PydanticCustomError(
-                    "unknown_key", "{hint}", {"hint": f"has no key {key!r}; {hint}Allowed are {', '.join(known)}"}
-                )
-        return table
 
 
 class StackupTable(Table):
@@ -94,8 +75,8 @@ class StackupTable(Table):
 
     layers: list[Name] = Field(min_length=1)
     copper_thickness_um: list[Micrometres]
-    dielectric_thickness_mm: list[Millimetres] = []
-    dielectric_epsilon_r: list[Relative] = []
+    dielectric_thickness_mm: list[Millimetres] = Field(default_factory=list)
+    dielectric_epsilon_r: list[Relative] = Field(default_factory=list)
 
     def build(self) -> Stackup:
         """Return the stack-up in SI."""
@@ -202,26 +183,39 @@ class CircleCoil(SpiralTable):
         return self.spiral(self.segments_per_turn, self.outer_diameter_mm / 2 * _MM, circular=True)
 
 
+def _number_or_list(value: object) -> Literal["number", "list"]:
+    return "list" if isinstance(value, list) else "number"
+
+
+# one width for all segments, or one for each segment of each line
+TraceWidths = Annotated[
+    Annotated[Millimetres, Tag("number")] | Annotated[list[list[Millimetres]], Tag("list")],
+    Discriminator(_number_or_list),
+]
+
+
 class PathCoil(Table):
-    """``[coils.NAME]`` with ``shape = "path"``: any centre lines, one a layer."""
+    """``[coils.NAME]`` with ``shape = "path"``: any centre lines, each on one copper layer."""
 
     shape: Literal["path"]
     lines_mm: list[list[Point]] = Field(min_length=1)
-    trace_width_mm: Millimetres
+    trace_width_mm: TraceWidths
     gap_mm: Millimetres
     via: ViaTable = ViaTable()
+    terminals: bool = True  # plated holes at both ends
     terminal_pad_mm: Millimetres = 1.0
     terminal_drill_mm: Millimetres = 0.5
 
     def build(self) -> Coil:
         """Return the coil in SI."""
-        via = self.via.build()
+        via, width = self.via.build(), self.trace_width_mm
+        terminal = PlatedHole(self.terminal_drill_mm * _MM, self.terminal_pad_mm * _MM, via.plating)
         return path_coil(
             [[(x * _MM, y * _MM) for x, y in line] for line in self.lines_mm],
-            self.trace_width_mm * _MM,
+            [[each * _MM for each in line] for line in width] if isinstance(width, list) else width * _MM,
             self.gap_mm * _MM,
             via,
-            PlatedHole(self.terminal_drill_mm * _MM, self.terminal_pad_mm * _MM, via.plating),
+            terminal if self.terminals else None,
         )
 
 
@@ -444,7 +438,7 @@ class CircuitTable(Table):
     tank: Literal["converter", "coil"] = "converter"
     elastomer_permittivity: Relative = 1.0
     default_termination: Literal["short", "open"] = "short"
-    terminations: dict[str, Literal["short", "open"]] = {}
+    terminations: dict[str, Literal["short", "open"]] = Field(default_factory=dict)
 
 
 class StateTable(Table):
@@ -454,7 +448,7 @@ class StateTable(Table):
     measure: list[str] = Field(min_length=1)
     connection: Literal["series", "parallel"] = "series"
     others: Passive | None = None
-    exceptions: dict[str, Passive] = {}
+    exceptions: dict[str, Passive] = Field(default_factory=dict)
     load_ohm: LoadOhms = 50.0
 
     def build(self, names: Sequence[str], terminated: Sequence[Passive]) -> ScanState:
@@ -477,28 +471,6 @@ class FieldTable(Table):
     height_mm: Position = 6.0
 
 
-class RulesTable(Table):
-    """``[rules]``: limits of the board house."""
-
-    min_trace_mm: LimitMillimetres = 0.1
-    min_gap_mm: LimitMillimetres = 0.1
-    min_drill_mm: LimitMillimetres = 0.2
-    min_annular_ring_mm: LimitMillimetres = 0.1
-    min_edge_clearance_mm: LimitMillimetres = 0.3
-    min_hole_spacing_mm: LimitMillimetres = 0.25
-
-    def build(self) -> FabRules:
-        """Return the limits in SI."""
-        return FabRules(
-            min_trace=self.min_trace_mm * _MM,
-            min_gap=self.min_gap_mm * _MM,
-            min_drill=self.min_drill_mm * _MM,
-            min_annular_ring=self.min_annular_ring_mm * _MM,
-            min_edge_clearance=self.min_edge_clearance_mm * _MM,
-            min_hole_spacing=self.min_hole_spacing_mm * _MM,
-        )
-
-
 class Document(Table):
     """The whole file."""
 
@@ -510,7 +482,7 @@ class Document(Table):
     coils: dict[Name, Annotated[PolygonCoil | CircleCoil | PathCoil, Field(discriminator="shape")]]
     array: Annotated[LatticeArray | FreeArray, Field(discriminator="lattice")]
     board: BoardTable = BoardTable()
-    elastomer: list[SheetTable] = []
+    elastomer: list[SheetTable] = Field(default_factory=list)
     indenter: (
         Annotated[
             HemisphereTable | ParaboloidTable | FlatPunchTable | ConeTable | CylinderEdgeTable,
@@ -520,10 +492,17 @@ class Document(Table):
     ) = None
     indentation: IndentationTable | None = None
     circuit: CircuitTable = CircuitTable()
-    scan: list[StateTable] = []
+    scan: list[StateTable] = Field(default_factory=list)
     field: FieldTable = FieldTable()
-    rules: RulesTable = RulesTable()
-    assumed: dict[str, str] = {}
+    fab: FabTable = FabTable()
+    assumed: dict[str, str] = Field(default_factory=dict)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _renamed_tables(cls, document: object) -> object:
+        if isinstance(document, Mapping) and "rules" in document:
+            raise PydanticCustomError("unknown_key", "has a table [rules], which is now called [fab]")
+        return document
 
 
 def _coil(coils: Mapping[str, Coil], name: str, key: str) -> Coil:
@@ -547,6 +526,8 @@ def _describe(details: ErrorDetails, document: Mapping[str, Any]) -> str:
             continue
         # pydantic adds the tag of a union's member; the file has no such key
         if isinstance(table, Mapping) and part not in table and part in (table.get("shape"), table.get("lattice")):
+            continue
+        if part in ("number", "list") and not (isinstance(table, Mapping) and part in table):
             continue
         where.append(part)
         try:

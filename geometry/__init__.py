@@ -3,6 +3,15 @@
 from coilarray.geometry.array import CoilArray, Placement, lattice
 from coilarray.geometry.coil import Coil, Leads, PlatedHole, path_coil, spiral_coil
 from coilarray.geometry.conductor import Conductor
+from coilarray.geometry.connectivity import (
+    Barrel,
+    NetCheck,
+    NetFault,
+    board_layers,
+    check_nets,
+    connected_pieces,
+    require_nets,
+)
 from coilarray.geometry.copper import CopperFeature, Drill, board_outline, copper_features, drills, layer_copper
 from coilarray.geometry.indenter import Cone, CylinderEdge, FlatPunch, Hemisphere, Indenter, Paraboloid
 from coilarray.geometry.rules import FabRules, Margin, check_rules, require_kept, require_rules
@@ -12,6 +21,7 @@ from coilarray.geometry.spiral import Spiral, apothem_from_size
 from coilarray.geometry.stackup import Stackup
 
 __all__ = [
+    "Barrel",
     "Coil",
     "CoilArray",
     "Conductor",
@@ -25,6 +35,8 @@ __all__ = [
     "Indenter",
     "Leads",
     "Margin",
+    "NetCheck",
+    "NetFault",
     "Paraboloid",
     "Placement",
     "PlatedHole",
@@ -32,14 +44,18 @@ __all__ = [
     "Spiral",
     "Stackup",
     "apothem_from_size",
+    "board_layers",
     "board_outline",
+    "check_nets",
     "check_rules",
+    "connected_pieces",
     "copper_features",
     "drills",
     "lattice",
     "layer_copper",
     "path_coil",
     "require_kept",
+    "require_nets",
     "require_rules",
     "solids",
     "spiral_coil",

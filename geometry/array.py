@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations, pairwise
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
+import shapely
 
 from coilarray.errors import GeometryError
 from coilarray.geometry.coil import Coil
@@ -29,11 +31,18 @@ class Placement:
     coil : Coil
         The shape.
     layers : tuple of str
-        Copper layer of each of the coil's lines, in order.
+        Copper layer of each of the coil's lines, in order. Lines that follow each other lie on different layers; a
+        layer may serve several.
     x, y : float
         Position of the coil's centre in m.
     rotation : float
         Counter-clockwise turn in rad about the centre.
+
+    Raises
+    ------
+    GeometryError
+        A position that is not finite, a number of layers that is not that of the lines, a via from a layer to itself,
+        or two lines that meet on one layer.
     """
 
     name: str
@@ -50,11 +59,31 @@ class Placement:
             )
         if len(self.layers) != len(self.coil.lines):
             raise GeometryError(
-                f"{self.name} has {len(self.coil.lines)} conducting layers and must be given as many copper layers; "
+                f"{self.name} has {len(self.coil.lines)} lines and must be given as many copper layers; "
                 f"got {len(self.layers)}: {', '.join(self.layers)}."
             )
-        if len(set(self.layers)) != len(self.layers):
-            raise GeometryError(f"{self.name} uses a copper layer twice: {', '.join(self.layers)}.")
+        for k, (layer, following) in enumerate(pairwise(self.layers)):
+            if layer == following:
+                raise GeometryError(
+                    f"lines {k} and {k + 1} of {self.name} are joined by a via and must lie on different copper "
+                    f"layers; got {layer} for both."
+                )
+        self._refuse_meeting_lines()
+
+    def _refuse_meeting_lines(self) -> None:
+        for i, j in combinations(range(len(self.layers)), 2):
+            if self.layers[i] != self.layers[j]:
+                continue
+            shared = shapely.LineString(self.coil.lines[i]).intersection(shapely.LineString(self.coil.lines[j]))
+            if not shared.is_empty:
+                x, y = shapely.get_coordinates(shared)[0] * 1e3
+                raise GeometryError(
+                    f"lines {i} and {j} of {self.name} meet on {self.layers[i]}, at ({x:.4g}, {y:.4g}) mm of the coil."
+                )
+
+    def lines_on(self, layer: str) -> tuple[int, ...]:
+        """Return the indices of the coil's lines on the copper layer `layer`, in the order of the path."""
+        return tuple(k for k, name in enumerate(self.layers) if name == layer)
 
     def to_board(self, points: FloatArray) -> FloatArray:
         """Points of the coil's frame, shape (n, 2) in m, in the frame of the board."""
@@ -111,9 +140,9 @@ class CoilArray:
         points, reach = [], []
         for placement in self.placements:
             coil = placement.coil
-            for line in coil.lines:
+            for line, width in zip(coil.lines, coil.widths, strict=True):
                 points.append(placement.to_board(line))
-                reach.append(np.full(len(line), coil.trace_width / 2))
+                reach.append(np.maximum(np.append(width, 0.0), np.append(0.0, width)) / 2)
             for hole, at in ((coil.via, coil.via_points), (coil.terminal, coil.terminal_points)):
                 if hole is not None and len(at):
                     points.append(placement.to_board(at))
@@ -138,15 +167,14 @@ class CoilArray:
         widths: list[float] = []
         thicknesses: list[float] = []
         areas: list[float] = []
-        for k, (line, layer) in enumerate(zip(coil.lines, placement.layers, strict=True)):
+        for k, (line, width, layer) in enumerate(zip(coil.lines, coil.widths, placement.layers, strict=True)):
             xy = placement.to_board(line)
             vertices.append(np.column_stack((xy, np.full(len(xy), self.stackup.centre(layer)))))
             thickness = self.stackup.copper_thickness[self.stackup.index(layer)]
-            n = len(xy) - 1
-            widths += [coil.trace_width] * n
-            thicknesses += [thickness] * n
-            areas += [coil.trace_width * thickness] * n
-            if k + 1 < len(coil.lines):  # the via down to the next layer
+            widths += width.tolist()
+            thicknesses += [thickness] * len(width)
+            areas += (width * thickness).tolist()
+            if k + 1 < len(coil.lines):  # the via to the next line
                 widths.append(coil.via.bar_width)
                 thicknesses.append(coil.via.bar_width)
                 areas.append(coil.via.barrel_area)

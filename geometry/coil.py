@@ -1,10 +1,12 @@
-"""A coil: one centre line a layer, joined in series by plated holes, with two terminals."""
+"""A coil: centre lines on copper layers, joined in series by plated holes, with two terminals."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -106,12 +108,14 @@ class Coil:
     Parameters
     ----------
     lines : tuple of ndarray, each of shape (n, 2)
-        One centre line a layer, x and y in m, leads and the stubs to the vias included. Each begins where the one
-        before ended; a via stands there.
-    trace_width, gap : float
-        In m.
+        Centre lines, each on one copper layer, x and y in m, leads and the stubs to the vias included. Each begins
+        where the one before ended; a via stands there.
+    widths : tuple of ndarray, each of shape (n − 1,)
+        Width of every segment of every line in m.
+    gap : float
+        Distance of the turns, edge to edge, in m.
     via : PlatedHole
-        The hole that joins consecutive layers.
+        The hole that joins consecutive lines.
     terminal : PlatedHole or None
         The hole at both ends of the path; None where the ends are bare.
     outline : ndarray, shape (m, 2)
@@ -120,43 +124,64 @@ class Coil:
     Raises
     ------
     GeometryError
-        Fewer than two points in a line, a value that is not finite, a repeated point, or ends that do not meet.
+        Fewer than two points in a line, a value that is not finite, a repeated point, ends that do not meet, or
+        widths that are not one a segment.
     """
 
     lines: tuple[FloatArray, ...]
-    trace_width: float
+    widths: tuple[FloatArray, ...]
     gap: float
     via: PlatedHole
     terminal: PlatedHole | None
     outline: FloatArray
 
     def __post_init__(self) -> None:
-        for name in ("trace_width", "gap"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0):
-                raise GeometryError(f"{name} must be positive and finite; got {value} m.")
+        if not (math.isfinite(self.gap) and self.gap > 0):
+            raise GeometryError(f"gap must be positive and finite; got {self.gap} m.")
         if not self.lines:
-            raise GeometryError("a coil must have at least one layer; got none.")
-        for layer, line in enumerate(self.lines):
+            raise GeometryError("a coil must have at least one line; got none.")
+        for k, line in enumerate(self.lines):
             if line.ndim != 2 or line.shape[1] != 2 or line.shape[0] < 2:
-                raise GeometryError(f"layer {layer} of a coil must be points of shape (n >= 2, 2); got {line.shape}.")
+                raise GeometryError(f"line {k} of a coil must be points of shape (n >= 2, 2); got {line.shape}.")
             if not np.isfinite(line).all():
-                raise GeometryError(f"layer {layer} of a coil has a coordinate that is not finite.")
+                raise GeometryError(f"line {k} of a coil has a coordinate that is not finite.")
             if (np.hypot(*np.diff(line, axis=0).T) <= 1e-12 * np.ptp(line)).any():
-                raise GeometryError(f"layer {layer} of a coil repeats a point.")
+                raise GeometryError(f"line {k} of a coil repeats a point.")
             line.setflags(write=False)
-        for layer, (line, following) in enumerate(zip(self.lines, self.lines[1:], strict=False)):
+        for k, (line, following) in enumerate(pairwise(self.lines)):
             apart = float(np.hypot(*(following[0] - line[-1])))
             if apart > 1e-9:
                 raise GeometryError(
-                    f"layer {layer + 1} of a coil must begin where layer {layer} ends; "
-                    f"they are {apart * 1e3:g} mm apart."
+                    f"line {k + 1} of a coil must begin where line {k} ends; they are {apart * 1e3:g} mm apart."
                 )
+        self._check_widths()
         self.outline.setflags(write=False)
+
+    def _check_widths(self) -> None:
+        if len(self.widths) != len(self.lines):
+            raise GeometryError(
+                f"a coil of {len(self.lines)} lines must have as many arrays of widths; got {len(self.widths)}."
+            )
+        for k, (line, widths) in enumerate(zip(self.lines, self.widths, strict=True)):
+            if widths.shape != (len(line) - 1,):
+                raise GeometryError(
+                    f"line {k} of a coil must have {len(line) - 1} widths, one a segment; got shape {widths.shape}."
+                )
+            wrong = widths[~(np.isfinite(widths) & (widths > 0))]
+            if wrong.size:
+                raise GeometryError(f"trace_width must be positive and finite; got {wrong[0]} m on line {k} of a coil.")
+            widths.setflags(write=False)
+
+    @cached_property
+    def trace_width(self) -> float:
+        """Width in m of most of the path's length."""
+        widths, which = np.unique(np.concatenate(self.widths), return_inverse=True)
+        lengths = np.concatenate([np.hypot(*np.diff(line, axis=0).T) for line in self.lines])
+        return float(widths[np.argmax(np.bincount(which, weights=lengths))])
 
     @property
     def via_points(self) -> FloatArray:
-        """Positions of the vias between consecutive layers, shape (layers − 1, 2), in m."""
+        """Positions of the vias between consecutive lines, shape (lines − 1, 2), in m."""
         return np.array([line[-1] for line in self.lines[:-1]]).reshape(-1, 2)
 
     @property
@@ -248,7 +273,7 @@ def spiral_coil(
         lines[last] = np.vstack((lines[last], last_lead))
     return Coil(
         lines=tuple(lines),
-        trace_width=spiral.trace_width,
+        widths=tuple(np.full(len(line) - 1, spiral.trace_width) for line in lines),
         gap=spiral.gap,
         via=via,
         terminal=None if leads is None else leads.terminal,
@@ -257,18 +282,24 @@ def spiral_coil(
 
 
 def path_coil(
-    lines: Sequence[npt.ArrayLike], trace_width: float, gap: float, via: PlatedHole, terminal: PlatedHole | None = None
+    lines: Sequence[npt.ArrayLike],
+    trace_width: float | Sequence[npt.ArrayLike],
+    gap: float,
+    via: PlatedHole,
+    terminal: PlatedHole | None = None,
 ) -> Coil:
-    """Make a coil of any shape from its centre lines, one a layer.
+    """Make a coil of any shape from its centre lines, each on one copper layer.
 
     Parameters
     ----------
     lines : sequence of array_like, each of shape (n, 2)
         x, y in m; each begins where the one before ended.
-    trace_width, gap : float
-        In m.
+    trace_width : float or sequence of array_like, each of shape (n − 1,)
+        In m: one for all, or the width of every segment of each line.
+    gap : float
+        Distance of the turns, edge to edge, in m.
     via : PlatedHole
-        Joins consecutive layers.
+        Joins consecutive lines.
     terminal : PlatedHole, optional
         Hole at both ends.
 
@@ -281,19 +312,34 @@ def path_coil(
     ------
     GeometryError
         As `Coil`, and for a line that crosses itself.
+
+    Examples
+    --------
+    >>> line = [(0, 0), (1e-2, 0), (1e-2, 1e-2)]
+    >>> coil = path_coil([line], [[0.2e-3, 0.3e-3]], 0.2e-3, PlatedHole(0.3e-3, 0.6e-3))
+    >>> coil.trace_width, coil.widths[0].tolist()
+    (0.0002, [0.0002, 0.0003])
     """
-    try:
-        arrays = tuple(np.array(line, dtype=np.float64) for line in lines)
-    except (TypeError, ValueError):
-        raise GeometryError("the lines of a coil must be numbers of shape (n, 2).") from None
-    coil = Coil(arrays, trace_width, gap, via, terminal, outline=np.zeros((0, 2)))
-    for layer, line in enumerate(arrays):
-        _refuse_self_crossing(line, layer)
-    hull = shapely.MultiPoint(np.vstack(arrays)).convex_hull.buffer(trace_width / 2)
+    arrays = _arrays(lines, "the lines of a coil must be numbers of shape (n, 2).")
+    if isinstance(trace_width, (int, float)):
+        widths = tuple(np.full(max(line.size // 2 - 1, 0), float(trace_width)) for line in arrays)
+    else:
+        widths = _arrays(trace_width, "trace_width must be a number, or numbers of shape (n − 1,) for each line.")
+    coil = Coil(arrays, widths, gap, via, terminal, outline=np.zeros((0, 2)))
+    for k, line in enumerate(arrays):
+        _refuse_self_crossing(line, k)
+    hull = shapely.MultiPoint(np.vstack(arrays)).convex_hull.buffer(coil.trace_width / 2)
     return replace(coil, outline=shapely.get_coordinates(hull)[:-1])
 
 
-def _refuse_self_crossing(line: FloatArray, layer: int) -> None:
+def _arrays(values: Sequence[npt.ArrayLike], message: str) -> tuple[FloatArray, ...]:
+    try:
+        return tuple(np.array(value, dtype=np.float64) for value in values)
+    except (TypeError, ValueError):
+        raise GeometryError(message) from None
+
+
+def _refuse_self_crossing(line: FloatArray, index: int) -> None:
     """Raise where the polyline touches itself, naming the place."""
     closed = bool(np.array_equal(line[0], line[-1]))
     string = shapely.LineString(line)
@@ -303,11 +349,11 @@ def _refuse_self_crossing(line: FloatArray, layer: int) -> None:
     if crossing is not None:
         i, j, point = crossing
         raise GeometryError(
-            f"layer {layer} of a coil crosses itself: segments {i} and {j} meet at "
+            f"line {index} of a coil crosses itself: segments {i} and {j} meet at "
             f"({point[0] * 1e3:.4g}, {point[1] * 1e3:.4g}) mm."
         )
     raise GeometryError(
-        f"layer {layer} of a coil must have two separate ends; it is closed at "
+        f"line {index} of a coil must have two separate ends; it is closed at "
         f"({line[0][0] * 1e3:.4g}, {line[0][1] * 1e3:.4g}) mm."
     )
 

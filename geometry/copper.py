@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Literal, cast
 
 import numpy as np
@@ -32,7 +33,7 @@ class CopperFeature:
     net : str
         Name of the coil it belongs to.
     kind : {"trace", "via", "terminal"}
-        A coil's trace on that layer, or one pad.
+        One line of a coil, or one pad.
     shape : shapely.Polygon
         Outline in m, in the frame of the board; the drilled hole is not cut out.
     """
@@ -74,7 +75,7 @@ class Drill:
 
 
 def copper_features(array: CoilArray) -> tuple[CopperFeature, ...]:
-    """Return every piece of copper: one trace a coil and layer, one pad a hole and pierced layer.
+    """Return every piece of copper: one trace a line of a coil, one pad a hole and pierced layer.
 
     Parameters
     ----------
@@ -96,11 +97,9 @@ def copper_features(array: CoilArray) -> tuple[CopperFeature, ...]:
     [('top', 'trace'), ('bottom', 'trace'), ('top', 'via'), ('bottom', 'via')]
     """
     traces = [
-        CopperFeature(
-            layer, placement.name, "trace", trace_outline(placement.to_board(line), placement.coil.trace_width)
-        )
+        CopperFeature(layer, placement.name, "trace", trace_outline(placement.to_board(line), widths))
         for placement in array.placements
-        for line, layer in zip(placement.coil.lines, placement.layers, strict=True)
+        for line, widths, layer in zip(placement.coil.lines, placement.coil.widths, placement.layers, strict=True)
     ]
     pads = [
         CopperFeature(layer, drill.net, drill.kind, disc(drill.x, drill.y, drill.pad))
@@ -177,15 +176,52 @@ def disc(x: float, y: float, diameter: float) -> shapely.Polygon:
     return shapely.Point(x, y).buffer(diameter / 2, quad_segs=_QUADRANT)
 
 
-def trace_outline(line: FloatArray, width: float) -> shapely.Polygon:
-    """Outline of a trace: flat ends, mitred corners.
+def uniform_runs(line: FloatArray, widths: FloatArray) -> list[tuple[FloatArray, float]]:
+    """Cut a line where its width changes.
 
     Parameters
     ----------
     line : ndarray, shape (n, 2)
         Centre line in m.
-    width : float
+    widths : ndarray, shape (n − 1,)
+        Of every segment in m.
+
+    Returns
+    -------
+    list of (ndarray of shape (m, 2), float)
+        Pieces in order, each with its one width in m; every piece begins where the one before ends.
+    """
+    starts = [0, *(np.flatnonzero(np.diff(widths)) + 1).tolist(), len(widths)]
+    return [(line[first : last + 1], float(widths[first])) for first, last in pairwise(starts)]
+
+
+def trace_outline(line: FloatArray, widths: npt.ArrayLike) -> shapely.Polygon:
+    """Outline of a trace: flat ends, mitred corners, round ones where the width changes.
+
+    Parameters
+    ----------
+    line : ndarray, shape (n, 2)
+        Centre line in m.
+    widths : array_like, shape (n − 1,) or scalar
+        Of every segment in m.
+
+    Returns
+    -------
+    shapely.Polygon
         In m.
+    """
+    runs = uniform_runs(line, np.broadcast_to(np.asarray(widths, dtype=np.float64), (len(line) - 1,)))
+    ribbons = [_ribbon(piece, width) for piece, width in runs]
+    # the joint fills the corner and makes the pieces overlap, so that their union is one polygon
+    joints = [
+        disc(float(piece[-1, 0]), float(piece[-1, 1]), min(width, following))
+        for (piece, width), (_, following) in pairwise(runs)
+    ]
+    return ribbons[0] if not joints else cast(shapely.Polygon, shapely.union_all([*ribbons, *joints]))
+
+
+def _ribbon(line: FloatArray, width: float) -> shapely.Polygon:
+    """Outline of a trace of one width.
 
     Notes
     -----

@@ -35,7 +35,7 @@ _PAD_DETOUR = 1.5
 
 @dataclass(frozen=True)
 class FabRules:
-    """Limits of a fabricator; the defaults suit common four-layer prototype services.
+    """Limits of a fabricator; the defaults suit common four-layer prototype services and leave the board itself free.
 
     Parameters
     ----------
@@ -51,6 +51,16 @@ class FabRules:
         Smallest distance of copper to the edge of the board in m.
     min_hole_spacing : float
         Smallest distance of two holes, wall to wall, in m.
+    max_layers : int or None
+        Most copper layers.
+    max_outer_copper, max_inner_copper : float or None
+        Thickest copper in m of the outer and of the inner layers: that for which the other limits hold.
+    max_aspect_ratio : float or None
+        Largest ratio of the depth of a hole to its diameter.
+    max_board : tuple of float or None
+        Largest sides of the board in m, either way round.
+    blind_holes : bool
+        False: every hole must go through the whole board.
 
     Raises
     ------
@@ -64,32 +74,44 @@ class FabRules:
     min_annular_ring: float = 0.1e-3
     min_edge_clearance: float = 0.3e-3
     min_hole_spacing: float = 0.25e-3
+    max_layers: int | None = None
+    max_outer_copper: float | None = None
+    max_inner_copper: float | None = None
+    max_aspect_ratio: float | None = None
+    max_board: tuple[float, float] | None = None
+    blind_holes: bool = True
 
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
-            if not (math.isfinite(value) and value >= 0):
-                raise GeometryError(f"{field.name} must be finite and not negative; got {value} m.")
+            for number in () if value is None else value if isinstance(value, tuple) else (value,):
+                if not (math.isfinite(number) and number >= 0):
+                    unit = "" if field.name in ("max_layers", "max_aspect_ratio") else " m"
+                    raise GeometryError(f"{field.name} must be finite and not negative; got {number}{unit}.")
 
 
 @dataclass(frozen=True)
 class Margin:
-    """How far one rule is kept on one layer by one net or pair of nets, at the worst place.
+    """How far one rule is kept on one layer by one net or pair of nets at the worst place, or by the board.
 
     Parameters
     ----------
     rule : str
-        "trace width", "spacing within net", "clearance", "annular ring", "drill", "hole spacing" or "edge clearance".
+        "trace width", "spacing within net", "clearance", "annular ring", "drill", "hole spacing", "edge clearance",
+        "aspect ratio", "blind holes", "copper thickness", "layer count" or "board size".
     layer : str
-        Copper layer; for holes the topmost one they pierce.
+        Copper layer; for holes the topmost one they pierce; empty for the board as a whole.
     feature : str
-        The net, or both nets joined by " – ".
+        The net, both nets joined by " – ", or "board".
     margin : float
-        `value` − `limit` in m: positive kept with that much to spare, negative broken.
+        What is to spare: positive kept, negative broken. `value` − `limit`, or `limit` − `value` where the limit is a
+        largest value.
     limit, value : float
-        Limit and measured value in m.
-    x, y : float
-        The place on the board in m.
+        Limit and measured value.
+    x, y : float or None
+        The place on the board in m; None for what has no place.
+    unit : str
+        Of the three numbers: "m", or empty for a ratio or a count.
     """
 
     rule: str
@@ -98,8 +120,9 @@ class Margin:
     margin: float
     limit: float
     value: float
-    x: float
-    y: float
+    x: float | None
+    y: float | None
+    unit: str = "m"
 
     @property
     def kept(self) -> bool:
@@ -108,7 +131,7 @@ class Margin:
 
 
 def check_rules(array: CoilArray, rules: FabRules) -> tuple[Margin, ...]:
-    """Measure every rule on every layer.
+    """Measure every rule on every layer, and the limits of the board as a whole that the rules have.
 
     Parameters
     ----------
@@ -120,8 +143,8 @@ def check_rules(array: CoilArray, rules: FabRules) -> tuple[Margin, ...]:
     Returns
     -------
     tuple of Margin
-        One for each rule, layer and net or pair of nets, the smallest margin first. Distances beyond ten limits are
-        not listed.
+        One for each rule, layer and net or pair of nets: first the broken ones, then the kept ones, of each the
+        counts and ratios before the lengths, the smallest margin first. Distances beyond ten limits are not listed.
 
     Notes
     -----
@@ -130,7 +153,8 @@ def check_rules(array: CoilArray, rules: FabRules) -> tuple[Margin, ...]:
     The spacing within one net is the smallest distance of two places of its copper on one layer that face each
     other across a gap: the way between them along the copper is at least three times (from a pad: one and a half
     times) the distance of their centre lines. Corners of 39° and more and the directly neighbouring segments of a
-    path are joined copper, not a gap. Pads that the trace of that layer does not end on always count.
+    path are joined copper, not a gap. Pads that no trace of that layer ends on, and two separate lines of one coil on
+    one layer, always count.
 
     Copper of two nets that overlap has the value −d, with d the diameter of the largest circle in the overlap. It is
     continuous at contact and saturates at the width of the narrower trace.
@@ -148,7 +172,8 @@ def check_rules(array: CoilArray, rules: FabRules) -> tuple[Margin, ...]:
     ('clearance', 'A – B', 0.05)
     """
     holes = drills(array)
-    margins = [*_trace_widths(array, rules), *_holes(array, holes, rules)]
+    margins = [*_board(array, rules), *_trace_widths(array, rules), *_holes(array, holes, rules)]
+    margins += _hole_depths(array, holes, rules)
     for layer in array.stackup.names:
         copper = layer_copper(array, layer)
         margins += _edge_clearance(array, layer, copper, rules)
@@ -156,7 +181,7 @@ def check_rules(array: CoilArray, rules: FabRules) -> tuple[Margin, ...]:
         for placement in array.placements:
             own = [hole for hole in holes if hole.net == placement.name and layer in hole.layers]
             margins += _spacing_within(placement, layer, own, rules)
-    return tuple(sorted(margins, key=lambda margin: margin.margin))
+    return tuple(sorted(margins, key=lambda margin: (margin.kept, margin.unit == "m", margin.margin)))
 
 
 def require_rules(array: CoilArray, rules: FabRules) -> None:
@@ -183,7 +208,7 @@ def require_kept(margins: Iterable[Margin]) -> None:
     Parameters
     ----------
     margins : iterable of Margin
-        The smallest first.
+        In the order of `check_rules`.
 
     Raises
     ------
@@ -195,10 +220,14 @@ def require_kept(margins: Iterable[Margin]) -> None:
         return
     worst = broken[0]
     more = "" if len(broken) == 1 else f"; {len(broken) - 1} more {'is' if len(broken) == 2 else 'are'} broken"
+    layer = f" on layer {worst.layer}" if worst.layer else ""
+    place = "" if worst.x is None or worst.y is None else f" at ({worst.x * 1e3:.4g}, {worst.y * 1e3:.4g}) mm"
+    value, margin, limit = (
+        f"{number * 1e3:.4g} mm" if worst.unit == "m" else f"{number:.4g}"
+        for number in (worst.value, worst.margin, worst.limit)
+    )
     raise RuleViolationError(
-        f"{worst.rule} of {worst.feature} on layer {worst.layer} is {worst.value * 1e3:.4g} mm at "
-        f"({worst.x * 1e3:.4g}, {worst.y * 1e3:.4g}) mm, margin {worst.margin * 1e3:.4g} mm to the limit of "
-        f"{worst.limit * 1e3:.4g} mm{more}."
+        f"{worst.rule} of {worst.feature}{layer} is {value}{place}, margin {margin} to the limit of {limit}{more}."
     )
 
 
@@ -207,11 +236,50 @@ def _margin(rule: str, layer: str, feature: str, value: float, limit: float, pla
     return Margin(rule, layer, feature, float(value) - limit, limit, float(value), x, y)
 
 
+def _board(array: CoilArray, rules: FabRules) -> Iterator[Margin]:
+    """Layers, copper and size of the board."""
+    stackup = array.stackup
+    count = len(stackup.names)
+    if rules.max_layers is not None:
+        most = rules.max_layers
+        yield Margin("layer count", "", "board", most - count, most, count, None, None, unit="")
+    for k, (layer, copper) in enumerate(zip(stackup.names, stackup.copper_thickness, strict=True)):
+        limit = rules.max_outer_copper if k in (0, count - 1) else rules.max_inner_copper
+        if limit is not None:
+            yield Margin("copper thickness", layer, "board", limit - copper, limit, copper, None, None)
+    if rules.max_board is not None:
+        x_min, y_min, x_max, y_max = array.bounds
+        for side, limit in zip(sorted((x_max - x_min, y_max - y_min)), sorted(rules.max_board), strict=True):
+            yield Margin("board size", "", "board", limit - side, limit, side, None, None)
+
+
+def _hole_depths(array: CoilArray, holes: tuple[Drill, ...], rules: FabRules) -> Iterator[Margin]:
+    """Aspect ratio of the deepest hole for its diameter, and how many holes end inside the board."""
+    if holes and rules.max_aspect_ratio is not None:
+        ratios = [
+            (array.stackup.span(hole.layers[0])[1] - array.stackup.span(hole.layers[-1])[0]) / hole.diameter
+            for hole in holes
+        ]
+        k = int(np.argmax(ratios))
+        spare = rules.max_aspect_ratio - ratios[k]
+        worst = holes[k]
+        place = (worst.x, worst.y)
+        yield Margin(
+            "aspect ratio", worst.layers[0], worst.net, spare, rules.max_aspect_ratio, ratios[k], *place, unit=""
+        )
+    if not rules.blind_holes:
+        blind = [hole for hole in holes if hole.layers != array.stackup.names]
+        yield Margin("blind holes", "", "board", -len(blind), 0, len(blind), None, None, unit="")
+
+
 def _trace_widths(array: CoilArray, rules: FabRules) -> Iterator[Margin]:
     for placement in array.placements:
-        for line, layer in zip(placement.coil.lines, placement.layers, strict=True):
-            place = placement.to_board(line[:1])[0]
-            yield _margin("trace width", layer, placement.name, placement.coil.trace_width, rules.min_trace, place)
+        coil = placement.coil
+        for layer in dict.fromkeys(placement.layers):
+            line = min(placement.lines_on(layer), key=lambda k: float(coil.widths[k].min()))
+            narrowest = int(np.argmin(coil.widths[line]))
+            place = placement.to_board(coil.lines[line][narrowest : narrowest + 1])[0]
+            yield _margin("trace width", layer, placement.name, coil.widths[line][narrowest], rules.min_trace, place)
 
 
 def _holes(array: CoilArray, holes: tuple[Drill, ...], rules: FabRules) -> Iterator[Margin]:
@@ -283,39 +351,57 @@ def _penetration(a: BaseGeometry, b: BaseGeometry) -> tuple[float, FloatArray | 
 
 def _spacing_within(placement: Placement, layer: str, holes: list[Drill], rules: FabRules) -> Iterator[Margin]:
     """Smallest distance of the separate pieces of one net on one layer."""
-    limit, half = rules.min_gap, placement.coil.trace_width / 2
-    line = np.zeros((0, 2))
-    if layer in placement.layers:
-        line = placement.to_board(placement.coil.lines[placement.layers.index(layer)])
-    found = [_pads_apart(line, half, holes, limit)]
-    if len(line):
+    limit, coil = rules.min_gap, placement.coil
+    traces = [(placement.to_board(coil.lines[k]), coil.widths[k] / 2) for k in placement.lines_on(layer)]
+    found = [_pads_apart([line for line, _ in traces], holes, limit)]
+    for line, half in traces:
         found += [_pads_to_trace(line, half, holes, limit)]
-        near = _trace_to_trace(line, half, limit, reach=2 * limit)
-        found += [near if near is not None else _trace_to_trace(line, half, limit, reach=_HORIZON * limit)]
+        near = _trace_to_itself(line, half, limit, reach=2 * limit)
+        found += [near if near is not None else _trace_to_itself(line, half, limit, reach=_HORIZON * limit)]
+    found += [_trace_to_trace(one, other, reach=_HORIZON * limit) for one, other in combinations(traces, 2)]
     gaps = [gap for gap in found if gap is not None and gap[0] <= _HORIZON * limit]
     if gaps:
         value, place = min(gaps, key=lambda gap: gap[0])
         yield _margin("spacing within net", layer, placement.name, value, limit, place)
 
 
-def _trace_to_trace(line: FloatArray, half: float, limit: float, reach: float) -> tuple[float, FloatArray] | None:
+def _segments(line: FloatArray) -> npt.NDArray[np.object_]:
+    return np.asarray(shapely.linestrings(np.stack((line[:-1], line[1:]), axis=1)))
+
+
+def _trace_to_trace(
+    one: tuple[FloatArray, FloatArray], other: tuple[FloatArray, FloatArray], reach: float
+) -> tuple[float, FloatArray] | None:
+    """Smallest gap in m of two traces, each with half its widths, up to `reach`; and its place."""
+    segments, others = _segments(one[0]), _segments(other[0])
+    i, j = shapely.STRtree(others).query(segments, predicate="dwithin", distance=one[1].max() + other[1].max() + reach)
+    if not len(i):
+        return None
+    gaps = shapely.distance(segments[i], others[j]) - one[1][i] - other[1][j]
+    k = int(np.argmin(gaps))
+    bridge = shapely.get_coordinates(shapely.shortest_line(segments[i[k]], others[j[k]]))
+    return float(gaps[k]), bridge.mean(axis=0)
+
+
+def _trace_to_itself(line: FloatArray, half: FloatArray, limit: float, reach: float) -> tuple[float, FloatArray] | None:
     """Smallest gap in m of the trace to itself up to `reach`, and its place; None where there is none."""
-    segments = [shapely.LineString(ends) for ends in np.stack((line[:-1], line[1:]), axis=1)]
-    i, j = shapely.STRtree(segments).query(segments, predicate="dwithin", distance=2 * half + reach)
+    segments = _segments(line)
+    i, j = shapely.STRtree(segments).query(segments, predicate="dwithin", distance=2 * half.max() + reach)
     i, j = i[j > i + 1], j[j > i + 1]
+    copper = half[i] + half[j]  # from centre line to centre line where the edges meet
     step = np.diff(line, axis=0)
     length = np.hypot(*step.T)
     start = np.concatenate(([0.0], np.cumsum(length)))
     between = start[j] - start[i + 1]  # way from the end of segment i to the beginning of segment j
-    joined = _TRACE_DETOUR * (2 * half + limit)
+    joined = _TRACE_DETOUR * (copper + limit)
     along = step / length[:, None]
     a, b, distance = _nearest_beyond(line[j] - line[i + 1], along[i], along[j], length[i], length[j], joined - between)
-    counts = (between + a + b >= _TRACE_DETOUR * distance) & (distance <= 2 * half + reach)
+    counts = (between + a + b >= _TRACE_DETOUR * distance) & (distance <= copper + reach)
     if not counts.any():
         return None
-    k = int(np.argmin(np.where(counts, distance, np.inf)))
+    k = int(np.argmin(np.where(counts, distance - copper, np.inf)))
     place = 0.5 * (line[i[k] + 1] - a[k] * along[i[k]] + line[j[k]] + b[k] * along[j[k]])
-    return float(distance[k]) - 2 * half, place
+    return float(distance[k] - copper[k]), place
 
 
 def _nearest_beyond(
@@ -389,16 +475,18 @@ def _end_at(line: FloatArray, hole: Drill) -> str | None:
     return None
 
 
-def _pads_to_trace(line: FloatArray, half: float, holes: list[Drill], limit: float) -> tuple[float, FloatArray] | None:
+def _pads_to_trace(
+    line: FloatArray, half: FloatArray, holes: list[Drill], limit: float
+) -> tuple[float, FloatArray] | None:
     """Smallest gap in m of a pad and the part of the trace that does not lead into it, and its place."""
     best: tuple[float, FloatArray] | None = None
     for hole in holes:
         end = _end_at(line, hole)
-        points = line[::-1] if end == "last" else line
+        points, reach = (line[::-1], half[::-1]) if end == "last" else (line, half)
         step = np.diff(points, axis=0)
         length = np.hypot(*step.T)
         start = np.concatenate(([0.0], np.cumsum(length)[:-1]))
-        joined = 0.0 if end is None else _PAD_DETOUR * (hole.pad / 2 + half + limit)
+        joined = 0.0 if end is None else _PAD_DETOUR * (hole.pad / 2 + reach + limit)
         low = np.clip(joined - start, 0, None)
         along = step / length[:, None]
         offset = points[:-1] - (hole.x, hole.y)
@@ -406,20 +494,23 @@ def _pads_to_trace(line: FloatArray, half: float, holes: list[Drill], limit: flo
         distance = np.where(low <= length, np.hypot(*(offset + t[:, None] * along).T), np.inf)
         if end is not None:
             distance[start + t < _PAD_DETOUR * distance] = np.inf
-        k = int(np.argmin(distance))
-        value = float(distance[k]) - hole.pad / 2 - half
+        k = int(np.argmin(distance - reach))
+        value = float(distance[k]) - hole.pad / 2 - float(reach[k])
         if best is None or value < best[0]:
             best = value, points[k] + t[k] * along[k]
     return best
 
 
-def _pads_apart(line: FloatArray, half: float, holes: list[Drill], limit: float) -> tuple[float, FloatArray] | None:
+def _pads_apart(lines: list[FloatArray], holes: list[Drill], limit: float) -> tuple[float, FloatArray] | None:
     """Smallest gap in m of two pads of one net, and its place; pads joined by a short trace are one piece."""
-    length = float(np.hypot(*np.diff(line, axis=0).T).sum()) if len(line) else math.inf
+    lengths = [float(np.hypot(*np.diff(line, axis=0).T).sum()) for line in lines]
     best: tuple[float, FloatArray] | None = None
     for a, b in combinations(holes, 2):
-        joined = None not in (_end_at(line, a), _end_at(line, b))
-        if joined and length <= _PAD_DETOUR * ((a.pad + b.pad) / 2 + limit):
+        short = _PAD_DETOUR * ((a.pad + b.pad) / 2 + limit)
+        if any(
+            length <= short and None not in (_end_at(line, a), _end_at(line, b))
+            for line, length in zip(lines, lengths, strict=True)
+        ):
             continue
         value = math.hypot(a.x - b.x, a.y - b.y) - (a.pad + b.pad) / 2
         if best is None or value < best[0]:

@@ -8,11 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import shapely
-from shapely.geometry.base import BaseGeometry
 
-from coilarray.errors import GeometryError
 from coilarray.geometry.array import CoilArray
-from coilarray.geometry.copper import Drill, board_outline, disc, drills, layer_copper
+from coilarray.geometry.prisms import Prism, board_prisms, sheet_prisms
 from coilarray.geometry.sheet import Sheet
 
 if TYPE_CHECKING:
@@ -60,50 +58,23 @@ def solids(array: CoilArray, sheets: Sequence[Sheet] = ()) -> dict[str, trimesh.
     >>> sorted(parts), round(float(parts["copper/top/A"].volume) * 1e9, 6)
     (['copper/top/A', 'sheet/base'], 0.07)
     """
-    names = [sheet.name for sheet in sheets]
-    if len(set(names)) != len(names):
-        raise GeometryError(f"sheet names must differ; got {', '.join(names)}.")
+    on_top = sheet_prisms(array, sheets)
     parts = {key: solid.copy() for key, solid in _board(array).items()}
-    outline = board_outline(array)
-    z = 0.0
-    for sheet in sheets:
-        parts[f"sheet/{sheet.name}"] = _extruded(outline, z, z + sheet.thickness)
-        z += sheet.thickness
-    return parts
+    return parts | {key: _extruded(prism) for key, prism in on_top.items()}
 
 
 @functools.lru_cache(maxsize=1)  # a report shows one board in two scenes
 def _board(array: CoilArray) -> dict[str, trimesh.Trimesh]:
     """Copper, barrels and laminate; kept, so callers get copies."""
-    stackup = array.stackup
-    holes = drills(array)
-    parts: dict[str, trimesh.Trimesh] = {}
-    for layer in stackup.names:
-        drilled = shapely.union_all([_hole(hole) for hole in holes if layer in hole.layers])
-        bottom, top = stackup.span(layer)
-        for net, copper in layer_copper(array, layer).items():
-            parts[f"copper/{layer}/{net}"] = _extruded(shapely.difference(copper, drilled), bottom, top)
-    for net in array.names:
-        for n, hole in enumerate(hole for hole in holes if hole.net == net):
-            wall = shapely.difference(_hole(hole), disc(hole.x, hole.y, hole.diameter - 2 * hole.plating))
-            bottom, top = stackup.span(hole.layers[-1])[0], stackup.span(hole.layers[0])[1]
-            parts[f"barrel/{net}/{n}"] = _extruded(wall, bottom, top)
-    if len(stackup.names) > 1:
-        through = shapely.union_all([_hole(hole) for hole in holes if hole.layers == stackup.names])
-        bottom, top = stackup.span(stackup.names[-1])[1], stackup.span(stackup.names[0])[0]
-        parts["board"] = _extruded(shapely.difference(board_outline(array), through), bottom, top)
-    return parts
+    return {key: _extruded(prism) for key, prism in board_prisms(array).items()}
 
 
-def _hole(hole: Drill) -> shapely.Polygon:
-    return disc(hole.x, hole.y, hole.diameter)
-
-
-def _extruded(shape: BaseGeometry, bottom: float, top: float) -> trimesh.Trimesh:
-    """Make a closed prism over every polygon of `shape`, from `bottom` to `top` in m."""
+def _extruded(prism: Prism) -> trimesh.Trimesh:
+    """Make a closed prism over every polygon of the outline."""
     import trimesh  # takes longer to import than the rest of the geometry together
 
-    parts = shapely.get_parts(shape)
-    prisms = [trimesh.creation.extrude_polygon(part, top - bottom, engine="earcut") for part in parts]
-    vertices, faces = trimesh.util.append_faces([prism.vertices for prism in prisms], [prism.faces for prism in prisms])
-    return trimesh.Trimesh(vertices + np.array([0.0, 0.0, bottom]), faces, process=False)
+    pieces = shapely.get_parts(prism.shape)
+    height = prism.top - prism.bottom
+    meshes = [trimesh.creation.extrude_polygon(piece, height, engine="earcut") for piece in pieces]
+    vertices, faces = trimesh.util.append_faces([mesh.vertices for mesh in meshes], [mesh.faces for mesh in meshes])
+    return trimesh.Trimesh(vertices + np.array([0.0, 0.0, prism.bottom]), faces, process=False)

@@ -454,6 +454,8 @@ def test_a_path_that_does_not_wind_is_refused_by_name():
 
 def test_turns_that_overlap_are_refused_by_name():
     array = _one(2, HEXAGON)
-    fat = replace(array.placements[0], coil=replace(array.placements[0].coil, trace_width=0.32e-3))
+    coil = array.placements[0].coil
+    wide = replace(coil, widths=tuple(np.full_like(widths, 0.32e-3) for widths in coil.widths))
+    fat = replace(array.placements[0], coil=wide)
     with pytest.raises(GeometryError, match="c: copper overlaps on plane 0"):
         coil_capacitance(array.with_placements([fat]))

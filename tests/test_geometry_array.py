@@ -113,9 +113,12 @@ def test_placement_must_be_finite(key, value):
 
 
 def test_placements_that_cannot_be():
-    with pytest.raises(GeometryError, match="has 2 conducting layers and must be given as many copper layers; got 1"):
+    with pytest.raises(GeometryError, match="has 2 lines and must be given as many copper layers; got 1"):
         Placement("A", COIL, ("L1",), 0, 0)
-    with pytest.raises(GeometryError, match="uses a copper layer twice: L1, L1"):
+    with pytest.raises(
+        GeometryError,
+        match="lines 0 and 1 of A are joined by a via and must lie on different copper layers; got L1",
+    ):
         Placement("A", COIL, ("L1", "L1"), 0, 0)
 
 

@@ -150,7 +150,7 @@ LINE = [(0, 0), (1e-2, 0)]
 @pytest.mark.parametrize(
     ("lines", "message"),
     [
-        ([], "at least one layer; got none"),
+        ([], "at least one line; got none"),
         ([[]], r"shape \(n >= 2, 2\)"),
         ([[(0, 0)]], r"shape \(n >= 2, 2\); got \(1, 2\)"),
         ([[(0, 0, 0), (1, 0, 0)]], r"shape \(n >= 2, 2\); got \(2, 3\)"),
@@ -162,7 +162,7 @@ LINE = [(0, 0), (1e-2, 0)]
         ([[(0, 0), (1e-2, 0), (1e-2, 1e-2), (5e-3, -1e-2)]], r"segments 0 and 2 meet at \(7\.5, 0\) mm"),
         ([[(0, 0), (1e-2, 0), (5e-3, 0)]], "crosses itself: segments 0 and 1"),
         ([[(0, 0), (1e-2, 0), (1e-2, 1e-2), (0, 0)]], "closed at"),
-        ([LINE, LINE], "layer 1 of a coil must begin where layer 0 ends; they are 10 mm apart"),
+        ([LINE, LINE], "line 1 of a coil must begin where line 0 ends; they are 10 mm apart"),
     ],
 )
 def test_paths_that_cannot_be(lines, message):

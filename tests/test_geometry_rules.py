@@ -171,7 +171,7 @@ def test_a_lead_across_its_own_winding_is_a_short():
     line = np.vstack((coil.lines[0], [10e-3, 0.0]))  # from the inner end straight out
     with pytest.raises(GeometryError, match="crosses itself"):
         path_coil([line], 0.15e-3, 0.15e-3, VIA)
-    crossing = type(coil)((line,), 0.15e-3, 0.15e-3, VIA, None, coil.outline)
+    crossing = type(coil)((line,), (np.full(len(line) - 1, 0.15e-3),), 0.15e-3, VIA, None, coil.outline)
     worst = margins(one_coil(crossing), "spacing within net")[("L1", "A")]
     assert worst.value == pytest.approx(-0.15e-3, abs=ROUNDING)  # centre lines meet: minus the trace width
     with pytest.raises(RuleViolationError, match="spacing within net of A on layer L1"):

@@ -118,7 +118,7 @@ def test_sheets_are_stacked_upwards_from_the_board(built):
 def test_touching_pads_leave_closed_solids():
     line = [[(0, 0), (4e-3, 0), (4e-3, 4e-3), (2e-3, 4e-3), (2e-3, -2e-3)]]
     crossing = type(path_coil([line[0][:2]], 2e-4, 2e-4, VIA))(
-        (np.array(line[0]),), 2e-4, 2e-4, VIA, None, np.zeros((0, 2))
+        (np.array(line[0]),), (np.full(4, 2e-4),), 2e-4, VIA, None, np.zeros((0, 2))
     )
     array = CoilArray(many_layers(1), (Placement("A", crossing, ("L1",), 0, 0),))
     solid = solids(array)["copper/L1/A"]

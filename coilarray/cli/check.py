@@ -2,51 +2,141 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from coilarray.cli.maps import check_file
 from coilarray.cli.shared import AllowViolations, AsJson, DesignArgument, print_json, print_table
+from coilarray.errors import DesignError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from coilarray.fab_schema import FabProfile
+    from coilarray.geometry import CoilArray, Margin
+    from coilarray.report.tables import Table
 
 
 def check(
     design: DesignArgument = None,
-    every: Annotated[bool, typer.Option("--all", help="Every margin, not only the ten smallest.")] = False,
+    every: Annotated[
+        bool, typer.Option("--all", help="Every margin, not only the worst of each rule on each layer.")
+    ] = False,
+    fab: Annotated[
+        str | None, typer.Option("--fab", metavar="NAME", help="Take the limits of this profile, not the design's.")
+    ] = None,
+    list_fabs: Annotated[bool, typer.Option("--list-fabs", help="Name the bundled profiles and leave.")] = False,
+    picture: Annotated[
+        Path | None, typer.Option("--picture", help="Also draw the worst places: .png, .svg or .pdf.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Also write every margin: .csv.")] = None,
     as_json: AsJson = False,
     allow_violations: AllowViolations = False,
 ) -> None:
     """Check a design against its fabrication rules.
 
-    The exit code is 2 where one is broken.
+    Prints the worst margin of each rule on each layer. The exit code is 2 where one is broken. A picture shows the
+    copper of every layer with these places circled; their numbers are those of the table.
 
-    Example: coilarray check gast2020 --all
+    Example: coilarray check gast2020 --fab oshpark-4-layer --picture worst.png
     """
+    check_file("--picture", picture, (".png", ".svg", ".pdf"))
+    check_file("--out", out, (".csv",))
+    from coilarray import fabs
     from coilarray.design import load_design
+    from coilarray.fab_schema import load_profile
+    from coilarray.files import write_text
     from coilarray.geometry import check_rules, require_kept
-    from coilarray.geometry.rules import KEPT_WITHIN
     from coilarray.report.tables import rules_table
 
+    if list_fabs:
+        _print_profiles([load_profile(name) for name in fabs.names()])
+        return
+    if fab is not None and fab not in fabs.names():
+        raise DesignError(f"--fab must be one of {', '.join(fabs.names())}; got {fab!r}.")
     opened = load_design(design)
-    margins = check_rules(opened.array, opened.rules)
-    table = rules_table(margins)
+    named = fab or opened.values.get("fab.profile")
+    profile = None if named is None else load_profile(str(named))
+    margins = check_rules(opened.array, load_profile(fab).rules if fab else opened.rules)
+    shown = margins if every else _worst_of_each(margins)
+    if out is not None:
+        write_text(out, rules_table(margins).csv())
+    if picture is not None:
+        _draw(picture, opened.array, shown)
     if as_json:
-        print_json({"design": opened.name, "design_hash": opened.digest, "rules": table.records()})
-    else:
-        shown = table.cells() if every else table.cells()[:10]
-        print_table(
-            ("rule", "layer", "feature", "value", "limit", "margin", "x", "y"),
-            [row[:-1] for row in shown],
-            title="margins, the smallest first; lengths in mm",
-            marked=[k for k, row in enumerate(shown) if row[-1] == "no"],
+        print_json(
+            {
+                "design": opened.name,
+                "design_hash": opened.digest,
+                "fab": None if profile is None else _source(profile),
+                "rules": rules_table(margins).records(),
+            }
         )
-        if len(shown) < len(table.rows):
-            typer.echo(f"… and {len(table.rows) - len(shown)} larger margins (--all)")
+    else:
+        _print_margins(rules_table(shown), profile.title if profile else "the design")
+        if len(shown) < len(margins):
+            typer.echo(f"… and {len(margins) - len(shown)} more (--all)")
+        for path in (out, picture):
+            if path is not None:
+                typer.echo(f"wrote {path}")
     if not allow_violations:
         require_kept(margins)
     if not as_json:
-        broken = sum(not row[-1] for row in table.rows)
-        typer.echo(
-            f"{broken} of {len(table.rows)} margins are broken"
-            if broken
-            else f"all margins are kept (to {KEPT_WITHIN * 1e6:g} µm)"
-        )
+        _print_result(margins)
+
+
+def _worst_of_each(margins: Sequence[Margin]) -> list[Margin]:
+    """Return the first margin of each rule on each layer."""
+    first: dict[tuple[str, str], Margin] = {}
+    for margin in margins:
+        first.setdefault((margin.rule, margin.layer), margin)
+    return list(first.values())
+
+
+def _draw(path: Path, array: CoilArray, margins: Sequence[Margin]) -> None:
+    from coilarray.files import write_atomically
+    from coilarray.viz.check_plots import check_figure
+
+    write_atomically(path, check_figure(array, margins).savefig)
+
+
+def _source(profile: FabProfile) -> dict[str, object]:
+    return {
+        "profile": profile.name,
+        "title": profile.title,
+        "read": profile.read.isoformat(),
+        "sources": [{"title": title, "url": url} for title, url in profile.sources],
+        "assumed": dict(profile.assumed),
+    }
+
+
+def _print_profiles(profiles: Sequence[FabProfile]) -> None:
+    """One line a profile with the limits that coils meet first."""
+    keys = ("min_trace_mm", "min_gap_mm", "min_drill_mm", "max_layers")
+    rows = [
+        [profile.name, profile.title, *(f"{profile.limits.get(key, '')}" for key in keys), profile.read.isoformat()]
+        for profile in profiles
+    ]
+    print_table(("profile", "board house", "trace", "gap", "drill", "layers", "read"), rows, title="lengths in mm")
+
+
+def _print_margins(table: Table, whose: str) -> None:
+    cells = [[str(k + 1), *row] for k, row in enumerate(table.cells())]
+    print_table(
+        ("no.", *(column.header for column in table.columns[:-1])),
+        [row[:-1] for row in cells],
+        title=f"margins to the limits of {whose}, the worst first",
+        marked=[k for k, row in enumerate(cells) if row[-1] == "no"],
+    )
+
+
+def _print_result(margins: Sequence[Margin]) -> None:
+    from coilarray.geometry.rules import KEPT_WITHIN
+
+    broken = sum(not margin.kept for margin in margins)
+    if broken:
+        typer.echo(f"{broken} of {len(margins)} margins are broken")
+    else:
+        typer.echo(f"all margins are kept (to {KEPT_WITHIN * 1e6:g} µm)")

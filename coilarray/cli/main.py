@@ -11,9 +11,11 @@ import typer
 from coilarray.cli import (
     check,
     distortion,
+    export,
     field,
     fit,
     impedance,
+    import_board,
     indent,
     init,
     locate,
@@ -48,6 +50,8 @@ app.command("response")(response.response)
 app.command("fit")(fit.fit)
 app.command("distortion")(distortion.distortion)
 app.command("locate")(locate.locate)
+app.command("export")(export.export)
+app.command("import")(import_board.import_board)
 app.command("view")(view.view)
 
 

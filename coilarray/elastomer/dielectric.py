@@ -20,7 +20,8 @@ from coilarray.elastomer.dent import Dent
 from coilarray.elastomer.dent_energy import checked_positions, dent_energies
 from coilarray.elastomer.scattering import LayerMesh, scatter
 from coilarray.errors import ElastomerError
-from coilarray.geometry import CoilArray, Placement, Stackup
+from coilarray.geometry import Coil, CoilArray, Placement, Stackup
+from coilarray.geometry.copper import uniform_runs
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -141,19 +142,19 @@ def surface_potential(placement: Placement, stackup: Stackup, zero_at: float = 0
     if not 0 <= zero_at <= 1:
         raise ElastomerError(f"zero_at must be a part of the winding's length from 0 to 1; got {zero_at}.")
     coil = placement.coil
-    upper = min(range(len(coil.lines)), key=lambda k: stackup.index(placement.layers[k]))
-    lengths = [np.hypot(*np.diff(line, axis=0).T) for line in coil.lines]
-    length = lengths[upper]
-    middle = np.sum(np.concatenate([np.zeros(1), *lengths[:upper]])) + np.cumsum(length) - length / 2
-    potential = zero_at - middle / np.concatenate(lengths).sum()
-    line, pitch = placement.to_board(coil.lines[upper]), coil.trace_width + coil.gap
-    outlines, potentials = list(_strips(line, pitch)), potential.tolist()
-    traces = shapely.linestrings(np.stack((line[:-1], line[1:]), axis=1))
-    for hole in _holes(line, pitch):
+    top = min(placement.layers, key=stackup.index)
+    upper = placement.lines_on(top)
+    potential, length = (np.concatenate([values[k] for k in upper]) for values in _along(coil, zero_at))
+    lines = [placement.to_board(coil.lines[k]) for k in upper]
+    ends = np.concatenate([np.stack((line[:-1], line[1:]), axis=1) for line in lines])
+    pitch = np.concatenate([coil.widths[k] for k in upper]) + coil.gap
+    outlines, potentials = list(_strips(ends, pitch)), potential.tolist()
+    traces = shapely.linestrings(ends)
+    for hole in _holes(coil, upper, lines):
         around = shapely.distance(traces, hole) < 0.75 * pitch
         outlines.append(shapely.get_coordinates(hole)[:-1])
         potentials.append(float(np.average(potential[around], weights=length[around])))
-    return outlined(outlines, potentials, stackup.span(placement.layers[upper])[1])
+    return outlined(outlines, potentials, stackup.span(top)[1])
 
 
 def outlined(outlines: Sequence[FloatArray], potentials: Sequence[float], z: float = 0.0) -> Segments:
@@ -196,17 +197,32 @@ def _filled(dent: Dent, permittivity: float) -> Dent:
     return Dent((sum(dent.thicknesses),), (permittivity,), dent.radius, faces, below=permittivity)
 
 
-def _strips(line: FloatArray, width: float) -> FloatArray:
-    """Rectangle about every segment of a line, anticlockwise, shape (n, 4, 2)."""
-    along = np.diff(line, axis=0)
-    along *= width / 2 / np.hypot(*along.T)[:, None]
+def _along(coil: Coil, zero_at: float) -> tuple[list[FloatArray], list[FloatArray]]:
+    """Potential of every segment of every line per voltage between the terminals, and its length in m."""
+    lengths = [np.hypot(*np.diff(line, axis=0).T) for line in coil.lines]
+    starts = [np.sum(np.concatenate([np.zeros(1), *lengths[:k]])) for k in range(len(lengths))]
+    whole = np.concatenate(lengths).sum()
+    middles = [start + np.cumsum(length) - length / 2 for start, length in zip(starts, lengths, strict=True)]
+    return [zero_at - middle / whole for middle in middles], lengths
+
+
+def _strips(ends: FloatArray, widths: FloatArray) -> FloatArray:
+    """Rectangles of the given widths about segments with the given ends, anticlockwise, shape (n, 4, 2)."""
+    start, stop = ends[:, 0], ends[:, 1]
+    along = stop - start
+    along *= (widths / 2 / np.hypot(*along.T))[:, None]
     left = np.column_stack((-along[:, 1], along[:, 0]))
-    return np.stack((line[:-1] - left, line[1:] - left, line[1:] + left, line[:-1] + left), axis=1)
+    return np.stack((start - left, stop - left, stop + left, start + left), axis=1)
 
 
-def _holes(line: FloatArray, width: float) -> list[shapely.Polygon]:
-    """Areas inside a line that the line, drawn with a width, leaves free."""
-    slit = _SLIT * width / 2
-    wide = shapely.buffer(shapely.LineString(line), width / 2 + slit, cap_style="flat", join_style="mitre")
+def _holes(coil: Coil, upper: Sequence[int], lines: Sequence[FloatArray]) -> list[shapely.Polygon]:
+    """Areas inside the coil's `upper` lines, here in the frame of the board, that traces and gaps leave free."""
+    slit = _SLIT * (coil.trace_width + coil.gap) / 2
+    ribbons = [
+        shapely.buffer(shapely.LineString(piece), (width + coil.gap) / 2 + slit, cap_style="flat", join_style="mitre")
+        for k, line in zip(upper, lines, strict=True)
+        for piece, width in uniform_runs(line, coil.widths[k])
+    ]
+    wide = ribbons[0] if len(ribbons) == 1 else shapely.union_all(ribbons)
     band = shapely.buffer(wide, -slit, join_style="mitre")
     return [orient(shapely.Polygon(ring)) for part in shapely.get_parts(band) for ring in part.interiors]

@@ -148,24 +148,50 @@ def design_table(design: Design) -> Table:
     return Table("design", "Design", columns, tuple(rows))
 
 
-def rules_table(margins: Sequence[Margin]) -> Table:
-    """One row a margin, the smallest first."""
+@dataclass(frozen=True)
+class MarginTable(Table):
+    """The table of margins, in which lengths stand beside counts and ratios; the page shows the lengths in mm."""
+
+    def cells(self) -> list[list[str]]:
+        """Return the rows as the page shows them."""
+        shown = []
+        for row, cells in zip(self.rows, super().cells(), strict=True):
+            if row[_UNIT] == "1":
+                numbers = [f"{number:.4g}".replace("-", "−") for number in row[_NUMBERS]]
+                cells[_NUMBERS], cells[_UNIT] = numbers, ""
+            else:
+                cells[_UNIT] = "mm"
+            shown.append(cells)
+        return shown
+
+
+# columns of a `MarginTable`
+_NUMBERS, _UNIT = slice(3, 6), 6
+
+
+def rules_table(margins: Sequence[Margin]) -> MarginTable:
+    """One row a margin, in the order of `check_rules`; a margin that has no place leaves x and y empty."""
     columns = (
         Column("rule", "rule"),
         Column("layer", "layer"),
         Column("feature", "feature"),
-        Column("value_m", "value (mm)", 1e3, 4),
-        Column("limit_m", "limit (mm)", 1e3, 4),
-        Column("margin_m", "margin (mm)", 1e3, 4),
+        Column("value", "value", 1e3, 4),
+        Column("limit", "limit", 1e3, 4),
+        Column("margin", "margin", 1e3, 4),
+        Column("unit", "unit"),
         Column("x_m", "x (mm)", 1e3, 3),
         Column("y_m", "y (mm)", 1e3, 3),
         Column("kept", "kept"),
     )
     rows = tuple(
-        (m.rule, m.layer, m.feature, m.value, m.limit, m.margin, m.x, m.y, m.kept)
-        for m in sorted(margins, key=lambda m: m.margin)
+        (
+            *(m.rule, m.layer, m.feature, m.value, m.limit, m.margin, m.unit or "1"),
+            *("" if place is None else place for place in (m.x, m.y)),
+            m.kept,
+        )
+        for m in margins
     )
-    return Table("rules", "Fabrication rules", columns, rows)
+    return MarginTable("rules", "Fabrication rules", columns, rows)
 
 
 def line_table(alone: xr.Dataset, operating: xr.Dataset) -> Table:

@@ -19,6 +19,7 @@ from coilarray.coupling import couple_design, provenance
 from coilarray.design import Design
 from coilarray.elastomer.contact import indent
 from coilarray.errors import CoilarrayError, GeometryError, LocalizeError, NetworkError
+from coilarray.fab_schema import load_profile
 from coilarray.files import make_folder, write_text
 from coilarray.geometry import check_rules
 from coilarray.impedance import close_channels, design_network, scan_design, sweep_design
@@ -360,12 +361,14 @@ def _page(
         lstrip_blocks=True,
     )
     by_name = {table.name: table for table in all_tables}
+    profile = design.values.get("fab.profile")
     rows = tuple(row for row in by_name["design"].rows if str(row[0]).startswith(_ENTERING))
     return environment.get_template("page.html.j2").render(
         design=design,
         data=data,
         tables=by_name,
         entering=replace(by_name["design"], rows=rows),
+        fab=None if profile is None else load_profile(str(profile)),
         pictures={picture.name: picture for picture in pictures},
         copper=[picture for picture in pictures if picture.name.startswith("copper_")],
         maps=[picture for picture in pictures if picture.name.startswith("field_map_")],

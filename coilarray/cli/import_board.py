@@ -1,0 +1,136 @@
+"""``coilarray import``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from coilarray.cli.shared import AsJson, print_json, print_table
+from coilarray.errors import BoardError, OutputError
+
+if TYPE_CHECKING:
+    from coilarray.geometry.readers import BoardCopper, TracedArray, Tracing
+
+
+def import_board(
+    board: Annotated[
+        Path, typer.Argument(metavar="BOARD", help="KiCad board (.kicad_pcb), or Gerber files (a .zip or a folder).")
+    ],
+    nets: Annotated[
+        str | None,
+        typer.Option("--nets", help="Names of the nets that are coils, as A,B; by default every net that winds."),
+    ] = None,
+    stackup: Annotated[
+        str | None,
+        typer.Option("--stackup", metavar="DESIGN", help="Design whose [stackup] to take for the board's."),
+    ] = None,
+    out: Annotated[Path, typer.Option("--out", "-o", help="Design file to write.")] = Path("design.toml"),
+    force: Annotated[bool, typer.Option("--force", help="Replace a file that exists.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Make a design file of the coils of an existing board.
+
+    Every coil is a net that runs from one end to the other in one path, over tracks and vias.
+
+    Example: coilarray import board.kicad_pcb --nets coil1,coil2 --out board.toml
+    """
+    from coilarray.design import parse_design
+    from coilarray.design_text import design_text
+    from coilarray.files import write_text
+    from coilarray.geometry.readers import trace_coils, traced_array
+
+    if out.is_dir():
+        raise OutputError(f"{out} is a folder; name a file in it.")
+    if out.exists() and not force:
+        raise OutputError(f"{out} exists; --force replaces it.")
+    copper = _read(board, stackup)
+    wanted = None if nets is None else [net.strip() for net in nets.split(",") if net.strip()]
+    if wanted == []:
+        raise BoardError(f"{board}: --nets must name at least one net; got {nets!r}.")
+    tracing = trace_coils(copper, wanted)
+    traced = traced_array(copper, tracing.coils)
+    text = design_text(board.stem, traced.array, source=f"imported from {board.name}", assumed=traced.assumed)
+    parse_design(text, origin=str(board))  # what no design can be is refused here, not by the next command
+    write_text(out, text)
+    records = _records(tracing, traced)
+    if as_json:
+        print_json(
+            {
+                "board": str(board),
+                "design": str(out),
+                "coils": records,
+                "left_out": tracing.left_out,
+                "assumed": traced.assumed,
+                "notes": list(traced.notes),
+            }
+        )
+        return
+    print_table(
+        ("coil", "net", "shape", "layers", "turns", "length", "trace width", "vias", "x", "y"),
+        [_cells(record) for record in records],
+        title=f"coils of {board.name}; lengths in mm, turns anticlockwise positive",
+    )
+    if tracing.left_out:
+        typer.echo("\nnets with tracks that are no coils")
+        for net, reason in tracing.left_out.items():
+            typer.echo(f"  {net}: {reason}")
+    for key, reason in traced.assumed.items():
+        typer.echo(f"assumed: {key}: {reason}")
+    for note in traced.notes:
+        typer.echo(f"note: {note}")
+    typer.echo(f"wrote {out}; next: coilarray check {out}")
+
+
+def _read(board: Path, stackup: str | None) -> BoardCopper:
+    from coilarray.design import load_design
+    from coilarray.geometry.readers import read_gerbers, read_kicad
+
+    if not board.exists():
+        raise BoardError(f"{board}: there is no such file or folder.")
+    layers = None if stackup is None else load_design(stackup).array.stackup
+    if board.suffix == ".kicad_pcb":
+        return read_kicad(board, layers)
+    if board.is_dir() or board.suffix.lower() == ".zip":
+        return read_gerbers(board, layers)
+    raise BoardError(f"{board}: a board must be a .kicad_pcb file, or Gerber files in a .zip or a folder.")
+
+
+def _records(tracing: Tracing, traced: TracedArray) -> list[dict[str, Any]]:
+    """Return what is known of every coil, in SI."""
+    from coilarray.design_text import design_names, shape_names
+
+    names = design_names(traced.array.names)
+    return [
+        {
+            "name": names[coil.name],
+            "net": coil.name,
+            "shape": shape,
+            "layers": list(coil.layers),
+            "turns": coil.turns,
+            "length_m": coil.length,
+            "trace_widths_m": sorted({float(width) for line in coil.widths for width in line}),
+            "vias": len(coil.vias),
+            "x_m": placement.x,
+            "y_m": placement.y,
+        }
+        for coil, placement, shape in zip(
+            tracing.coils, traced.array.placements, shape_names(traced.array), strict=True
+        )
+    ]
+
+
+def _cells(record: dict[str, Any]) -> list[str]:
+    widths = [f"{width * 1e3:.4g}" for width in record["trace_widths_m"]]
+    return [
+        record["name"],
+        record["net"],
+        record["shape"],
+        " ".join(record["layers"]),
+        f"{record['turns']:.2f}",
+        f"{record['length_m'] * 1e3:.1f}",
+        widths[0] if len(widths) == 1 else f"{widths[0]} to {widths[-1]}",
+        str(record["vias"]),
+        *(f"{round(record[key] * 1e3, 3) + 0.0:.3f}" for key in ("x_m", "y_m")),  # no minus zero
+    ]

@@ -1,0 +1,458 @@
+"""Net check on copper itself: which pieces hang together through the plated holes, and whether they are the coils."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from shapely.geometry.base import BaseGeometry
+
+from coilarray.errors import GeometryError
+from coilarray.geometry.array import CoilArray, Placement
+from coilarray.geometry.copper import Drill, disc, drills, trace_outline
+from coilarray.geometry.readers.board_copper import BoardCopper
+
+FloatArray = npt.NDArray[np.float64]
+
+# Copper closer than this is one piece: files round to 1 nm, no board house separates 10 nm.
+_TOUCHING = 1e-8
+# A barrel reaches copper that begins this far from its wall: polygons of round holes lie up to 0.3 µm off the circle.
+_BARREL_REACH = 1e-6
+# Segments a quarter of a stroke's round end: within 1.2e-3 of its radius, 1 µm for a trace of 1.6 mm.
+_STROKE_QUADRANT = 16
+# Corners sharper than this have their mitre cut off by some outlines, so a round end may stand out there.
+_SHARP = np.cos(np.radians(100.0))
+
+
+@dataclass(frozen=True)
+class Barrel:
+    """The plated wall of a hole.
+
+    Parameters
+    ----------
+    x, y : float
+        Centre in m.
+    drill : float
+        Diameter of the hole in m.
+    layers : tuple of str
+        Copper layers that it joins.
+    """
+
+    x: float
+    y: float
+    drill: float
+    layers: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class NetFault:
+    """One difference between the copper of a file and the coils it should hold.
+
+    Parameters
+    ----------
+    kind : {"bridge", "cut", "missing", "foreign"}
+        Two coils in one piece; a terminal cut off; copper or a hole missing beside an unbroken path; copper or a hole
+        that the design does not have.
+    coils : tuple of str
+        The coils concerned; none for copper that touches no coil.
+    layer : str
+        Copper layer of the place; of a hole the uppermost.
+    x, y : float
+        The place in m.
+    text : str
+        One line with the place in mm.
+    """
+
+    kind: Literal["bridge", "cut", "missing", "foreign"]
+    coils: tuple[str, ...]
+    layer: str
+    x: float
+    y: float
+    text: str
+
+
+@dataclass(frozen=True)
+class NetCheck:
+    """What a net check found.
+
+    Parameters
+    ----------
+    pieces : int
+        Number of connected pieces of copper.
+    faults : tuple of NetFault
+        Bridges first, then cuts, missing and foreign copper.
+    """
+
+    pieces: int
+    faults: tuple[NetFault, ...]
+
+    @property
+    def passed(self) -> bool:
+        """True where the copper is exactly the coils."""
+        return not self.faults
+
+
+def connected_pieces(
+    layers: Mapping[str, Sequence[BaseGeometry]], holes: Sequence[Barrel]
+) -> tuple[dict[str, BaseGeometry], ...]:
+    """Sort copper into pieces that hang together, on a layer by touching, between layers through plated holes.
+
+    Parameters
+    ----------
+    layers : mapping of str to sequence of shapely geometry
+        Copper of each layer in m, in any number of parts, which may overlap.
+    holes : sequence of Barrel
+        A hole joins the layers it names where copper meets its wall.
+
+    Returns
+    -------
+    tuple of dict of str to shapely geometry
+        Of each piece its united copper on every layer where it has some.
+
+    Examples
+    --------
+    >>> import shapely
+    >>> layers = {"top": [shapely.box(0, 0, 1e-3, 1e-4), shapely.box(1e-3, 0, 2e-3, 1e-4)],
+    ...           "bottom": [shapely.box(0, 0, 1e-3, 1e-4)]}
+    >>> len(connected_pieces(layers, [])), len(connected_pieces(layers, [Barrel(5e-4, 0, 2e-4, ("top", "bottom"))]))
+    (2, 1)
+    """
+    parts = {layer: _parts(copper) for layer, copper in layers.items()}
+    first = dict(zip(parts, np.cumsum([0, *map(len, parts.values())]).tolist(), strict=False))
+    count = sum(map(len, parts.values()))
+    centres = np.array([shapely.Point(hole.x, hole.y) for hole in holes], dtype=object)
+    reach = np.array([hole.drill / 2 + _BARREL_REACH for hole in holes])
+    a, b = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
+    for layer, shapes in parts.items():
+        tree = shapely.STRtree(shapes)
+        i, j = tree.query(shapes, predicate="dwithin", distance=_TOUCHING)
+        a.append(i + first[layer])
+        b.append(j + first[layer])
+        piercing = np.array([k for k, hole in enumerate(holes) if layer in hole.layers], dtype=np.int64)
+        if len(piercing):
+            h, j = tree.query(centres[piercing], predicate="dwithin", distance=reach[piercing])
+            a.append(piercing[h] + count)
+            b.append(j + first[layer])
+    rows, columns = np.concatenate(a), np.concatenate(b)
+    size = count + len(holes)
+    graph = coo_array((np.ones(len(rows), dtype=bool), (rows, columns)), shape=(size, size))
+    label = connected_components(graph, directed=False)[1]
+    pieces: dict[int, dict[str, BaseGeometry]] = {}
+    for layer, shapes in parts.items():
+        of_layer = label[first[layer] : first[layer] + len(shapes)]
+        for piece in np.unique(of_layer).tolist():
+            pieces.setdefault(piece, {})[layer] = shapely.union_all(shapes[of_layer == piece])
+    return tuple(pieces.values())
+
+
+def board_layers(board: BoardCopper) -> tuple[dict[str, list[BaseGeometry]], list[Barrel]]:
+    """Copper and holes of a board that was read from a file, as `check_nets` takes them.
+
+    Parameters
+    ----------
+    board : BoardCopper
+        As any reader gives it. Tracks count with round ends, pads as round.
+
+    Returns
+    -------
+    layers : dict of str to list of shapely geometry
+        In m, every layer of the stack-up.
+    holes : list of Barrel
+    """
+    layers: dict[str, list[BaseGeometry]] = {layer: [] for layer in board.stackup.names}
+    ways = shapely.linestrings(np.array([(track.start, track.end) for track in board.tracks]).reshape(-1, 2, 2))
+    strokes = shapely.buffer(ways, [track.width / 2 for track in board.tracks], quad_segs=_STROKE_QUADRANT)
+    for track, stroke in zip(board.tracks, strokes, strict=True):
+        layers[track.layer].append(stroke)
+    for hole in board.holes:
+        for layer in hole.layers:
+            layers[layer].append(disc(hole.x, hole.y, hole.pad))
+    for pad in board.pads:
+        layers[pad.layer].append(disc(pad.x, pad.y, pad.size))
+    for area in board.areas:
+        layers[area.layer].append(area.shape)
+    return layers, [Barrel(hole.x, hole.y, hole.drill, hole.layers) for hole in board.holes]
+
+
+def check_nets(
+    array: CoilArray,
+    layers: Mapping[str, Sequence[BaseGeometry]],
+    holes: Sequence[Barrel],
+    *,
+    tolerance: float = 2e-6,
+) -> NetCheck:
+    """Compare the copper of a file with the coils it should hold.
+
+    Parameters
+    ----------
+    array : CoilArray
+        The design.
+    layers : mapping of str to sequence of shapely geometry
+        Copper of the file in m by name of the layer; a layer that is left out has none.
+    holes : sequence of Barrel
+        Plated holes of the file.
+    tolerance : float
+        Shapes may differ by this length in m: rounding and polygons of arcs in files.
+
+    Returns
+    -------
+    NetCheck
+        Passed where both terminals of every coil are in one piece, no two coils are, all copper and holes of every
+        coil are there, also where they carry no current, and nothing else is.
+
+    Raises
+    ------
+    GeometryError
+        A layer that the stack-up does not have.
+
+    Notes
+    -----
+    Corners and ends of traces may be mitred, round or flat, anything between the two outlines of `_Coil`. Copper
+    that joins neighbouring turns of one coil is foreign: the pieces alone would not show it.
+    """
+    for layer in layers:
+        array.stackup.index(layer)
+    pieces = connected_pieces(layers, holes)
+    design_holes = drills(array)
+    coils = [_Coil.of(placement, design_holes, tolerance) for placement in array.placements]
+    # the pieces lie apart
+    copper = {layer: _together([piece[layer] for piece in pieces if layer in piece]) for layer in layers}
+    foreign_holes = [hole for hole in holes if not any(_same(hole, drill, tolerance) for drill in design_holes)]
+
+    bridges: list[NetFault] = []
+    cuts: list[NetFault] = []
+    missing: list[NetFault] = []
+    foreign = [_foreign_hole(hole) for hole in foreign_holes]
+    for piece in pieces:
+        owners = [coil for coil in coils if coil.lies_on(piece)]
+        if len(owners) > 1:
+            bridges += _bridges(piece, owners, foreign_holes, tolerance)
+        else:
+            foreign += _foreign_copper(piece, owners or coils, tolerance)
+    for coil in coils:
+        cut = coil.cut(pieces)
+        if cut is not None:
+            cuts.append(cut)
+        else:
+            missing += coil.missing(copper, holes, tolerance)
+    return NetCheck(len(pieces), (*bridges, *cuts, *missing, *foreign))
+
+
+def require_nets(check: NetCheck) -> None:
+    """Raise GeometryError with the first fault of a net check and the number of the others."""
+    if check.faults:
+        others = len(check.faults) - 1
+        more = f" ({others} more {'fault' if others == 1 else 'faults'})" if others else ""
+        raise GeometryError(f"{check.faults[0].text}{more}.")
+
+
+@dataclass(frozen=True, eq=False)
+class _Coil:
+    """What the copper of one coil must cover and may cover, layer by layer.
+
+    `least` is the rectangles of the segments and the rings of the pads, `most` the mitred outline with round ends and
+    the full pads; narrower and wider by the tolerance.
+    """
+
+    name: str
+    lines: tuple[FloatArray, ...]
+    line_layers: tuple[str, ...]
+    drills: tuple[Drill, ...]
+    least: dict[str, BaseGeometry]
+    most: dict[str, BaseGeometry]
+
+    @staticmethod
+    def of(placement: Placement, design_holes: Iterable[Drill], tolerance: float) -> _Coil:
+        lines = tuple(placement.to_board(line) for line in placement.coil.lines)
+        own = tuple(drill for drill in design_holes if drill.net == placement.name)
+        least: dict[str, list[BaseGeometry]] = {}
+        most: dict[str, list[BaseGeometry]] = {}
+        for line, widths, layer in zip(lines, placement.coil.widths, placement.layers, strict=True):
+            least.setdefault(layer, []).extend(_rectangles(line, widths - 2 * tolerance))
+            most.setdefault(layer, []).append(trace_outline(line, widths + 2 * tolerance))
+            most[layer] += _round_ends(line, widths + 2 * tolerance)
+        for drill in own:
+            for layer in drill.layers:
+                least.setdefault(layer, []).append(disc(drill.x, drill.y, drill.pad - 2 * tolerance))
+                most.setdefault(layer, []).append(disc(drill.x, drill.y, drill.pad + 2 * tolerance))
+        bored = shapely.union_all([disc(drill.x, drill.y, drill.diameter + 2 * tolerance) for drill in own])
+        return _Coil(
+            placement.name,
+            lines,
+            placement.layers,
+            own,
+            {layer: shapely.union_all(shapes) - bored for layer, shapes in least.items()},
+            {layer: shapely.union_all(shapes) for layer, shapes in most.items()},
+        )
+
+    def lies_on(self, piece: Mapping[str, BaseGeometry]) -> bool:
+        """Whether the centre lines meet the piece."""
+        return any(
+            layer in piece and shapely.intersects(piece[layer], shapely.LineString(line))
+            for line, layer in zip(self.lines, self.line_layers, strict=True)
+        )
+
+    def cut(self, pieces: Sequence[Mapping[str, BaseGeometry]]) -> NetFault | None:
+        """Where the way from the first to the second terminal leaves the first one's piece; None where it does not."""
+        begin, end = self.lines[0][0], self.lines[-1][-1]
+        first, last = self.line_layers[0], self.line_layers[-1]
+        piece = next((piece for piece in pieces if self._reached(piece, begin, first)), None)
+        if piece is None:
+            return self._cut_at(begin, first, f"terminal 1 of {self.name} has no copper on {first} at {_mm(begin)}")
+        if self._reached(piece, end, last):
+            return None
+        bored = shapely.union_all([disc(drill.x, drill.y, drill.diameter) for drill in self.drills])
+        off = f"terminal 2 of {self.name} at {_mm(end)} is cut off: "
+        for k, (line, layer) in enumerate(zip(self.lines, self.line_layers, strict=True)):
+            way = shapely.LineString(line)
+            lost = shapely.get_coordinates(way - bored - piece.get(layer, shapely.Polygon()))
+            if not len(lost):
+                continue
+            along = shapely.line_locate_point(way, shapely.points(lost))
+            place = lost[int(np.argmin(along))]
+            if k > 0 and not self._reached(piece, line[0], layer):
+                text = f"nothing joins {self.line_layers[k - 1]} and {layer} at {_mm(line[0])}"
+                return self._cut_at(line[0], layer, off + text)
+            return self._cut_at(place, layer, f"{off}its copper ends on {layer} at {_mm(place)}")
+        return self._cut_at(end, last, f"{off}no copper on {last}")
+
+    def _cut_at(self, place: FloatArray, layer: str, text: str) -> NetFault:
+        return NetFault("cut", (self.name,), layer, float(place[0]), float(place[1]), text)
+
+    def _reached(self, piece: Mapping[str, BaseGeometry], point: FloatArray, layer: str) -> bool:
+        """Whether the piece has copper at a point of a layer, or around the hole that is drilled there."""
+        radii = [drill.diameter / 2 for drill in self.drills if np.hypot(drill.x - point[0], drill.y - point[1]) < 1e-9]
+        reach = max(radii, default=0.0) + _BARREL_REACH
+        return layer in piece and bool(shapely.dwithin(piece[layer], shapely.Point(point), reach))
+
+    def missing(
+        self, copper: Mapping[str, BaseGeometry], holes: Sequence[Barrel], tolerance: float
+    ) -> Iterator[NetFault]:
+        """Holes and copper of the coil that are not there."""
+        for drill in self.drills:
+            if len(drill.layers) > 1 and not any(_same(hole, drill, tolerance) for hole in holes):
+                text = f"the plated hole of {self.name} at {_mm((drill.x, drill.y))} is missing"
+                yield NetFault("missing", (self.name,), drill.layers[0], drill.x, drill.y, text)
+        for layer, least in self.least.items():
+            for x, y in _places(shapely.get_parts(least - copper.get(layer, shapely.Polygon())), tolerance**2):
+                text = f"copper of {self.name} is missing on {layer} at {_mm((x, y))}"
+                yield NetFault("missing", (self.name,), layer, x, y, text)
+
+
+def _bridges(
+    piece: Mapping[str, BaseGeometry], owners: Sequence[_Coil], foreign_holes: Sequence[Barrel], tolerance: float
+) -> Iterator[NetFault]:
+    """Every pair of the coils in one piece that touch directly, and where; at least one pair."""
+    nowhere = True
+    for a, b in combinations(owners, 2):
+        for layer, x, y in _meetings(piece, a, b, owners, foreign_holes):
+            nowhere = False
+            text = f"{a.name} and {b.name} touch on {layer} at {_mm((x, y))}"
+            yield NetFault("bridge", (a.name, b.name), layer, x, y, text)
+    if nowhere:  # a way over several layers
+        names = tuple(coil.name for coil in owners)
+        stray = next(_foreign_copper(piece, owners, tolerance), None)
+        x, y = owners[0].lines[0][0].tolist() if stray is None else (stray.x, stray.y)
+        layer = owners[0].line_layers[0] if stray is None else stray.layer
+        text = f"{' and '.join(names)} are joined by way of {layer} at {_mm((x, y))}"
+        yield NetFault("bridge", names, layer, x, y, text)
+
+
+def _meetings(
+    piece: Mapping[str, BaseGeometry],
+    a: _Coil,
+    b: _Coil,
+    owners: Sequence[_Coil],
+    foreign_holes: Sequence[Barrel],
+) -> Iterator[tuple[str, float, float]]:
+    """Layer and place of what joins two coils: a hole, copper of both, or copper of neither beside both."""
+    for hole in foreign_holes:
+        if _reaches(hole, a) and _reaches(hole, b):
+            yield hole.layers[0], hole.x, hole.y
+    for layer in piece:
+        if layer not in a.most or layer not in b.most:
+            continue
+        both = shapely.intersection(a.most[layer], b.most[layer])
+        between = piece[layer] - shapely.union_all([coil.most[layer] for coil in owners if layer in coil.most])
+        beside = [
+            part
+            for part in shapely.get_parts(between)
+            if shapely.dwithin(part, a.most[layer], _TOUCHING) and shapely.dwithin(part, b.most[layer], _TOUCHING)
+        ]
+        for x, y in _places((*shapely.get_parts(both), *beside)):
+            yield layer, x, y
+
+
+def _reaches(hole: Barrel, coil: _Coil) -> bool:
+    centre = shapely.Point(hole.x, hole.y)
+    reach = hole.drill / 2 + _BARREL_REACH
+    return any(layer in coil.most and shapely.dwithin(coil.most[layer], centre, reach) for layer in hole.layers)
+
+
+def _foreign_hole(hole: Barrel) -> NetFault:
+    text = f"the design has no plated hole of {hole.drill * 1e3:.4g} mm through {', '.join(hole.layers)}"
+    return NetFault("foreign", (), hole.layers[0], hole.x, hole.y, f"{text} at {_mm((hole.x, hole.y))}")
+
+
+def _foreign_copper(piece: Mapping[str, BaseGeometry], coils: Sequence[_Coil], tolerance: float) -> Iterator[NetFault]:
+    """Copper of a piece outside all the given coils."""
+    names = (coils[0].name,) if len(coils) == 1 else ()
+    for layer, copper in piece.items():
+        allowed = shapely.union_all([coil.most[layer] for coil in coils if layer in coil.most])
+        for x, y in _places(shapely.get_parts(copper - allowed), tolerance**2):
+            text = f"the design has no copper on {layer} at {_mm((x, y))}"
+            text += f", where {names[0]} has some" if names else ""
+            yield NetFault("foreign", names, layer, x, y, text)
+
+
+def _same(hole: Barrel, drill: Drill, tolerance: float) -> bool:
+    return (
+        np.hypot(hole.x - drill.x, hole.y - drill.y) <= tolerance
+        and abs(hole.drill - drill.diameter) <= 2 * tolerance
+        and set(hole.layers) == set(drill.layers)
+    )
+
+
+def _places(parts: Iterable[BaseGeometry], smallest: float = 0.0) -> list[tuple[float, float]]:
+    """Find a point in m inside every part with more than the smallest area in m²."""
+    points = [part.representative_point() for part in parts if part.area > smallest]
+    return [(point.x, point.y) for point in points]
+
+
+def _mm(point: Sequence[float] | FloatArray) -> str:
+    x, y = (round(float(value) * 1e3, 3) + 0.0 for value in point)  # + 0.0: no −0
+    return f"({x:g}, {y:g}) mm"
+
+
+def _parts(copper: Iterable[BaseGeometry]) -> npt.NDArray[np.object_]:
+    parts = shapely.get_parts(np.array(list(copper), dtype=object))
+    return np.asarray(parts[shapely.area(parts) > 0])
+
+
+def _together(shapes: Iterable[BaseGeometry]) -> BaseGeometry:
+    return shapely.MultiPolygon(_parts(shapes).tolist())
+
+
+def _rectangles(line: FloatArray, widths: FloatArray) -> npt.NDArray[np.object_]:
+    """Make a rectangle of every segment, with no corners and ends beyond it."""
+    step = np.diff(line, axis=0)
+    side = (widths / 2 / np.hypot(*step.T))[:, None] * np.column_stack((-step[:, 1], step[:, 0]))
+    corners = np.stack((line[:-1] + side, line[1:] + side, line[1:] - side, line[:-1] - side), axis=1)
+    return np.asarray(shapely.polygons(corners))
+
+
+def _round_ends(line: FloatArray, widths: FloatArray) -> list[shapely.Polygon]:
+    """Discs where round strokes may stand out of the mitred outline: ends, sharp corners and changes of width."""
+    step = np.diff(line, axis=0)
+    along = step / np.hypot(*step.T)[:, None]
+    sharp = (along[:-1] * along[1:]).sum(axis=1) < _SHARP
+    stands_out = np.concatenate(([True], sharp | (np.diff(widths) != 0), [True]))
+    diameters = np.maximum(np.append(widths, 0.0), np.append(0.0, widths))
+    return [disc(x, y, d) for (x, y), d in zip(line[stands_out].tolist(), diameters[stands_out].tolist(), strict=True)]

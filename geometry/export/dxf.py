@@ -1,0 +1,147 @@
+"""DXF drawings of the board, in millimetres, through ezdxf."""
+
+from __future__ import annotations
+
+import importlib
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+
+from coilarray.errors import MissingDependencyError, OutputError
+from coilarray.files import write_atomically
+from coilarray.geometry.array import CoilArray
+from coilarray.geometry.copper import Drill, board_outline, drills, layer_copper
+
+if TYPE_CHECKING:
+    from ezdxf.document import Drawing
+    from ezdxf.layouts.layout import Modelspace
+
+_MM = 1e3
+# Digits of a coordinate in mm: far below anything made, and short numbers in the file.
+_DIGITS = 9
+_TEXT_HEIGHT = 1.5  # mm
+_RELEASE = "R2010"  # the first that every program of today reads and that is UTF-8 throughout
+# colours of the AutoCAD colour index, away from the black or white of the background
+_LAYER_COLOURS = (1, 5, 3, 6, 30, 4)
+_DRILL_COLOUR, _OUTLINE_COLOUR, _SILK_COLOUR = 8, 7, 2
+_NOT_IN_NAMES = '<>/\\":;?*|=`'
+
+
+def write_dxf(array: CoilArray, path: Path) -> None:
+    """Write the board as a DXF drawing in mm.
+
+    Parameters
+    ----------
+    array : CoilArray
+        The board.
+    path : Path
+        Ends in ``.dxf``. Written whole or not at all.
+
+    Raises
+    ------
+    OutputError
+        Another suffix, copper layers whose names DXF cannot hold, or a file that cannot be written.
+    MissingDependencyError
+        ezdxf is not installed.
+
+    Notes
+    -----
+    x to the right, y upwards, the origin of the design. The layers:
+
+    - ``copper_<layer>``: edges of the copper of each coil, traces and pads united, as closed polylines without width;
+      one inside another is a hole. This is what cutters, field solvers and CAM programs take. Drilled holes are not
+      cut out.
+    - ``path_<layer>``: centre lines of the traces as polylines with the width of each segment, for programs that
+      route. Switched off and not plotted, because it shows the same copper again.
+    - ``drill``: a circle a hole, with its diameter. Holes that are not through the whole board lie on layers of their
+      own, named by the copper they pierce, as ``drill_L1_L2``.
+    - ``outline``: edge of the board.
+    - ``silk``: names of the coils at their centres.
+
+    Examples
+    --------
+    >>> from coilarray.geometry import PlatedHole, Placement, Stackup, path_coil
+    >>> coil = path_coil([[(0, 0), (1e-2, 0)]], 0.2e-3, 0.2e-3, PlatedHole(0.3e-3, 0.6e-3))
+    >>> board = CoilArray(Stackup(("top",), (35e-6,), (), ()), (Placement("A", coil, ("top",), 0, 0),))
+    >>> write_dxf(board, Path("board.dwg"))
+    Traceback (most recent call last):
+    coilarray.errors.OutputError: cannot write board.dwg: the suffix must be .dxf; got '.dwg'.
+    """
+    if path.suffix.lower() != ".dxf":
+        raise OutputError(f"cannot write {path}: the suffix must be .dxf; got {path.suffix!r}.")
+    names = array.stackup.names
+    listed = ", ".join(names)
+    if any(character in name for name in names for character in _NOT_IN_NAMES):
+        raise OutputError(f"cannot write {path}: names of layers must be free of {_NOT_IN_NAMES}; got {listed}.")
+    if len({name.casefold() for name in names}) < len(names):
+        raise OutputError(f"cannot write {path}: names of layers must differ in more than capitals; got {listed}.")
+    drawing = _drawing(array)
+    write_atomically(path, drawing.saveas)
+
+
+def _drawing(array: CoilArray) -> Drawing:
+    try:
+        ezdxf = importlib.import_module("ezdxf")
+    except ImportError:
+        raise MissingDependencyError(
+            'DXF files need ezdxf, which is not installed: pip install "coilarray[fab]".'
+        ) from None
+    drawing: Drawing = ezdxf.new(_RELEASE, units=ezdxf.units.MM)
+    _add_layers(drawing, array)
+    space = drawing.modelspace()
+    for name in reversed(array.stackup.names):  # the top in front
+        for copper in layer_copper(array, name).values():
+            for ring in shapely.get_rings(shapely.get_parts(copper)):
+                _add_ring(space, ring, f"copper_{name}")
+    _add_paths(space, array)
+    for hole in drills(array):
+        x, y = _in_mm(np.array([hole.x, hole.y])).tolist()
+        space.add_circle((x, y), hole.diameter / 2 * _MM, dxfattribs={"layer": _drill_layer(array, hole)})
+    outline = board_outline(array)
+    _add_ring(space, outline.exterior, "outline")
+    for placement in array.placements:
+        x, y = _in_mm(np.array([placement.x, placement.y])).tolist()
+        text = space.add_text(placement.name, height=_TEXT_HEIGHT, dxfattribs={"layer": "silk"})
+        text.set_placement((x, y), align=ezdxf.enums.TextEntityAlignment.MIDDLE_CENTER)
+    x_min, y_min, x_max, y_max = _in_mm(np.array(outline.bounds)).tolist()
+    space.reset_extents((x_min, y_min, 0), (x_max, y_max, 0))
+    # programs open the drawing on the whole board
+    drawing.set_modelspace_vport(1.1 * max(x_max - x_min, y_max - y_min), ((x_min + x_max) / 2, (y_min + y_max) / 2))
+    return drawing
+
+
+def _add_layers(drawing: Drawing, array: CoilArray) -> None:
+    for k, name in enumerate(array.stackup.names):
+        colour = _LAYER_COLOURS[k % len(_LAYER_COLOURS)]
+        drawing.layers.add(f"copper_{name}", color=colour)
+        drawing.layers.add(f"path_{name}", color=colour, plot=False).off()
+    for name in sorted({_drill_layer(array, hole) for hole in drills(array)}):
+        drawing.layers.add(name, color=_DRILL_COLOUR)
+    drawing.layers.add("outline", color=_OUTLINE_COLOUR)
+    drawing.layers.add("silk", color=_SILK_COLOUR)
+
+
+def _drill_layer(array: CoilArray, hole: Drill) -> str:
+    return "drill" if hole.layers == array.stackup.names else "_".join(("drill", *hole.layers))
+
+
+def _add_paths(space: Modelspace, array: CoilArray) -> None:
+    for placement in array.placements:
+        coil = placement.coil
+        for line, widths, layer in zip(coil.lines, coil.widths, placement.layers, strict=True):
+            # a vertex carries the widths at both ends of the segment that begins there; none begins at the last
+            begun = np.append(widths, widths[-1]) * _MM
+            vertices = np.column_stack((_in_mm(placement.to_board(line)), begun, begun)).tolist()
+            space.add_lwpolyline(vertices, format="xyse", dxfattribs={"layer": f"path_{layer}"})
+
+
+def _add_ring(space: Modelspace, ring: shapely.LinearRing, layer: str) -> None:
+    corners = _in_mm(shapely.get_coordinates(ring))[:-1]  # the closing edge is implied
+    space.add_lwpolyline(corners.tolist(), close=True, dxfattribs={"layer": layer})
+
+
+def _in_mm(lengths: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    return np.round(lengths * _MM, _DIGITS) + 0.0  # + 0.0: no −0 in the file

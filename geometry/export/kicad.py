@@ -1,0 +1,267 @@
+"""KiCad projects: the board of a coil array, its design rules, and its windings as footprints."""
+
+from __future__ import annotations
+
+import math
+import re
+import tempfile
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+from coilarray.errors import OutputError
+from coilarray.geometry.array import CoilArray, Placement
+from coilarray.geometry.export.kicad_footprint import holes_of, library_footprints, segments, terminal_footprint
+from coilarray.geometry.export.kicad_project import library_table_text, project_text
+from coilarray.geometry.export.kicad_text import (
+    FILE_VERSION,
+    GENERATOR,
+    OTHER_LAYERS,
+    Drawing,
+    at,
+    block,
+    copper_names,
+    copper_number,
+    length,
+    node,
+    quoted,
+)
+from coilarray.geometry.export.silk import silk_labels
+from coilarray.geometry.rules import FabRules
+from coilarray.geometry.stackup import Stackup
+
+# What design files allow as names; they become names of files, nets and parts.
+_NAME = re.compile(r"[A-Za-z0-9_.+][A-Za-z0-9_.+-]*")
+# Sheets of paper, landscape, and the sides of the largest sheet that KiCad takes, in mm.
+_PAPERS = {"A4": (297, 210), "A3": (420, 297), "A2": (594, 420), "A1": (841, 594), "A0": (1189, 841)}
+_LARGEST_SHEET = 1219
+# Least distance of the board from the sheet's edges in mm; A4's title block is 34 mm high.
+_SHEET_MARGIN = 40
+# KiCad has no board of one copper layer: below it, this much laminate in m and an empty layer.
+_BACKING = 1.5e-3
+_BACKING_EPSILON_R = 4.5
+
+
+def write_kicad(array: CoilArray, path: Path, *, name: str, rules: FabRules, title: str = "") -> tuple[Path, ...]:
+    """Write a KiCad project: a folder that KiCad 6 and later versions open (tried: 6.0.11, 9.0.2).
+
+    Parameters
+    ----------
+    array : CoilArray
+        The board.
+    path : Path
+        The folder. It is made whole or not at all; in one that exists already, the files of the project are replaced
+        and all others stay.
+    name : str
+        Of the project: letters, digits, ``_ . + -``, the last one not first.
+    rules : FabRules
+        Limits of KiCad's own check.
+    title : str
+        Shown on the sheet; the name where there is none.
+
+    Returns
+    -------
+    tuple of Path
+        ``<name>.kicad_pcb``, ``<name>.kicad_pro``, ``fp-lib-table``, and a footprint ``<name>.pretty/<coil>.kicad_mod``
+        for every coil shape and set of layers.
+
+    Raises
+    ------
+    OutputError
+        A path that cannot be written, a name that cannot be, a board larger than any sheet, or copper layers that
+        KiCad cannot hold: more than 32, an odd number above one, or names that it refuses.
+
+    Notes
+    -----
+    The origin of the design is the drill origin of the board (``aux_axis_origin``) and of its grid; KiCad's y points
+    down. Lengths are rounded to 1 nm. Each coil is a net of its name, its path tracks and vias, and its ends the pads
+    1 and 2 of a footprint whose reference is the coil's name. The same design gives the same bytes.
+
+    A board of one copper layer gets an empty second one, B.Cu, as KiCad has none with fewer.
+
+    Where holes are blind, a terminal on an inner layer is a pad on that layer, which KiCad 9 warns of ("SMD pad has
+    no outer layers"): nothing can be soldered there.
+
+    Examples
+    --------
+    >>> from coilarray.geometry import PlatedHole, Placement, path_coil
+    >>> coil = path_coil([[(0, 0), (1e-2, 0)]], 0.2e-3, 0.2e-3, PlatedHole(0.3e-3, 0.6e-3))
+    >>> board = CoilArray(Stackup(("top",), (35e-6,), (), ()), (Placement("A", coil, ("top",), 0, 0),))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     files = write_kicad(board, Path(folder) / "out", name="board", rules=FabRules())
+    >>> [file.name for file in files]
+    ['board.kicad_pcb', 'board.kicad_pro', 'fp-lib-table', 'A.kicad_mod']
+    """
+    if path.exists() and not path.is_dir():
+        raise OutputError(f"cannot make the folder {path}: a file has that name.")
+    for what, text in (("project", name), *(("coil", coil) for coil in array.names)):
+        if not _NAME.fullmatch(text):
+            raise OutputError(
+                f"the name of a {what} for KiCad must be letters, digits, _ . + - and not begin with -; got {text!r}."
+            )
+    texts = {
+        f"{name}.kicad_pcb": board_text(array, name, title or name),
+        f"{name}.kicad_pro": project_text(array, name, rules),
+        "fp-lib-table": library_table_text(name),
+    }
+    for footprint, text in library_footprints(array).items():
+        texts[f"{name}.pretty/{footprint}.kicad_mod"] = text
+    _write_folder(path, texts)
+    return tuple(path / file for file in texts)
+
+
+def board_text(array: CoilArray, name: str, title: str) -> str:
+    """Text of the ``.kicad_pcb`` file of `write_kicad`.
+
+    Parameters
+    ----------
+    array : CoilArray
+        The board.
+    name, title : str
+        Of the project.
+    """
+    layers = copper_names(array.stackup)
+    paper, drawing = _sheet(array, name, layers)
+    origin = (drawing.x0, drawing.y0)
+    setup = (
+        _stackup(array.stackup, layers),
+        node("pad_to_mask_clearance", "0"),
+        at("aux_axis_origin", origin),
+        at("grid_origin", origin),
+        # plot from the drill origin: Gerbers have the coordinates of the design
+        node("pcbplotparams", node("useauxorigin", "true")),
+    )
+    children = [
+        node("general", node("thickness", length(_thickness(array.stackup)))),
+        node("paper", *paper),
+        node("title_block", node("title", quoted(title))),
+        _layer_table(layers),
+        block("setup", (), setup),
+        node("net", "0", quoted("")),
+        *(node("net", str(k), quoted(net)) for k, net in enumerate(array.names, start=1)),
+        *_coils(array, drawing),
+        _edge(array, drawing),
+    ]
+    return block("kicad_pcb", (node("version", FILE_VERSION), node("generator", GENERATOR)), children) + "\n"
+
+
+def _sheet(array: CoilArray, name: str, layers: dict[str, str]) -> tuple[tuple[str, ...], Drawing]:
+    """Choose the smallest sheet, as KiCad names it, and put the board in the middle of it."""
+    x_min, y_min, x_max, y_max = (1e3 * edge for edge in array.bounds)
+    width, height = x_max - x_min + 2 * _SHEET_MARGIN, y_max - y_min + 2 * _SHEET_MARGIN
+    if max(width, height) > _LARGEST_SHEET:
+        raise OutputError(
+            f"a board for KiCad must be at most {_LARGEST_SHEET - 2 * _SHEET_MARGIN} mm wide and high; "
+            f"got {x_max - x_min:.4g} mm x {y_max - y_min:.4g} mm."
+        )
+    # its own size where no paper fits
+    sheet = (math.ceil(width), math.ceil(height))
+    paper: tuple[str, ...] = (quoted("User"), *map(str, sheet))
+    for known, (w, h) in reversed(_PAPERS.items()):
+        if width <= w and height <= h:
+            sheet, paper = (w, h), (quoted(known),)
+    # to whole micrometres, for readable numbers
+    x0 = round((sheet[0] - x_min - x_max) / 2 * 1e3) * 1000
+    y0 = round((sheet[1] + y_min + y_max) / 2 * 1e3) * 1000
+    return paper, Drawing(name, layers, x0, y0)
+
+
+def _layer_table(layers: dict[str, str]) -> str:
+    table = [(copper_number(kicad), kicad, "signal", own) for own, kicad in layers.items()]
+    if len(layers) == 1:
+        table.append((copper_number("B.Cu"), "B.Cu", "signal", "B.Cu"))
+    table += [(number, kicad, "user", shown) for number, kicad, shown in OTHER_LAYERS]
+    return block(
+        "layers",
+        (),
+        (
+            node(str(number), quoted(kicad), kind, *([quoted(shown)] if shown not in ("", kicad) else []))
+            for number, kicad, kind, shown in table
+        ),
+    )
+
+
+def _stackup(stackup: Stackup, layers: dict[str, str]) -> str:
+    copper = [(kicad, thickness) for kicad, thickness in zip(layers.values(), stackup.copper_thickness, strict=True)]
+    slabs = list(zip(stackup.dielectric_thickness, stackup.epsilon_r, strict=True))
+    if len(layers) == 1:
+        copper.append(("B.Cu", stackup.copper_thickness[0]))
+        slabs.append((_BACKING, _BACKING_EPSILON_R))
+    lines = [_stackup_layer("F.SilkS", "Top Silk Screen"), _stackup_layer("F.Mask", "Top Solder Mask")]
+    for k, (kicad, thickness) in enumerate(copper):
+        lines.append(_stackup_layer(kicad, "copper", node("thickness", length(thickness))))
+        if k < len(slabs):
+            # cores and prepregs in turn; the middle one is a core
+            kind = "core" if (k - len(slabs) // 2) % 2 == 0 else "prepreg"
+            epsilon = node("epsilon_r", repr(float(slabs[k][1])))
+            lines.append(_stackup_layer(f"dielectric {k + 1}", kind, node("thickness", length(slabs[k][0])), epsilon))
+    lines += [_stackup_layer("B.Mask", "Bottom Solder Mask"), _stackup_layer("B.SilkS", "Bottom Silk Screen")]
+    return block("stackup", (), lines)
+
+
+def _stackup_layer(name: str, kind: str, *properties: str) -> str:
+    return node("layer", quoted(name), node("type", quoted(kind)), *properties)
+
+
+def _thickness(stackup: Stackup) -> float:
+    """Thickness of KiCad's board in m."""
+    return stackup.thickness + (_BACKING + stackup.copper_thickness[0] if len(stackup.names) == 1 else 0.0)
+
+
+def _coils(array: CoilArray, drawing: Drawing) -> Iterator[str]:
+    for number, (placement, label) in enumerate(zip(array.placements, silk_labels(array), strict=True), start=1):
+        own = drawing.within(placement.name)
+        net = node("net", str(number))
+        yield terminal_footprint(array, placement, label, node("net", str(number), quoted(placement.name)), own)
+        for k, (start, end, width, layer) in enumerate(segments(placement, own)):
+            yield node("segment", at("start", start), at("end", end), width, layer, net, own.identifier("track", k))
+        yield from _vias(array, placement, net, own)
+
+
+def _vias(array: CoilArray, placement: Placement, net: str, drawing: Drawing) -> Iterator[str]:
+    for k, (hole, point) in enumerate(holes_of(array, placement, "via", drawing)):
+        through = hole.layers == array.stackup.names
+        ends = (drawing.layers[hole.layers[0]], drawing.layers[hole.layers[-1]])
+        yield node(
+            "via",
+            *(() if through else ("blind",)),
+            at("at", point),
+            node("size", length(hole.pad)),
+            node("drill", length(hole.diameter)),
+            node("layers", *map(quoted, ends)),
+            net,
+            drawing.identifier("via", k),
+        )
+
+
+def _edge(array: CoilArray, drawing: Drawing) -> str:
+    x_min, y_min, x_max, y_max = array.bounds
+    return node(
+        "gr_rect",
+        at("start", drawing.point(x_min, y_max)),
+        at("end", drawing.point(x_max, y_min)),
+        node("layer", quoted("Edge.Cuts")),
+        node("width", "0.05"),
+        node("fill", "none"),
+        drawing.identifier("edge"),
+    )
+
+
+def _write_folder(path: Path, texts: Mapping[str, str]) -> None:
+    """Write files into a folder beside `path`, then give it that name, or move them in where it exists.
+
+    Raises OutputError; a folder that did not exist is then not there, and no file is half-written.
+    """
+    try:
+        with tempfile.TemporaryDirectory(prefix=f".{path.name}-", dir=path.parent) as temporary:
+            staged = Path(temporary) / "project"
+            for file, text in texts.items():
+                (staged / file).parent.mkdir(parents=True, exist_ok=True)
+                (staged / file).write_text(text, encoding="utf-8", newline="\n")
+            if not path.exists():
+                staged.rename(path)
+                return
+            for file in texts:
+                (path / file).parent.mkdir(exist_ok=True)
+                (staged / file).replace(path / file)
+    except OSError as error:
+        raise OutputError(f"cannot write {path}: {error.strerror or error}.") from None

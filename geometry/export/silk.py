@@ -1,0 +1,96 @@
+"""Places for the names of the coils on the silk screen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+from shapely.geometry.base import BaseGeometry
+
+from coilarray.geometry.array import CoilArray, Placement
+from coilarray.geometry.copper import board_outline, disc, drills
+
+FloatArray = npt.NDArray[np.float64]
+
+# Heights of the letters in m, the first that fits; below 0.8 mm KiCad warns and screens blur.
+_SIZES = (1.0e-3, 0.8e-3)
+# The widest letters of KiCad's stroke font are this many heights wide with their gap, descenders included so high.
+_LETTER_WIDTH = 1.2
+_LETTER_HEIGHT = 1.8
+# Ink stays so far from pads and other names, and from the edge of the board, in m.
+_CLEARANCE = 0.15e-3
+_EDGE = 0.5e-3
+# Places are tried this far apart, in m.
+_STEP = 0.5e-3
+
+
+@dataclass(frozen=True)
+class Label:
+    """Where a coil's name stands.
+
+    Parameters
+    ----------
+    x, y : float
+        Middle of the text in m, in the frame of the board.
+    size : float
+        Height of its letters in m.
+    """
+
+    x: float
+    y: float
+    size: float
+
+
+def silk_labels(array: CoilArray) -> tuple[Label | None, ...]:
+    """Place the name of every coil as near to its centre as it meets no pad, no other name and no edge.
+
+    Parameters
+    ----------
+    array : CoilArray
+        The board.
+
+    Returns
+    -------
+    tuple of Label or None
+        One a coil; None where the name fits nowhere within the coil's winding.
+    """
+    holes = [disc(hole.x, hole.y, hole.pad + 2 * _CLEARANCE) for hole in drills(array)]
+    inside = board_outline(array).buffer(-_EDGE, join_style="mitre")
+    free = shapely.difference(inside, shapely.union_all(holes))
+    shapely.prepare(free)
+    labels: list[Label | None] = []
+    taken = np.zeros((0, 4))
+    for placement in array.placements:
+        label, box = _fit(placement, free, taken)
+        labels.append(label)
+        taken = np.vstack((taken, box))
+    return tuple(labels)
+
+
+def _fit(placement: Placement, free: BaseGeometry, taken: FloatArray) -> tuple[Label | None, FloatArray]:
+    """Find the first place for a coil's name, and its box (x_min, y_min, x_max, y_max) in m, shape (0 or 1, 4)."""
+    places = _places(placement)
+    for size in _SIZES:
+        half = 0.5 * np.array([_LETTER_WIDTH * len(placement.name), _LETTER_HEIGHT]) * size
+        boxes = np.hstack((places - half, places + half))
+        beyond = boxes[:, None, :2] >= taken[:, 2:] + _CLEARANCE
+        before = boxes[:, None, 2:] <= taken[:, :2] - _CLEARANCE
+        clear = np.any(beyond | before, axis=2)
+        fits = shapely.contains(free, shapely.box(*boxes.T)) & np.all(clear, axis=1)
+        if fits.any():
+            first = int(np.argmax(fits))
+            x, y = places[first].tolist()
+            return Label(x, y, size), boxes[first : first + 1]
+    return None, np.zeros((0, 4))
+
+
+def _places(placement: Placement) -> FloatArray:
+    """Points of a grid over the coil's winding in m, shape (n, 2), the nearest to its centre first."""
+    points = placement.to_board(placement.coil.outline)
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    count = np.ceil(0.5 * np.ptp(points, axis=0) / _STEP).astype(int)
+    x, y = np.meshgrid(*(_STEP * np.arange(-n, n + 1) for n in count))
+    grid = np.column_stack((x.ravel(), y.ravel()))
+    return np.asarray(middle + grid[np.argsort(np.hypot(*grid.T), kind="stable")])

@@ -1,0 +1,267 @@
+"""STEP files of the board's solids, in millimetres, through Open CASCADE."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+from shapely.geometry.polygon import orient
+
+from coilarray.errors import MissingDependencyError, OutputError
+from coilarray.files import write_atomically
+from coilarray.geometry.array import CoilArray
+from coilarray.geometry.copper import disc, drills
+from coilarray.geometry.prisms import Prism, board_prisms, sheet_prisms
+from coilarray.geometry.sheet import Sheet
+
+FloatArray = npt.NDArray[np.float64]
+
+_MM = 1e3
+# red, green, blue, opacity of each kind of solid, the first part of its key
+_COLOURS = {
+    "copper": (0.78, 0.46, 0.20, 1.0),
+    "barrel": (0.72, 0.53, 0.28, 1.0),
+    "board": (0.09, 0.36, 0.20, 0.63),
+    "sheet": (0.43, 0.43, 0.46, 0.35),
+}
+# Relative to the radius: corners of a circle's polygon lie on it to rounding, other corners only by accident.
+_ON_CIRCLE = 1e-9
+_CURVES = "write.surfacecurve.mode"
+_SHORTEST = 1e-9  # m; edges below 0.1 nm do not exist for Open CASCADE
+_CORNERS = len(shapely.get_coordinates(disc(0.0, 0.0, 1.0))) - 1
+
+
+def write_step(array: CoilArray, path: Path, *, name: str, sheets: Sequence[Sheet] = ()) -> None:
+    """Write the solids of a board and of the sheets on it as a STEP file (AP214) in mm.
+
+    Parameters
+    ----------
+    array : CoilArray
+        The board.
+    path : Path
+        Ends in ``.step`` or ``.stp``. Written whole or not at all.
+    name : str
+        Of the assembly.
+    sheets : sequence of Sheet
+        From the board upwards; names all different.
+
+    Raises
+    ------
+    OutputError
+        Another suffix, or a file that cannot be written.
+    MissingDependencyError
+        cadquery-ocp-novtk is not installed.
+    GeometryError
+        Two sheets of the same name.
+
+    Notes
+    -----
+    One assembly of named and coloured parts, the keys of `coilarray.geometry.solids` and z = 0 at the top of the top
+    copper. Barrels, drilled holes and the free edges of pads are true cylinders; everything else has flat faces.
+
+    Examples
+    --------
+    >>> from coilarray.geometry import PlatedHole, Placement, Stackup, path_coil
+    >>> coil = path_coil([[(0, 0), (1e-2, 0)]], 0.2e-3, 0.2e-3, PlatedHole(0.3e-3, 0.6e-3))
+    >>> board = CoilArray(Stackup(("top",), (35e-6,), (), ()), (Placement("A", coil, ("top",), 0, 0),))
+    >>> write_step(board, Path("board.iges"), name="board")
+    Traceback (most recent call last):
+    coilarray.errors.OutputError: cannot write board.iges: the suffix must be .step or .stp; got '.iges'.
+    """
+    if path.suffix.lower() not in (".step", ".stp"):
+        raise OutputError(f"cannot write {path}: the suffix must be .step or .stp; got {path.suffix!r}.")
+    try:
+        importlib.import_module("OCP.STEPCAFControl")
+    except ImportError:
+        raise MissingDependencyError(
+            'STEP files need cadquery-ocp-novtk, which is not installed: pip install "coilarray[step]".'
+        ) from None
+    prisms = sheet_prisms(array, sheets) | board_prisms(array)
+    circles = _circles(array)
+    parts = {key: _part(prism, circles) for key, prism in prisms.items()}
+    document = _document(name, parts)
+    write_atomically(path, lambda temporary: _write(document, temporary, name))
+
+
+# ---- outlines: which of their edges are arcs
+
+
+def _circles(array: CoilArray) -> FloatArray:
+    """Every circle of the board, shape (n, 3): centre and radius in m; pads, holes and the inside of barrels."""
+    rows = {
+        (hole.x, hole.y, diameter / 2)
+        for hole in drills(array)
+        for diameter in (hole.pad, hole.diameter, hole.diameter - 2 * hole.plating)
+    }
+    return np.array(sorted(rows)).reshape(-1, 3)
+
+
+def _owners(corners: FloatArray, circles: FloatArray) -> npt.NDArray[np.intp]:
+    """Circle whose polygon each edge of a closed outline comes from, −1 for none.
+
+    Parameters
+    ----------
+    corners : ndarray, shape (n, 2)
+        In m, the first not repeated; edge k begins at corner k.
+    circles : ndarray, shape (m, 3)
+        Centre and radius in m.
+
+    Returns
+    -------
+    ndarray of int, shape (n,)
+    """
+    x, y, radius = circles.T
+    offset = np.hypot(corners[:, :1] - x, corners[:, 1:] - y) - radius
+    on = np.abs(offset) <= _ON_CIRCLE * radius
+    length = np.hypot(*(np.roll(corners, -1, axis=0) - corners).T)[:, None]
+    chord = 2 * radius * math.sin(math.pi / _CORNERS)
+    own = on & np.roll(on, -1, axis=0) & (np.abs(length - chord) <= 1e-6 * chord)
+    return np.where(own.any(axis=1), own.argmax(axis=1), -1) if len(circles) else np.full(len(corners), -1)
+
+
+# ---- Open CASCADE: vertices, edges, wires, faces, prisms
+
+
+def _part(prism: Prism, circles: FloatArray) -> Any:
+    """Make the solid of a prism, a compound where its outline is in several pieces."""
+    from OCP.BRep import BRep_Builder
+    from OCP.TopoDS import TopoDS_Compound
+
+    shape = shapely.remove_repeated_points(prism.shape, _SHORTEST)
+    solids = [_solid(orient(piece), prism, circles) for piece in shapely.get_parts(shape)]
+    if len(solids) == 1:
+        return solids[0]
+    compound, builder = TopoDS_Compound(), BRep_Builder()
+    builder.MakeCompound(compound)
+    for solid in solids:
+        builder.Add(compound, solid)
+    return compound
+
+
+def _solid(outline: shapely.Polygon, prism: Prism, circles: FloatArray) -> Any:
+    from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeFace
+    from OCP.BRepPrimAPI import BRepPrimAPI_MakePrism
+    from OCP.gp import gp_Dir, gp_Pln, gp_Pnt, gp_Vec
+
+    z = prism.bottom * _MM
+    face = BRepBuilderAPI_MakeFace(
+        gp_Pln(gp_Pnt(0.0, 0.0, z), gp_Dir(0.0, 0.0, 1.0)), _wire(outline.exterior, z, circles)
+    )
+    for hole in outline.interiors:
+        face.Add(_wire(hole, z, circles))
+    return BRepPrimAPI_MakePrism(face.Face(), gp_Vec(0.0, 0.0, (prism.top - prism.bottom) * _MM)).Shape()
+
+
+def _wire(ring: shapely.LinearRing, z: float, circles: FloatArray) -> Any:
+    """Make the closed wire of a ring, with an arc for every run of edges of one circle."""
+    from OCP.BRep import BRep_Builder
+    from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeEdge, BRepBuilderAPI_MakeVertex
+    from OCP.gp import gp_Pnt
+    from OCP.TopoDS import TopoDS_Wire
+
+    corners = shapely.get_coordinates(ring)[:-1]
+    owners = _owners(corners, circles)
+    wire, builder = TopoDS_Wire(), BRep_Builder()
+    builder.MakeWire(wire)
+    # corners at which something begins: a straight edge, or a run of edges of one circle
+    starts = np.flatnonzero((owners < 0) | (owners != np.roll(owners, 1)))
+    if not len(starts):
+        builder.Add(wire, BRepBuilderAPI_MakeEdge(_circle(circles[owners[0]], z, counter_clockwise=ring.is_ccw)).Edge())
+        wire.Closed(True)
+        return wire
+    vertices = [BRepBuilderAPI_MakeVertex(gp_Pnt(x, y, z)).Vertex() for x, y in (corners[starts] * _MM).tolist()]
+    for k, (start, end) in zip(starts.tolist(), pairwise([*vertices, vertices[0]]), strict=True):
+        if owners[k] < 0:
+            edge = BRepBuilderAPI_MakeEdge(start, end)
+        else:
+            x, y, _ = circle = circles[owners[k]]
+            (ax, ay), (bx, by) = corners[k] - (x, y), corners[(k + 1) % len(corners)] - (x, y)
+            edge = BRepBuilderAPI_MakeEdge(_circle(circle, z, counter_clockwise=ax * by > ay * bx), start, end)
+        builder.Add(wire, edge.Edge())
+    wire.Closed(True)
+    return wire
+
+
+def _circle(circle: FloatArray, z: float, *, counter_clockwise: bool) -> Any:
+    from OCP.gp import gp_Ax2, gp_Circ, gp_Dir, gp_Pnt
+
+    x, y, radius = (circle * _MM).tolist()
+    return gp_Circ(gp_Ax2(gp_Pnt(x, y, z), gp_Dir(0.0, 0.0, 1.0 if counter_clockwise else -1.0)), radius)
+
+
+# ---- Open CASCADE: the document and its file
+
+
+def _document(name: str, parts: Mapping[str, Any]) -> Any:
+    """Put named and coloured parts into one assembly."""
+    from OCP.Quantity import Quantity_Color, Quantity_ColorRGBA, Quantity_TOC_sRGB
+    from OCP.TCollection import TCollection_ExtendedString
+    from OCP.TDataStd import TDataStd_Name
+    from OCP.TDocStd import TDocStd_Document
+    from OCP.TopLoc import TopLoc_Location
+    from OCP.XCAFDoc import XCAFDoc_ColorGen, XCAFDoc_DocumentTool
+
+    document = TDocStd_Document(TCollection_ExtendedString("MDTV-XCAF"))
+    shapes = XCAFDoc_DocumentTool.ShapeTool_s(document.Main())
+    colours = XCAFDoc_DocumentTool.ColorTool_s(document.Main())
+    assembly = shapes.NewShape()
+    TDataStd_Name.Set_s(assembly, TCollection_ExtendedString(name, True))
+    for key, part in parts.items():
+        label = shapes.AddShape(part, False)
+        component = shapes.AddComponent(assembly, label, TopLoc_Location())
+        for named in (label, component):
+            TDataStd_Name.Set_s(named, TCollection_ExtendedString(key, True))
+        *rgb, opacity = _COLOURS[key.split("/")[0]]
+        colours.SetColor(label, Quantity_ColorRGBA(Quantity_Color(*rgb, Quantity_TOC_sRGB), opacity), XCAFDoc_ColorGen)
+    shapes.UpdateAssemblies()
+    return document
+
+
+def _write(document: Any, path: Path, name: str) -> None:
+    from OCP.APIHeaderSection import APIHeaderSection_MakeHeader
+    from OCP.IFSelect import IFSelect_RetDone
+    from OCP.STEPCAFControl import STEPCAFControl_Writer
+    from OCP.TCollection import TCollection_HAsciiString
+
+    with _own_settings():
+        writer = STEPCAFControl_Writer()
+        writer.Transfer(document)
+        header = APIHeaderSection_MakeHeader(writer.ChangeWriter().Model())
+        header.SetName(TCollection_HAsciiString(name))
+        header.SetOriginatingSystem(TCollection_HAsciiString("coilarray"))
+        header.SetAuthorValue(1, TCollection_HAsciiString(""))
+        header.SetOrganizationValue(1, TCollection_HAsciiString(""))
+        status = writer.Write(str(path))
+    if status != IFSelect_RetDone:
+        raise OSError("Open CASCADE could not write the file")
+
+
+@contextlib.contextmanager
+def _own_settings() -> Iterator[None]:
+    """Let Open CASCADE write small files and keep its progress off standard output; its settings are global."""
+    from OCP.Interface import Interface_Static
+    from OCP.Message import Message, Message_Gravity
+    from OCP.STEPControl import STEPControl_Controller
+
+    STEPControl_Controller.Init_s()  # before it there are no settings
+    # curves on the faces say nothing new of planes and cylinders, and double the file
+    with_curves = Interface_Static.IVal_s(_CURVES)
+    printers = list(Message.DefaultMessenger_s().Printers())
+    levels = [printer.GetTraceLevel() for printer in printers]
+    try:
+        Interface_Static.SetIVal_s(_CURVES, 0)
+        for printer in printers:
+            printer.SetTraceLevel(Message_Gravity.Message_Fail)
+        yield
+    finally:
+        Interface_Static.SetIVal_s(_CURVES, with_curves)
+        for printer, level in zip(printers, levels, strict=True):
+            printer.SetTraceLevel(level)

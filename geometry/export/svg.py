@@ -1,0 +1,133 @@
+"""SVG drawings of the board, at its size in millimetres."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import numpy as np
+import shapely
+from shapely.geometry.base import BaseGeometry
+
+from coilarray.errors import OutputError
+from coilarray.files import write_text
+from coilarray.geometry.array import CoilArray
+from coilarray.geometry.copper import board_outline, drills, layer_copper
+
+_MM = 1e3
+_DIGITS = 4  # of a coordinate in mm: 0.1 µm, a thousandth of the finest trace
+_TEXT_HEIGHT = 1.5  # mm
+_BASELINE = "0.5"  # mm below the middle of the text: half the height of a capital
+_LAMINATE = "#F4F1E8"
+_MARGIN = 0.5  # mm of paper around the board
+# Okabe & Ito (2008), "Color Universal Design": pairs of layers far apart, for eyes of any colour vision
+_LAYER_COLOURS = ("#D55E00", "#E69F00", "#0072B2", "#56B4E9", "#CC79A7", "#009E73")
+_INKSCAPE = "http://www.inkscape.org/namespaces/inkscape"
+
+
+def write_svg(array: CoilArray, path: Path, *, title: str = "") -> None:
+    """Write the board as an SVG drawing of its own size.
+
+    Parameters
+    ----------
+    array : CoilArray
+        The board.
+    path : Path
+        Ends in ``.svg``. Written whole or not at all.
+    title : str
+        Of the drawing.
+
+    Raises
+    ------
+    OutputError
+        Another suffix, or a file that cannot be written.
+
+    Notes
+    -----
+    Inside the group ``board`` coordinates are mm with y upwards and the origin of the design. Its groups, from the
+    back to the front, are layers in Inkscape: ``outline``; ``copper-<n>``, the n-th copper layer, the lowest first, a
+    path a coil with the name as its title, filled by the even-odd rule; ``drills``; ``names``.
+    The same board gives the same bytes.
+
+    Examples
+    --------
+    >>> from coilarray.geometry import PlatedHole, Placement, Stackup, path_coil
+    >>> coil = path_coil([[(0, 0), (1e-2, 0)]], 0.2e-3, 0.2e-3, PlatedHole(0.3e-3, 0.6e-3))
+    >>> board = CoilArray(Stackup(("top",), (35e-6,), (), ()), (Placement("A", coil, ("top",), 0, 0),))
+    >>> write_svg(board, Path("board.png"))
+    Traceback (most recent call last):
+    coilarray.errors.OutputError: cannot write board.png: the suffix must be .svg; got '.png'.
+    """
+    if path.suffix.lower() != ".svg":
+        raise OutputError(f"cannot write {path}: the suffix must be .svg; got {path.suffix!r}.")
+    root = _drawing(array, title)
+    ET.indent(root, " ")
+    write_text(path, f'<?xml version="1.0" encoding="UTF-8"?>\n{ET.tostring(root, encoding="unicode")}\n')
+
+
+def _drawing(array: CoilArray, title: str) -> ET.Element:
+    outline = board_outline(array)
+    x_min, y_min, x_max, y_max = (np.array(outline.bounds) * _MM + np.array([-1, -1, 1, 1]) * _MARGIN).tolist()
+    width, height = _number(x_max - x_min), _number(y_max - y_min)
+    root = ET.Element(
+        "svg",
+        {
+            "xmlns": "http://www.w3.org/2000/svg",
+            "xmlns:inkscape": _INKSCAPE,
+            "width": f"{width}mm",
+            "height": f"{height}mm",
+            "viewBox": f"{_number(x_min)} {_number(-y_max)} {width} {height}",
+        },
+    )
+    if title:
+        ET.SubElement(root, "title").text = title
+    board = ET.SubElement(root, "g", {"id": "board", "transform": "scale(1 -1)"})
+    edge = _layer(board, "outline", "outline", fill=_LAMINATE, stroke="#202020", stroke_width="0.1")
+    ET.SubElement(edge, "path", {"d": _path_data(outline)})
+    names = array.stackup.names
+    for k in reversed(range(len(names))):
+        colour = _LAYER_COLOURS[k % len(_LAYER_COLOURS)]
+        copper = _layer(board, f"copper-{k + 1}", names[k], fill=colour, fill_rule="evenodd", fill_opacity="0.75")
+        for net, shape in layer_copper(array, names[k]).items():
+            trace = ET.SubElement(copper, "path", {"d": _path_data(shape)})
+            ET.SubElement(trace, "title").text = net
+    holes = _layer(board, "drills", "drills", fill="#FFFFFF", stroke="#202020", stroke_width="0.05")
+    for hole in drills(array):
+        x, y, r = (_number(value * _MM) for value in (hole.x, hole.y, hole.diameter / 2))
+        ET.SubElement(holes, "circle", {"cx": x, "cy": y, "r": r})
+    texts = _layer(
+        board,
+        "names",
+        "names",
+        fill="#202020",
+        font_family="sans-serif",
+        font_size=f"{_TEXT_HEIGHT:g}",
+        text_anchor="middle",
+        stroke=_LAMINATE,  # a halo, so that names on copper can be read
+        stroke_width="0.3",
+        paint_order="stroke",
+    )
+    for placement in array.placements:
+        at = f"translate({_number(placement.x * _MM)} {_number(placement.y * _MM)}) scale(1 -1)"
+        ET.SubElement(texts, "text", {"transform": at, "y": _BASELINE}).text = placement.name
+    return root
+
+
+def _layer(parent: ET.Element, identity: str, label: str, **style: str) -> ET.Element:
+    attributes = {"id": identity, "inkscape:groupmode": "layer", "inkscape:label": label}
+    return ET.SubElement(parent, "g", attributes | {key.replace("_", "-"): value for key, value in style.items()})
+
+
+def _path_data(shape: BaseGeometry) -> str:
+    rings: Sequence[shapely.LinearRing] = shapely.get_rings(shapely.get_parts(shape)).tolist()
+    return " ".join(f"M{_points(ring)}Z" for ring in rings)
+
+
+def _points(ring: shapely.LinearRing) -> str:
+    corners = (shapely.get_coordinates(ring)[:-1] * _MM).tolist()  # Z closes the ring
+    return " ".join(f"{_number(x)},{_number(y)}" for x, y in corners)
+
+
+def _number(value: float) -> str:
+    return f"{round(value, _DIGITS) + 0.0:.{_DIGITS}f}".rstrip("0").rstrip(".")

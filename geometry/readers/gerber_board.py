@@ -1,0 +1,269 @@
+"""Boards in fabrication data: a zip or folder of Gerber and Excellon files of any origin."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Literal
+
+import shapely
+from shapely.geometry.base import BaseGeometry
+
+from coilarray.errors import BoardError
+from coilarray.geometry.readers.board_copper import BoardCopper, CopperArea, Hole, SurfacePad, Track
+from coilarray.geometry.readers.gerber_files import DataFile, find_files
+from coilarray.geometry.readers.gerber_job import job_stackup
+from coilarray.geometry.readers.gerber_parse import (
+    Clear,
+    DrilledHole,
+    Flash,
+    Region,
+    Stroke,
+    parse_drills,
+    parse_gerber,
+)
+from coilarray.geometry.stackup import Stackup
+
+_LAYER = re.compile(r"L0*([1-9]\d*)")
+
+
+def read_gerbers(path: Path, stackup: Stackup | None = None) -> BoardCopper:
+    """Read the conductors of a board from its fabrication data.
+
+    Parameters
+    ----------
+    path : Path
+        A zip or a folder with a Gerber file for every copper layer and, from two layers on, Excellon files.
+    stackup : Stackup, optional
+        Taken in place of the job file's; as many copper layers.
+
+    Returns
+    -------
+    BoardCopper
+        In the frame of the files. Nets come from the attribute .N, else they are None. `assumed` says what neither
+        a job file nor `stackup` does.
+
+    Raises
+    ------
+    BoardError
+        A path that is no zip or folder, a damaged or foreign file, no or missing copper layers, no plated hole where
+        there are two layers, or what cannot be read as tracks: file, line and reason.
+    MissingDependencyError
+        gerbonara is not installed.
+
+    Notes
+    -----
+    Strokes are tracks, divided on arcs within 1 µm; flashes are the pads of the holes drilled through them, else
+    surface pads; regions are areas, which are no path for a current. A plated hole is a terminal's pad where an
+    attribute says so or the solder mask is open over it, and a via elsewhere. Holes reach the layers that the file's
+    function says, otherwise all. Clear shapes may cut regions, not tracks and pads. A hole has one size of pad, the
+    smallest of its layers; one without a pad is left out with a note, or refused where a track leads into it.
+    """
+    files = find_files(path)
+    copper = _copper_files(files, path)
+    board, assumed = _stackup(files, len(copper), stackup, path)
+    drawn = {layer: parse_gerber(file) for layer, file in zip(board.names, copper, strict=True)}
+    for objects in drawn.values():
+        _refuse_cut_tracks(objects)
+    tracks = tuple(track for layer, objects in drawn.items() for track in _tracks(layer, objects))
+    areas = tuple(area for layer, objects in drawn.items() for area in _areas(layer, objects))
+    lands = [_Land(layer, item) for layer, objects in drawn.items() for item in objects if isinstance(item, Flash)]
+    bores = _bores(files, board, lands)
+    openings = [(flash.x, flash.y) for flash in _flashes(files, "Soldermask")]
+    holes = [_hole(bore, openings) for bore in bores if _has_pad(bore, tracks)]
+    if len(copper) > 1 and not holes:
+        raise BoardError(f"{path}: has {len(copper)} copper layers and no plated hole that joins them.")
+    bored = {id(land) for bore in bores for land in bore.lands}
+    pads = tuple(_surface_pad(land) for land in lands if id(land) not in bored)
+    bare = len(bores) - len(holes)
+    notes = (f"{bare} plated hole{'s' if bare > 1 else ''} without a pad left out.",) if bare else ()
+    return BoardCopper(str(path), board, tracks, tuple(holes), pads, assumed, areas, _edge(files), notes)
+
+
+@dataclass(frozen=True, eq=False)
+class _Land:
+    """A flash on a copper layer."""
+
+    layer: str
+    flash: Flash
+
+
+@dataclass(frozen=True, eq=False)
+class _Bore:
+    """A plated hole, the layers that it reaches and the flashes that it goes through."""
+
+    hole: DrilledHole
+    layers: tuple[str, ...]
+    lands: tuple[_Land, ...]
+
+    @property
+    def pads(self) -> tuple[_Land, ...]:
+        """The flashes that are wider than the hole; the others only mark it."""
+        return tuple(land for land in self.lands if land.flash.size > self.hole.diameter)
+
+    @property
+    def pad(self) -> float:
+        """Diameter in m of the pad on the layer where it is smallest."""
+        return min(max(land.flash.size for land in self.pads if land.layer == layer) for layer in self._pad_layers)
+
+    @property
+    def _pad_layers(self) -> set[str]:
+        return {land.layer for land in self.pads}
+
+
+def _copper_files(files: Sequence[DataFile], path: Path) -> list[DataFile]:
+    """Pick the files of copper, top to bottom."""
+    numbered: dict[int, DataFile] = {}
+    for file in files:
+        if file.function[:1] == ("Copper",):
+            match = _LAYER.fullmatch("".join(file.function[1:2]))
+            if match is None:
+                raise BoardError(f"{file.label}: a copper layer must be L1, L2, …; got {','.join(file.function)}.")
+            numbered[int(match[1])] = file
+    if not numbered:
+        raise BoardError(f"{path}: has no copper layer among its {len(files)} Gerber and Excellon files.")
+    last = max(numbered)
+    missing = [f"L{number}" for number in range(1, last + 1) if number not in numbered]
+    if numbered[last].function[2:3] == ("Inr",):
+        missing.append(f"the bottom below L{last}")
+    if missing:
+        raise BoardError(f"{path}: copper layers are missing: {', '.join(missing)}.")
+    return [numbered[number] for number in sorted(numbered)]
+
+
+def _stackup(
+    files: Sequence[DataFile], copper_layers: int, given: Stackup | None, path: Path
+) -> tuple[Stackup, dict[str, str]]:
+    if given is None:
+        return job_stackup(next((file for file in files if file.kind == "job"), None), copper_layers, str(path))
+    if len(given.names) != copper_layers:
+        raise BoardError(f"{path}: has {copper_layers} copper layers and the given stack-up {len(given.names)}.")
+    return given, {}
+
+
+def _refuse_cut_tracks(objects: Sequence[Stroke | Flash | Region | Clear]) -> None:
+    """Raise where a clear shape takes away from a track or pad that was drawn before it."""
+    if not any(isinstance(item, Clear) for item in objects):
+        return
+    before: list[BaseGeometry] = []
+    for item in objects:
+        if not isinstance(item, Clear):
+            if not isinstance(item, Region):
+                before.append(item.shape)
+        elif before and shapely.intersects(before, item.shape).any():
+            raise BoardError(f"{item.where}: a clear shape over a track or pad is not supported.")
+
+
+def _tracks(layer: str, objects: Iterable[Stroke | Flash | Region | Clear]) -> Iterator[Track]:
+    for item in objects:
+        if isinstance(item, Stroke):
+            for start, end in pairwise(item.points):
+                yield Track(layer, start, end, item.width, item.net, item.where)
+
+
+def _areas(layer: str, objects: Sequence[Stroke | Flash | Region | Clear]) -> Iterator[CopperArea]:
+    """Give the regions with what clear shapes after them leave."""
+    for k, item in enumerate(objects):
+        if isinstance(item, Region):
+            cuts = [later.shape for later in objects[k + 1 :] if isinstance(later, Clear)]
+            shape = item.shape - shapely.union_all(cuts) if cuts else item.shape
+            if not shape.is_empty:
+                yield CopperArea(layer, shape, item.net, "a region", item.where)
+
+
+def _flashes(files: Iterable[DataFile], function: str) -> list[Flash]:
+    """Flashes in all files of one function."""
+    chosen = [file for file in files if file.function[:1] == (function,)]
+    return [item for file in chosen for item in parse_gerber(file) if isinstance(item, Flash)]
+
+
+def _bores(files: Iterable[DataFile], board: Stackup, lands: Sequence[_Land]) -> list[_Bore]:
+    """Collect the plated holes of all drill files, each with the flashes that surround it on its layers."""
+    tree = shapely.STRtree([shapely.Point(land.flash.x, land.flash.y) for land in lands])
+    bores = []
+    for file in files:
+        if file.function[:1] not in (("Plated",), ("MixedPlating",)):
+            continue
+        layers = _span(file, board)
+        for hole in parse_drills(file):
+            if hole.plated is False:
+                continue
+            near = tree.query(shapely.Point(hole.x, hole.y), predicate="dwithin", distance=hole.diameter / 2)
+            around = tuple(lands[k] for k in sorted(near.tolist()) if lands[k].layer in layers)
+            bores.append(_Bore(hole, layers, around))
+    return bores
+
+
+def _span(file: DataFile, board: Stackup) -> tuple[str, ...]:
+    """Copper layers that a drill file's holes reach, by its function as Plated,1,4,PTH; all where it has none."""
+    ends = file.function[1:3]
+    if len(ends) < 2:
+        return board.names
+    first, last = (int(end) if end.isdecimal() else 0 for end in ends)
+    if not 1 <= first <= last <= len(board.names):
+        raise BoardError(
+            f"{file.label}: holes must go down from one of the {len(board.names)} copper layers to another; "
+            f"got {','.join(file.function)}."
+        )
+    return board.names[first - 1 : last]
+
+
+def _has_pad(bore: _Bore, tracks: Iterable[Track]) -> bool:
+    """Whether a hole has a pad; BoardError where it has none and a track ends in it."""
+    if bore.pads:
+        return True
+    hole = bore.hole
+    for track in tracks:
+        for x, y in (track.start, track.end):
+            if track.layer in bore.layers and math.hypot(x - hole.x, y - hole.y) <= hole.diameter / 2:
+                raise BoardError(f"{hole.where}: the plated hole has no pad; the track at {track.where} ends in it.")
+    return False
+
+
+def _hole(bore: _Bore, openings: Sequence[tuple[float, float]]) -> Hole:
+    flashes = [land.flash for land in bore.pads]
+    nets = [flash.net for flash in flashes if flash.net is not None]
+    pins = [flash.pin for flash in flashes if flash.pin]
+    return Hole(
+        flashes[0].x,  # rather than the drill file's place, which is often rounded more
+        flashes[0].y,
+        bore.hole.diameter,
+        bore.pad,
+        bore.layers,
+        nets[0] if nets else None,
+        _kind(bore, openings, has_pin=bool(pins)),
+        bore.hole.where,
+        pins[0] if pins else "",
+    )
+
+
+def _kind(bore: _Bore, openings: Sequence[tuple[float, float]], *, has_pin: bool) -> Literal["via", "pad"]:
+    functions = {bore.hole.function, *(land.flash.function for land in bore.pads)}
+    if has_pin or functions & {"ComponentDrill", "ComponentPad"}:
+        return "pad"
+    if functions & {"ViaDrill", "ViaPad"}:
+        return "via"
+    x, y = bore.pads[0].flash.x, bore.pads[0].flash.y
+    is_open = any(math.hypot(x - a, y - b) <= bore.hole.diameter / 2 for a, b in openings)
+    return "pad" if is_open else "via"
+
+
+def _surface_pad(land: _Land) -> SurfacePad:
+    flash = land.flash
+    return SurfacePad(flash.x, flash.y, land.layer, flash.net, flash.where, flash.pin, flash.size)
+
+
+def _edge(files: Iterable[DataFile]) -> tuple[float, float, float, float] | None:
+    """Bounds of the board's outline; None where there is no file of it."""
+    points = [
+        point
+        for file in files
+        if file.function[:1] == ("Profile",) and file.kind == "gerber"
+        for item in parse_gerber(file)
+        for point in (item.points if isinstance(item, Stroke) else shapely.get_coordinates(item.shape).tolist())
+    ]
+    return shapely.MultiPoint(points).bounds if points else None

@@ -1,0 +1,255 @@
+"""Read the copper of a KiCad board, ``.kicad_pcb`` of KiCad 6 and newer."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import shapely
+
+from coilarray.errors import BoardError
+from coilarray.geometry.readers.arcs import arc_points
+from coilarray.geometry.readers.board_copper import BoardCopper, CopperArea, Hole, SurfacePad, Track
+from coilarray.geometry.readers.kicad_graphics import (
+    GRAPHICS,
+    Point,
+    ToBoard,
+    drawn_copper,
+    drawn_outline,
+    is_teardrop,
+    pair,
+    zone_copper,
+)
+from coilarray.geometry.readers.kicad_layers import KicadLayers, read_layers
+from coilarray.geometry.readers.sexpr import Node, Quoted, read_sexpr
+from coilarray.geometry.stackup import Stackup
+
+OLDEST_VERSION = 20211014
+"""Format of KiCad 6."""
+NEWEST_VERSION = 20241229
+"""Format of KiCad 9, the newest that this reader knows."""
+
+_PER_M = 1e3  # numbers in the file are in mm
+
+
+def read_kicad(path: Path, stackup: Stackup | None = None) -> BoardCopper:
+    """Read the conductors of a KiCad board.
+
+    Parameters
+    ----------
+    path : Path
+        A ``.kicad_pcb`` file of KiCad 6 or newer.
+    stackup : Stackup, optional
+        Taken in place of the board's own; as many copper layers.
+
+    Returns
+    -------
+    BoardCopper
+        In the frame of the design: the auxiliary origin of the file ("drill and place file origin") is (0, 0), y
+        points up. Arcs are divided into pieces within 0.9 µm of them. `assumed` says what the file does not:
+        thicknesses and permittivities where it has no stack-up.
+
+    Raises
+    ------
+    BoardError
+        A file that is no KiCad board, is truncated, comes from KiCad 5 or older, or holds values that cannot be:
+        file, line and reason.
+
+    Notes
+    -----
+    A file of a format newer than KiCad 9's is read as far as it is understood, which `notes` says: what is unknown
+    and has a net stands among the areas, so that no coil can have it unseen. Teardrops are left out, also with a note.
+    """
+    root = read_sexpr(path)
+    if root.name != "kicad_pcb":
+        raise BoardError(f"{root.where}: a KiCad board begins with (kicad_pcb; this file with ({root.name[:40]}.")
+    notes = [*_version_note(root)]
+    board = _Board(read_layers(root, stackup), _nets(root), _origin(root))
+    tracks: list[Track] = []
+    holes: list[Hole] = []
+    pads: list[SurfacePad] = []
+    areas: list[CopperArea] = []
+    outline: list[Point] = []
+    teardrops = 0
+    for node in root.items:
+        if not isinstance(node, Node):
+            continue
+        if node.name in ("segment", "arc"):
+            tracks += board.tracks(node)
+        elif node.name == "via":
+            holes.append(board.via(node))
+        elif node.name == "zone" and is_teardrop(node):
+            teardrops += 1
+        elif node.name == "footprint":
+            to_board = board.footprint(node)
+            for pad in node.children("pad"):
+                (hole, surface) = board.pad(pad, to_board)
+                holes += hole
+                pads += surface
+            areas += board.areas(node.children("zone", *GRAPHICS), to_board)
+            outline += board.outline(node.children(*GRAPHICS), to_board)
+        else:
+            areas += board.areas([node], board.to_board)
+            outline += board.outline([node], board.to_board)
+    if teardrops:
+        notes.append(f"{teardrops} teardrop{'s' if teardrops > 1 else ''} at the ends of tracks left out.")
+    return BoardCopper(
+        str(path),
+        board.layers.stackup,
+        tuple(tracks),
+        tuple(holes),
+        tuple(pads),
+        board.layers.assumed,
+        tuple(areas),
+        shapely.MultiPoint(outline).bounds if outline else None,
+        tuple(notes),
+    )
+
+
+def _version_note(root: Node) -> Iterator[str]:
+    version = root.need("version")
+    number = version.number()
+    if number < OLDEST_VERSION:
+        raise BoardError(
+            f"{version.where}: the board has KiCad's format {number:.0f}, older than KiCad 6 ({OLDEST_VERSION}); "
+            "open it in a newer KiCad and save it."
+        )
+    if number > NEWEST_VERSION:
+        yield f"The board has KiCad's format {number:.0f}; formats newer than KiCad 9 ({NEWEST_VERSION}) are untested."
+
+
+def _nets(root: Node) -> dict[str, str]:
+    """Names of the nets by their numbers; KiCad 10 has no such table."""
+    return {node.text(0): node.text(1) for node in root.children("net") if len(node.words) > 1}
+
+
+def _origin(root: Node) -> Point:
+    setup = root.child("setup")
+    origin = None if setup is None else setup.child("aux_axis_origin")
+    return (0.0, 0.0) if origin is None else pair(origin)
+
+
+@dataclass(frozen=True)
+class _Board:
+    """What the nodes of one file are read with.
+
+    Parameters
+    ----------
+    layers : KicadLayers
+        The copper layers.
+    nets : dict of str to str
+        Names by number.
+    origin : tuple of float
+        Of the design on KiCad's sheet in mm.
+    """
+
+    layers: KicadLayers
+    nets: dict[str, str]
+    origin: Point
+
+    def to_board(self, x: float, y: float) -> Point:
+        """Turn a place on KiCad's sheet in mm, y down, into the frame of the board in m, y up."""
+        return (x - self.origin[0]) / _PER_M, (self.origin[1] - y) / _PER_M
+
+    def footprint(self, node: Node) -> ToBoard:
+        """Return the way from a footprint's own frame in mm, y down, to that of the board in m."""
+        place = node.need("at")
+        x0, y0 = pair(place)
+        turn = math.radians(place.number(2)) if len(place.words) > 2 else 0.0
+        c, s = math.cos(turn), math.sin(turn)
+
+        def to_board(x: float, y: float) -> Point:
+            return self.to_board(x0 + c * x + s * y, y0 - s * x + c * y)
+
+        return to_board
+
+    def net(self, node: Node) -> str | None:
+        """Return the net of a node by its name, or by its number in the board's table."""
+        net = node.child("net")
+        if net is None:
+            return None
+        word = net.text()
+        if isinstance(word, Quoted) or not word.isdecimal():
+            return str(word) or None
+        if word not in self.nets and word != "0":
+            raise BoardError(f"{net.where}: net {word} is not in the board's list of nets.")
+        return self.nets.get(word) or None
+
+    def tracks(self, node: Node) -> Iterator[Track]:
+        """Give the straight pieces of a segment or an arc."""
+        layer = self.layers.one(node)
+        if layer is None:
+            raise BoardError(f"{node.where}: a track must lie on a copper layer; got {node.need('layer').text()}.")
+        width = _positive(node.need("width")) / _PER_M
+        start, end = (self.to_board(*pair(node.need(name))) for name in ("start", "end"))
+        points: list[Point] = [start, end]
+        if node.name == "arc":
+            middle = self.to_board(*pair(node.need("mid")))
+            points = [(x, y) for x, y in arc_points(start, middle, end).tolist()]
+        net = self.net(node)
+        for first, last in pairwise(points):
+            yield Track(layer, first, last, width, net, node.where)
+
+    def via(self, node: Node) -> Hole:
+        """Return a via as a hole through all layers from the first to the last that it names."""
+        x, y = self.to_board(*pair(node.need("at")))
+        ends = self.layers.all(node)
+        if len(ends) < 2 and len(self.layers.names) > 1:
+            raise BoardError(f"{node.where}: a via must join two copper layers; got {' '.join(ends) or 'none'}.")
+        layers = self.layers.stackup.between(ends[0], ends[-1])
+        drill, size = _positive(node.need("drill")) / _PER_M, _positive(node.need("size")) / _PER_M
+        return Hole(x, y, drill, size, layers, self.net(node), "via", node.where)
+
+    def pad(self, node: Node, to_board: ToBoard) -> tuple[list[Hole], list[SurfacePad]]:
+        """Return a footprint's pad as a hole, or as a surface pad on each of its copper layers."""
+        number, kind = node.text(0), node.text(1)
+        if kind == "np_thru_hole":
+            return [], []
+        x, y = to_board(*pair(node.need("at")))
+        size = min(pair(node.need("size"))) / _PER_M
+        net = self.net(node)
+        if kind != "thru_hole":
+            layers = self.layers.all(node)
+            return [], [SurfacePad(x, y, layer, net, node.where, number, size) for layer in layers]
+        drill = node.need("drill")
+        # of a slot, (drill oval 1 0.5), the smaller side
+        diameters = [drill.number(k) for k, word in enumerate(drill.words) if word != "oval"]
+        if not diameters or min(diameters) <= 0:
+            raise BoardError(
+                f"{drill.where}: a plated hole must have a positive diameter; got {' '.join(drill.words)}."
+            )
+        layers = self.layers.stackup.names
+        return [Hole(x, y, min(diameters) / _PER_M, size, layers, net, "pad", node.where, number)], []
+
+    def areas(self, nodes: Iterable[Node], to_board: ToBoard) -> Iterator[CopperArea]:
+        """Give the copper of zones and drawn shapes, and whatever else has a net and is not known."""
+        for node in nodes:
+            net = self.net(node) if node.name != "net" else None
+            if node.name == "zone":
+                if node.child("keepout") is None:
+                    for layer, shape, what in zone_copper(node, self.layers, self.to_board):
+                        yield CopperArea(layer, shape, net, what, node.where)
+            elif node.name in GRAPHICS:
+                for layer, shape, what in drawn_copper(node, self.layers, to_board):
+                    yield CopperArea(layer, shape, net, what, node.where)
+            elif net is not None:
+                layer = self.layers.stackup.names[0]
+                yield CopperArea(layer, shapely.Polygon(), net, f"an unknown ({node.name} …)", node.where)
+
+    def outline(self, nodes: Iterable[Node], to_board: ToBoard) -> list[Point]:
+        """Return points of the shapes drawn on the layer of the board's edge."""
+        found: list[Point] = []
+        for node in nodes:
+            if node.name in GRAPHICS and any("Edge.Cuts" in part.words for part in node.children("layer", "layers")):
+                found += drawn_outline(node, to_board)
+        return found
+
+
+def _positive(node: Node) -> float:
+    value = node.number()
+    if value <= 0:
+        raise BoardError(f"{node.where}: ({node.name} …) must be positive; got {value:g}.")
+    return value

@@ -1,0 +1,175 @@
+"""S-expressions, the text of KiCad's files, read into nodes that know their lines."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from coilarray.errors import BoardError
+
+_TOKEN = re.compile(r'[()]|"(?:[^"\\]|\\.)*"|[^\s()"]+', re.DOTALL)
+_ESCAPE = re.compile(r"\\(.)", re.DOTALL)
+_ESCAPED = {"n": "\n", "r": "\r", "t": "\t"}
+
+
+class Quoted(str):
+    """A string that stood in quotes: ``"1"`` is a name where ``1`` is a number."""
+
+    __slots__ = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Node:
+    """A list ``(name item …)``.
+
+    Parameters
+    ----------
+    name : str
+        Its first word; empty where it has none.
+    items : tuple of Node or str
+        What follows, in order; words that stood in quotes are `Quoted`.
+    where : str
+        "file:line" of its opening parenthesis.
+    """
+
+    name: str
+    items: tuple[Node | str, ...]
+    where: str
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """The items that are words."""
+        return tuple(item for item in self.items if isinstance(item, str))
+
+    def children(self, *names: str) -> Iterator[Node]:
+        """Give the lists of these names inside this one, in order."""
+        return (item for item in self.items if isinstance(item, Node) and item.name in names)
+
+    def child(self, name: str) -> Node | None:
+        """Return the first list of this name inside this one; None where there is none."""
+        return next(self.children(name), None)
+
+    def need(self, name: str) -> Node:
+        """Return the first list of this name inside this one; BoardError where there is none."""
+        found = self.child(name)
+        if found is None:
+            raise BoardError(f"{self.where}: ({self.name} …) must have a ({name} …).")
+        return found
+
+    def text(self, index: int = 0) -> str:
+        """Return a word; BoardError where there is none."""
+        words = self.words
+        if index >= len(words):
+            raise BoardError(f"{self.where}: ({self.name} …) must have {index + 1} words; got {len(words)}.")
+        return words[index]
+
+    def number(self, index: int = 0) -> float:
+        """Return a word as a finite number; BoardError where it is none."""
+        word = self.text(index)
+        try:
+            value = float(word)
+        except ValueError:
+            value = float("nan")
+        if not abs(value) < float("inf"):
+            raise BoardError(f"{self.where}: ({self.name} …) must have a number; got {word!r}.")
+        return value
+
+
+def read_sexpr(path: Path) -> Node:
+    """Read a file that holds one s-expression.
+
+    Parameters
+    ----------
+    path : Path
+        UTF-8 text.
+
+    Returns
+    -------
+    Node
+        The outermost list.
+
+    Raises
+    ------
+    BoardError
+        A file that cannot be read, is no text, ends too early, or holds anything beside one list.
+    """
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError:
+        raise BoardError(f"{path}: the file is no text in UTF-8.") from None
+    except OSError as error:
+        raise BoardError(f"{path}: cannot be read: {error.strerror}.") from None
+    return parse_sexpr(text, str(path))
+
+
+def parse_sexpr(text: str, name: str = "text") -> Node:
+    r"""Read one s-expression from a text; `name` stands for it in messages. See `read_sexpr`.
+
+    Examples
+    --------
+    >>> node = parse_sexpr('(via (at 1 2.5)\n (net "a b"))')
+    >>> node.name, node.need("at").number(1), node.need("net").text(), node.need("net").where
+    ('via', 2.5, 'a b', 'text:2')
+    """
+    open_lists: list[tuple[str, list[Node | str]]] = []
+    root: Node | None = None
+    for token, line in _tokens(text, name):
+        where = f"{name}:{line}"
+        if root is not None:
+            raise BoardError(f"{where}: nothing may follow the last parenthesis; got {token[:40]!r}.")
+        if token == "(":
+            open_lists.append((where, []))
+        elif not open_lists:
+            raise BoardError(f"{where}: the file must begin with a parenthesis; got {token[:40]!r}.")
+        elif token == ")":
+            node = _node(*open_lists.pop())
+            if open_lists:
+                open_lists[-1][1].append(node)
+            else:
+                root = node
+        else:
+            open_lists[-1][1].append(_word(token))
+    if open_lists:
+        innermost = _node(*open_lists[-1])
+        last = text.count("\n", 0, len(text.rstrip())) + 1
+        raise BoardError(f"{name}:{last}: the file ends inside ({innermost.name} …) of line {_line(innermost)}.")
+    if root is None:
+        raise BoardError(f"{name}: the file is empty.")
+    return root
+
+
+def _tokens(text: str, name: str) -> Iterator[tuple[str, int]]:
+    """Give every parenthesis and word with its line, from 1."""
+    line, done = 1, 0
+    for match in _TOKEN.finditer(text):
+        start, end = match.span()
+        if '"' in (between := text[done:start]):
+            raise _open_string(name, line + between.count("\n", 0, between.index('"')))
+        line += between.count("\n")
+        yield match[0], line
+        line += match[0].count("\n")
+        done = end
+    if '"' in (rest := text[done:]):
+        raise _open_string(name, line + rest.count("\n", 0, rest.index('"')))
+
+
+def _open_string(name: str, line: int) -> BoardError:
+    return BoardError(f"{name}:{line}: the file ends inside the text that begins here.")
+
+
+def _node(where: str, items: list[Node | str]) -> Node:
+    if items and isinstance(items[0], str):
+        return Node(str(items[0]), tuple(items[1:]), where)
+    return Node("", tuple(items), where)
+
+
+def _word(token: str) -> str:
+    if not token.startswith('"'):
+        return token
+    return Quoted(_ESCAPE.sub(lambda match: _ESCAPED.get(match[1], match[1]), token[1:-1]))
+
+
+def _line(node: Node) -> str:
+    return node.where.rpartition(":")[2]

@@ -1,0 +1,185 @@
+"""Make an array of the coils that were traced on a board."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from coilarray.errors import BoardError, GeometryError
+from coilarray.geometry.array import CoilArray, Placement
+from coilarray.geometry.coil import PlatedHole, path_coil
+from coilarray.geometry.readers.board_copper import BoardCopper, Hole, SurfacePad
+from coilarray.geometry.readers.traced_coil import TracedCoil
+from coilarray.geometry.readers.turn_gap import turn_gap
+
+FloatArray = npt.NDArray[np.float64]
+
+SAME_SHAPE = 2e-9
+"""Coils whose points and widths agree to so many m, but for a shift, are one shape: board files round to 1 nm."""
+
+_GRID = 1e-9  # m: resolution of board files
+_GAP_GRID = 1e-6  # m: to which the gap of the turns is given
+_PLATING = 25e-6
+_MARGIN = 2e-3
+_UNUSED_VIA = PlatedHole(0.2e-3, 0.45e-3, _PLATING)  # of coils on one layer
+
+
+@dataclass(frozen=True)
+class TracedArray:
+    """The array, and what of it does not come from the board.
+
+    Parameters
+    ----------
+    array : CoilArray
+        Coils that are alike but for a shift share one `Coil`.
+    assumed : dict of str to str
+        Dotted keys of the design whose values are assumed, with the reason; ``coils.*.…`` for all shapes,
+        ``coils.NAME.…`` for that of the coil NAME.
+    notes : tuple of str
+        What was left out or simplified, a sentence each.
+    """
+
+    array: CoilArray
+    assumed: dict[str, str]
+    notes: tuple[str, ...]
+
+
+def traced_array(board: BoardCopper, coils: Sequence[TracedCoil]) -> TracedArray:
+    """Place traced coils on the board's stack-up.
+
+    Parameters
+    ----------
+    board : BoardCopper
+        Where they were found.
+    coils : sequence of TracedCoil
+        At least one.
+
+    Returns
+    -------
+    TracedArray
+
+    Raises
+    ------
+    BoardError
+        A coil that cannot be: a pad no larger than its hole, a line that touches itself.
+
+    Notes
+    -----
+    A coil's origin is the centre of the area that its path runs around. The gap is the usual distance of its turns,
+    see `turn_gap`; where it has no turns beside each other, its trace width. A coil has one size of via and one of
+    terminal: where the board has several, the commonest, with a note.
+    """
+    assumed = {**board.assumed, "coils.*.via.plating_um": f"board files do not say; usual, {_PLATING * 1e6:g} µm"}
+    notes = [*board.notes]
+    shapes: list[Placement] = []
+    placements = []
+    for coil in coils:
+        placement = next((same for shape in shapes if (same := _shifted(shape, coil)) is not None), None)
+        if placement is None:
+            placement = _placed(coil, assumed)
+            shapes.append(placement)
+        placements.append(placement)
+        notes += _notes(coil)
+    through = _through(board, coils)
+    if through is None:
+        notes.append(
+            "Some holes go through the whole board and some do not; all taken as reaching only what they join."
+        )
+    array = CoilArray(board.stackup, tuple(placements), 0.0, bool(through))
+    return TracedArray(_with_margin(array, board, assumed, notes), assumed, tuple(notes))
+
+
+def _shifted(shape: Placement, traced: TracedCoil) -> Placement | None:
+    """Return a placement of the same shape where a traced coil is one, None where it is not."""
+    coil = shape.coil
+    if [len(line) for line in coil.lines] != [len(line) for line in traced.lines]:
+        return None
+    if any(np.abs(a - b).max() > SAME_SHAPE for a, b in zip(coil.widths, traced.widths, strict=True)):
+        return None
+    shift = _on_grid(np.vstack(traced.lines).mean(axis=0) - np.vstack(coil.lines).mean(axis=0))
+    if any(np.abs(a + shift - b).max() > SAME_SHAPE for a, b in zip(coil.lines, traced.lines, strict=True)):
+        return None
+    if (_via(traced), _terminal(traced)) != (coil.via, coil.terminal):
+        return None
+    return Placement(traced.name, coil, traced.layers, float(shift[0]), float(shift[1]))
+
+
+def _placed(traced: TracedCoil, assumed: dict[str, str]) -> Placement:
+    """Return a coil of its own for a traced one."""
+    origin = _on_grid(np.array(traced.centre))
+    measured = turn_gap(traced.lines, traced.layers, traced.widths)
+    gap = _GAP_GRID if measured is None else max(round(measured / _GAP_GRID), 1) * _GAP_GRID
+    via, terminal = _via(traced), _terminal(traced)
+    try:
+        coil = path_coil([line - origin for line in traced.lines], traced.widths, gap, via, terminal)
+        if measured is None:
+            coil = replace(coil, gap=coil.trace_width)
+            assumed[f"coils.{traced.name}.gap_mm"] = "no turns side by side; the trace width"
+        return Placement(traced.name, coil, traced.layers, float(origin[0]), float(origin[1]))
+    except GeometryError as error:
+        raise BoardError(f"{traced.where}: coil {traced.name}: {error}") from None
+
+
+def _on_grid(point: FloatArray) -> FloatArray:
+    return np.asarray(np.round(point / _GRID) * _GRID)
+
+
+def _via(traced: TracedCoil) -> PlatedHole:
+    return _commonest(traced, traced.vias) or _UNUSED_VIA
+
+
+def _terminal(traced: TracedCoil) -> PlatedHole | None:
+    """Return the hole at both ends; None where not both have one."""
+    holes = [end for end in traced.ends if isinstance(end, Hole)]
+    return _commonest(traced, holes) if len(holes) == len(traced.ends) else None
+
+
+def _commonest(traced: TracedCoil, holes: Sequence[Hole]) -> PlatedHole | None:
+    if not holes:
+        return None
+    (drill, pad), _ = Counter((hole.drill, hole.pad) for hole in holes).most_common(1)[0]
+    try:
+        return PlatedHole(drill, pad, _PLATING)
+    except GeometryError as error:
+        where = next(hole.where for hole in holes if (hole.drill, hole.pad) == (drill, pad))
+        raise BoardError(f"{where}: hole of {traced.name}: {error}") from None
+
+
+def _notes(coil: TracedCoil) -> Iterator[str]:
+    ends = [end for end in coil.ends if isinstance(end, Hole)]
+    for kind, holes in (("vias", coil.vias), ("terminals", ends)):
+        if len({(hole.drill, hole.pad) for hole in holes}) > 1:
+            yield f"{coil.name}: {kind} of several sizes, all taken as the commonest."
+    if len(ends) == 1:
+        yield f"{coil.name}: one end has a plated hole and the other none; both taken without."
+    if any(isinstance(end, SurfacePad) for end in coil.ends):
+        yield f"{coil.name}: pads without a hole at its ends left out; the trace ends in their centres."
+    if coil.passed:
+        yield f"{coil.name}: {len(coil.passed)} of the holes on the path join none of its lines and are left out."
+
+
+def _through(board: BoardCopper, coils: Sequence[TracedCoil]) -> bool | None:
+    """Whether all holes go through the whole board; None where some do and some do not."""
+    holes = [hole for coil in coils for hole in (*coil.vias, *coil.ends) if isinstance(hole, Hole)]
+    reach = {hole.layers == board.stackup.names for hole in holes}
+    return None if len(reach) > 1 else reach != {False}
+
+
+def _with_margin(array: CoilArray, board: BoardCopper, assumed: dict[str, str], notes: list[str]) -> CoilArray:
+    """Give the board the margin to the edge in its file."""
+    if board.edge is None:
+        assumed["board.margin_mm"] = f"the board file has no outline; {_MARGIN * 1e3:g} mm"
+        return replace(array, board_margin=_MARGIN)
+    outside = np.array([1, 1, -1, -1]) * (np.array(array.bounds) - np.array(board.edge))
+    margin = max(float(outside.min()), 0.0)
+    if np.ptp(outside) > _GAP_GRID:
+        margins = ", ".join(f"{value * 1e3:.4g}" for value in outside.tolist())
+        notes.append(
+            f"The edge of the board is {margins} mm from the coils (left, bottom, right, top); a design has one "
+            "margin, here the smallest."
+        )
+    return replace(array, board_margin=round(margin / _GAP_GRID) * _GAP_GRID)

@@ -1,0 +1,154 @@
+"""KiCad boards as text, written here independently of the exporter: what the readers are tested with."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+
+from coilarray.geometry import CoilArray, drills
+
+KICAD_6, KICAD_7, KICAD_8, KICAD_9 = 20211014, 20221018, 20240108, 20241229
+
+
+def mm(value: float) -> str:
+    """Length in m as KiCad has it: mm to 1 nm."""
+    return f"{round(value * 1e9) / 1e6:.6f}".rstrip("0").rstrip(".")
+
+
+def pair(name: str, x: float, y: float, origin: tuple[float, float] = (0.1, 0.1)) -> str:
+    """Place in m, y up, on KiCad's sheet, y down."""
+    return f"({name} {mm(origin[0] + x)} {mm(origin[1] - y)})"
+
+
+def layer_names(count: int) -> list[str]:
+    """KiCad's names of the copper layers, top to bottom."""
+    return ["F.Cu", *(f"In{k}.Cu" for k in range(1, count - 1)), "B.Cu"][:count]
+
+
+def board(
+    *items: str,
+    version: int = KICAD_6,
+    layers: int = 2,
+    users: tuple[str, ...] = (),
+    setup: str = "(aux_axis_origin 100 100)",
+    nets: tuple[str, ...] = ("A", "B"),
+    thickness: str = "1.6",
+) -> str:
+    """Board of these items; net k + 1 is called nets[k]."""
+    rows = [
+        f'({31 if name == "B.Cu" else k} "{name}" signal{f" {chr(34)}{users[k]}{chr(34)}" if users else ""})'
+        for k, name in enumerate(layer_names(layers))
+    ]
+    table = [f'(net {k} "{name}")' for k, name in enumerate(("", *nets))]
+    return "\n".join(
+        (
+            f"(kicad_pcb (version {version}) (generator pcbnew)",
+            f"(general (thickness {thickness}))",
+            '(paper "A4")',
+            "(layers",
+            *rows,
+            '(44 "Edge.Cuts" user)',
+            ")",
+            f"(setup {setup})",
+            *table,
+            *items,
+            ")",
+            "",
+        )
+    )
+
+
+def segment(start, end, *, width="0.2", layer="F.Cu", net="1"):
+    """Track; places in mm, y up from the origin."""
+    a, b = (pair(name, x * 1e-3, y * 1e-3) for name, (x, y) in (("start", start), ("end", end)))
+    return f'(segment {a} {b} (width {width}) (layer "{layer}") (net {net}) (tstamp 0))'
+
+
+def path(*points, **options):
+    """Tracks from point to point."""
+    return "\n".join(segment(a, b, **options) for a, b in pairwise(points))
+
+
+def via(x, y, *, size="0.6", drill="0.3", layers=("F.Cu", "B.Cu"), net="1", kind=""):
+    """Via; place in mm, y up from the origin."""
+    names = " ".join(f'"{layer}"' for layer in layers)
+    return f"(via {kind} {pair('at', x * 1e-3, y * 1e-3)} (size {size}) (drill {drill}) (layers {names}) (net {net}))"
+
+
+def pads(*places, net='1 "A"', size="1 1", turn=0.0, at=(0.0, 0.0)):
+    """Footprint of through-hole pads 1, 2, …, places in mm, y up, in the footprint's own frame."""
+    inside = "\n".join(
+        f'(pad "{k + 1}" thru_hole circle (at {x} {-y}) (size {size}) (drill 0.5) (layers *.Cu *.Mask) (net {net}))'
+        for k, (x, y) in enumerate(places)
+    )
+    where = pair("at", at[0] * 1e-3, at[1] * 1e-3)[:-1]
+    return f'(footprint "lib:coil" (layer "F.Cu")\n{where} {turn})\n{inside}\n)'
+
+
+def stackup_text(array: CoilArray) -> str:
+    """Stack-up of an array as KiCad's setup has it."""
+    board_layers = array.stackup
+    rows = ['(layer "F.Mask" (type "Top Solder Mask") (thickness 0.01))']
+    for k, name in enumerate(layer_names(len(board_layers.names))):
+        rows.append(f'(layer "{name}" (type "copper") (thickness {mm(board_layers.copper_thickness[k])}))')
+        if k < len(board_layers.epsilon_r):
+            slab, epsilon = board_layers.dielectric_thickness[k], board_layers.epsilon_r[k]
+            rows.append(
+                f'(layer "dielectric {k + 1}" (type "core") (thickness {mm(slab)}) (material "FR4") '
+                f"(epsilon_r {epsilon:g}) (loss_tangent 0.02))"
+            )
+    rows.append('(copper_finish "None")')
+    return "(stackup\n" + "\n".join(rows) + ")"
+
+
+def array_text(array: CoilArray, **options) -> str:
+    """Board of an array: a track a segment, vias, and a footprint of the two terminals of each coil."""
+    names = dict(zip(array.stackup.names, layer_names(len(array.stackup.names)), strict=True))
+    items = []
+    for number, placement in enumerate(array.placements, start=1):
+        for line, widths, layer in zip(placement.coil.lines, placement.coil.widths, placement.layers, strict=True):
+            points = placement.to_board(line)
+            items += [
+                f"(segment {pair('start', *a)} {pair('end', *b)} (width {mm(w)}) "
+                f'(layer "{names[layer]}") (net {number}))'
+                for a, b, w in zip(points[:-1].tolist(), points[1:].tolist(), widths.tolist(), strict=True)
+            ]
+        own = [hole for hole in drills(array) if hole.net == placement.name]
+        for hole in own:
+            if hole.kind == "via":
+                blind = "" if hole.layers == array.stackup.names else "blind"
+                ends = f'"{names[hole.layers[0]]}" "{names[hole.layers[-1]]}"'
+                items.append(
+                    f"(via {blind} {pair('at', hole.x, hole.y)} (size {mm(hole.pad)}) (drill {mm(hole.diameter)}) "
+                    f"(layers {ends}) (net {number}))"
+                )
+        ends = [hole for hole in own if hole.kind == "terminal"]
+        items += [
+            f'(footprint "coil" (layer "F.Cu") {pair("at", hole.x, hole.y)} (pad "{k + 1}" thru_hole circle (at 0 0) '
+            f"(size {mm(hole.pad)} {mm(hole.pad)}) (drill {mm(hole.diameter)}) (layers *.Cu *.Mask) "
+            f'(net {number} "{placement.name}")))'
+            for k, hole in reversed(list(enumerate(ends)))
+        ]
+    return board(
+        *items,
+        layers=len(array.stackup.names),
+        users=array.stackup.names,
+        setup=f"{stackup_text(array)} (aux_axis_origin 100 100)",
+        nets=array.names,
+        **options,
+    )
+
+
+def square_spiral(turns=3, outer=10.0, pitch=1.0):
+    """Corners of a square spiral from the outside inwards, in mm about the origin."""
+    points = [(-outer / 2, outer / 2)]
+    x, y, side = -outer / 2, outer / 2, outer
+    directions = ((0, -1), (1, 0), (0, 1), (-1, 0))
+    for k in range(4 * turns):
+        if k >= 3 and k % 2 == 1:
+            side -= pitch
+        dx, dy = directions[k % 4]
+        x, y = x + dx * side, y + dy * side
+        points.append((x, y))
+    return [tuple(np.round(point, 6).tolist()) for point in points]
