@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ import xarray as xr
 from coilarray.blocks import Progress, ranges
 from coilarray.coupling import design_inductance, provenance
 from coilarray.design import Design, Indentation
+from coilarray.elastomer.compliance import Base
 from coilarray.elastomer.contact import indent
 from coilarray.elastomer.dent import Dent, dent_of
 from coilarray.elastomer.dented_layer import dent_inductance
@@ -21,7 +23,7 @@ from coilarray.elastomer.dielectric import dent_capacitance
 from coilarray.elastomer.flat_layer import layer_inductance, magnetic_slab
 from coilarray.elastomer.scattering import LayerMesh
 from coilarray.errors import ElastomerError
-from coilarray.geometry import Conductor, Sheet
+from coilarray.geometry import Conductor, Indenter, Sheet
 from coilarray.network import Network, resonances_near, resonate
 from coilarray.resistance import dc_resistance
 from coilarray.storage import load_part, save_dataset
@@ -325,7 +327,16 @@ def _raised(sheets: Sequence[Sheet], height: float) -> tuple[Sheet, ...]:
 
 
 def _indent(setup: Indentation, sheets: Sequence[Sheet], depths: FloatArray) -> xr.Dataset:
-    return indent(sheets, setup.indenter, depths, base=setup.base, radius=setup.sample_radius)
+    return _kept_contact(
+        tuple(sheets), setup.indenter, setup.base, setup.sample_radius, tuple(np.atleast_1d(depths).tolist())
+    )
+
+
+@lru_cache(maxsize=8)  # the coils may change a hundred times under one sheet
+def _kept_contact(
+    sheets: tuple[Sheet, ...], indenter: Indenter, base: Base, radius: float | None, depths: tuple[float, ...]
+) -> xr.Dataset:
+    return indent(sheets, indenter, depths, base=base, radius=radius)
 
 
 def _require_inside(setup: Indentation, places: FloatArray, reach: float) -> None:

@@ -13,7 +13,7 @@ from coilarray.coupling import design_inductance
 from coilarray.design import Design, Indentation
 from coilarray.errors import GoalError
 from coilarray.geometry import Margin, check_rules
-from coilarray.impedance import design_network, scan_design
+from coilarray.impedance import design_network, scan_states
 from coilarray.inductance import Accuracy, coupling_matrix
 from coilarray.response import response_map
 
@@ -56,8 +56,8 @@ class Evaluation:
 
     @cached_property
     def scan(self) -> xr.Dataset:
-        """Every state of the scan where the converter oscillates: `coilarray.impedance.scan_design`."""
-        return scan_design(self.design, prepared=design_network(self.design, lambda: self.inductance))
+        """Every state of the scan where the converter oscillates: `coilarray.impedance.scan_states`."""
+        return scan_states(design_network(self.design, lambda: self.inductance))
 
     @cached_property
     def own_states(self) -> dict[str, int]:
