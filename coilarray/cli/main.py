@@ -20,8 +20,11 @@ from coilarray.cli import (
     init,
     locate,
     matrix,
+    optimize,
     report,
     response,
+    sweep,
+    tolerance,
     view,
 )
 from coilarray.errors import CoilarrayError
@@ -50,6 +53,9 @@ app.command("response")(response.response)
 app.command("fit")(fit.fit)
 app.command("distortion")(distortion.distortion)
 app.command("locate")(locate.locate)
+app.command("sweep")(sweep.sweep)
+app.command("optimize")(optimize.optimize)
+app.command("tolerance")(tolerance.tolerance)
 app.command("export")(export.export)
 app.command("import")(import_board.import_board)
 app.command("view")(view.view)

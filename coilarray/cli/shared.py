@@ -90,13 +90,14 @@ def print_table(
     """Print a table of text, numbers to the right; rows whose index is in `marked` are red."""
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
     table = Table(title=title or None, title_justify="left", box=None, pad_edge=False, padding=(0, 2, 0, 0))
     for k, header in enumerate(headers):
         numeric = all(_is_number(row[k]) for row in rows)
         table.add_column(header, justify="right" if numeric else "left", no_wrap=True)
     for k, row in enumerate(rows):
-        table.add_row(*row, style="bold red" if k in marked else None)
+        table.add_row(*map(Text, row), style="bold red" if k in marked else None)
     console = Console(highlight=False)
     if not console.is_terminal:
         console.width = _PIPE_WIDTH

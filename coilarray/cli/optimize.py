@@ -1,0 +1,183 @@
+"""``coilarray optimize``."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from coilarray.cli.shared import print_json, print_table
+from coilarray.errors import ClusterError, GoalError
+
+if TYPE_CHECKING:
+    from coilarray.design import Design
+    from coilarray.optimize.goal import Goal
+    from coilarray.optimize.run import Optimization, Told
+    from coilarray.optimize.trials import Trial
+
+
+def optimize(
+    design: Annotated[
+        str | None, typer.Argument(metavar="DESIGN", help="Design file (TOML) or name of a bundled design.")
+    ] = None,
+    goal: Annotated[
+        str | None, typer.Argument(metavar="GOAL", help="Goal file (TOML) or name of a bundled goal.")
+    ] = None,
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the results and of the study.")] = Path(
+        "optimization"
+    ),
+    trials: Annotated[int | None, typer.Option("--trials", help="Points to try; the goal's by default.")] = None,
+    workers: Annotated[int | None, typer.Option("--workers", help="Local processes; one a core by default.")] = None,
+    cluster: Annotated[
+        str | None, typer.Option("--cluster", metavar="tcp://HOST:PORT", help="Dask scheduler whose workers to use.")
+    ] = None,
+    cache: Annotated[
+        Path | None, typer.Option("--cache", metavar="DIR", help="Folder of points once computed.")
+    ] = None,
+    list_quantities: Annotated[
+        bool, typer.Option("--list-quantities", help="Name what a goal may speak of and leave.")
+    ] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print the result as JSON in the units of its names, and nothing else.")
+    ] = False,
+) -> None:
+    """Change a design until it is best by a goal.
+
+    The goal names entries of the design that may change, quantities to make small or large, and bounds to keep. Every
+    point is kept in the folder as soon as it is known: the same command takes a run up that was stopped or killed, and
+    a larger --trials goes on. Writes trials.csv, result.json, report.html and the best designs as files.
+
+    Example: coilarray optimize gast2020 worst_k --trials 100 --out better
+    """
+    if list_quantities:
+        _print_quantities(as_json=as_json)
+        return
+    if design is None or goal is None:
+        raise GoalError("a design and a goal must be given, as in: coilarray optimize gast2020 worst_k.")
+    if workers is not None and cluster is not None:
+        raise ClusterError("--workers is for processes of this machine; it cannot be given with --cluster.")
+    from coilarray.cache import open_cache
+    from coilarray.design import load_design
+    from coilarray.optimize.goal import load_goal
+    from coilarray.optimize.run import optimize_design
+    from coilarray.optimize.space import axes_of
+    from coilarray.optimize.store import points_found
+    from coilarray.optimize.write import result_data, write_optimization
+    from coilarray.report.optimization import write_optimization_report
+    from coilarray.workers import default_count
+    from coilarray.workers import workers as open_workers
+
+    opened = load_design(design)
+    wanted = _with_trials(load_goal(goal), trials)
+    axes_of(wanted, opened)  # mistakes before any process is started
+    kept = open_cache(cache)
+    found = points_found(out, opened, wanted)
+    if found:
+        typer.echo(f"coilarray: going on with {found} points of an earlier run in {out}", err=True)
+    try:
+        with (
+            open_workers(default_count() if workers is None else workers, cluster) as pool,
+            _progress(wanted) as told,
+        ):
+            result = optimize_design(opened, wanted, out, pool, kept, told)
+    except (KeyboardInterrupt, ClusterError):
+        typer.echo(f"coilarray: every point that is known is kept in {out}; the same command goes on", err=True)
+        raise
+    files = (*write_optimization(result, out), write_optimization_report(result, out))
+    if as_json:
+        print_json({**result_data(result), "files": [str(path) for path in files]})
+        return
+    _print_result(result)
+    for path in files:
+        typer.echo(f"wrote {path}")
+
+
+def _with_trials(goal: Goal, trials: int | None) -> Goal:
+    if trials is None:
+        return goal
+    if not 1 <= trials <= 1_000_000:
+        raise GoalError(f"--trials must be 1 to 1000000; got {trials}.")
+    return goal.model_copy(update={"search": goal.search.model_copy(update={"trials": trials})})
+
+
+def _print_quantities(*, as_json: bool) -> None:
+    from coilarray.quantities import QUANTITIES
+
+    rows = [
+        (
+            quantity.name,
+            quantity.unit,
+            ", ".join(option.name + (" (needed)" if option.required else "") for option in quantity.options),
+            quantity.cost,
+            quantity.says,
+        )
+        for quantity in QUANTITIES.values()
+    ]
+    headers = ("quantity", "unit", "options", "needs", "what it is")
+    if as_json:
+        print_json([dict(zip(headers, row, strict=True)) for row in rows])
+    else:
+        print_table(headers, rows)
+
+
+def _print_result(result: Optimization) -> None:
+    """Print the start and what was found side by side, a quantity or entry a line."""
+    from coilarray.report.optimization import chosen_designs
+
+    tried = f"{len(result.trials)} points, {sum(trial.feasible for trial in result.trials)} keep all bounds"
+    if not result.front:
+        typer.echo(f"{tried}: no design is found")
+        return
+    chosen = chosen_designs(result)
+    shown = [result.start, *(one.trial for one in chosen)]
+    rows = [
+        [key, *(_text(trial.quantities.get(key)) for trial in shown)] for key in result.goal.quantities
+    ] + [
+        [axis.entry, *(_text(result.values(trial)[axis.entry]) for trial in shown)] for axis in result.axes
+    ]  # fmt: skip
+    print_table(("", "as it was", *(one.label for one in chosen)), rows, title=tried)
+    broken = [one.label for one in chosen if not _keeps_rules(one.design)]
+    if broken:
+        typer.echo(f"{', '.join(broken)} break fabrication rules (coilarray check); fab_margin_mm can be a constraint")
+    if len(result.goal.objectives) > 1:
+        typer.echo(f"Pareto front: {len(result.front)} designs")
+
+
+def _keeps_rules(design: Design) -> bool:
+    from coilarray.geometry import check_rules
+
+    return all(margin.kept for margin in check_rules(design.array, design.rules))
+
+
+def _text(value: object) -> str:
+    if value is None:
+        return "–"
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    return value if isinstance(value, str) else json.dumps(value)
+
+
+@contextmanager
+def _progress(goal: Goal) -> Iterator[Told]:
+    """Show a progress bar with the best so far on standard error; none where that is no terminal."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    console = Console(stderr=True)
+    columns = (BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), TextColumn("{task.description}"))
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task("", total=None)
+
+        def told(done: int, total: int, best: Trial | None) -> None:
+            text = "" if best is None else f"best {goal.objectives[0].quantity} {_best(goal, best):.5g}"
+            bar.update(task, completed=done, total=total, description=text)
+
+        yield told
+
+
+def _best(goal: Goal, best: Trial) -> float:
+    return best.quantities[goal.objectives[0].quantity]

@@ -1,0 +1,330 @@
+"""From an optimisation to its page: before and after, convergence, importance, Pareto front, boards."""
+
+from __future__ import annotations
+
+import base64
+import io
+import itertools
+import json
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import jinja2
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from coilarray.coupling import provenance
+from coilarray.design import Design
+from coilarray.errors import CoilarrayError
+from coilarray.files import make_folder, write_text
+from coilarray.optimize.importance import importance
+from coilarray.optimize.run import Optimization
+from coilarray.optimize.space import Axis
+from coilarray.optimize.trials import Trial
+from coilarray.optimize.write import design_names
+from coilarray.quantities import QUANTITIES, Evaluation, request
+from coilarray.report.figures import Picture
+from coilarray.report.tables import Column, Table
+from coilarray.variation import vary
+from coilarray.viz.optimize_plots import boards_figure, plot_convergence, plot_front, plot_importance
+
+_DPI = 130
+_CHEAP = ("geometry", "coupling", "circuit")  # costs of quantities that the page shows though nobody asked
+_MOST_REASONS = 5
+_MOST_BEST = 20
+_DIGITS = re.compile(r"\d+")
+_MOST_FRONTS = 3  # pictures of pairs of objectives
+
+
+@dataclass(frozen=True, eq=False)
+class Chosen:
+    """A design that the page shows beside the start.
+
+    Parameters
+    ----------
+    label : str
+        Name of its file without the suffix.
+    trial : Trial
+        Its point.
+    design : Design
+        Built from it.
+    """
+
+    label: str
+    trial: Trial
+    design: Design
+
+
+def write_optimization_report(result: Optimization, folder: str | Path) -> Path:
+    """Write ``report.html``, which needs no other file.
+
+    Parameters
+    ----------
+    result : Optimization
+        As `coilarray.optimize.optimize_design` returns it.
+    folder : str or Path
+        Made where it does not exist.
+
+    Returns
+    -------
+    Path
+        Of the page.
+
+    Raises
+    ------
+    OutputError
+        It cannot be written; an earlier page is left as it was.
+    """
+    folder = Path(folder)
+    make_folder(folder)
+    chosen = chosen_designs(result)
+    parts = importance(result.goal, result.axes, result.trials)
+    path = folder / "report.html"
+    write_text(path, _page(result, chosen, parts))
+    return path
+
+
+def chosen_designs(result: Optimization) -> tuple[Chosen, ...]:
+    """Return the best design; of a front its two ends and the point nearest to what is best of everything."""
+    labels = [Path(name).stem for name in design_names(result)]
+    places = _ends_and_middle(result)
+    return tuple(
+        Chosen(labels[k], result.front[k], vary(result.design, result.front[k].changes)) for k in sorted(places)
+    )
+
+
+def _ends_and_middle(result: Optimization) -> set[int]:
+    if len(result.front) < 3:
+        return set(range(len(result.front)))
+    signs = np.array([-1.0 if objective.maximized else 1.0 for objective in result.goal.objectives])
+    costs = signs * np.array([trial.scores for trial in result.front])
+    spread = np.ptp(costs, axis=0)
+    scaled = (costs - costs.min(axis=0)) / np.where(spread > 0, spread, 1.0)
+    return {0, len(result.front) - 1, int(np.linalg.norm(scaled, axis=1).argmin())}
+
+
+def variable_table(result: Optimization, chosen: Sequence[Chosen]) -> Table:
+    """One row a variable: what it may be, what it was, what it is in each chosen design."""
+    columns = (
+        Column("entry", "entry"),
+        Column("allowed", "may be"),
+        Column("start", "as it was"),
+        *(Column(one.label, one.label) for one in chosen),
+    )
+    rows = tuple(
+        (
+            axis.entry,
+            _allowed(axis),
+            _shown(axis.start),
+            *(_shown(one.trial.changes[axis.entry]) for one in chosen),
+        )
+        for axis in result.axes
+    )
+    return Table("variables", "Variables", columns, rows)
+
+
+def quantity_table(result: Optimization, chosen: Sequence[Chosen]) -> Table:
+    """One row a quantity, those of the goal first, then all that are cheap: before and after."""
+    columns = (
+        Column("quantity", "quantity"),
+        Column("unit", "unit"),
+        Column("wish", "goal"),
+        Column("start", "as it was"),
+        *(Column(one.label, one.label) for one in chosen),
+        Column("says", "what it is"),
+    )
+    wanted = _wishes(result)
+    cheap = [q.name for q in QUANTITIES.values() if q.cost in _CHEAP and not any(o.required for o in q.options)]
+    keys = tuple(dict.fromkeys((*result.goal.quantities, *cheap)))
+    values = [
+        _quantities(design, trial, keys)
+        for design, trial in ((result.design, result.start), *((one.design, one.trial) for one in chosen))
+    ]
+    rows = tuple(
+        (
+            key,
+            "" if request(key).quantity.unit == "1" else request(key).quantity.unit,
+            wanted.get(key, ""),
+            *(_shown(of_design.get(key)) for of_design in values),
+            request(key).quantity.says,
+        )
+        for key in keys
+    )
+    return Table("quantities", "Quantities", columns, rows)
+
+
+def trial_table(result: Optimization) -> Table:
+    """Return the front where there are several objectives, else the best trial and the best others of the search."""
+    several = len(result.goal.objectives) > 1
+    sign = -1 if result.goal.objectives[0].maximized else 1
+    others = [t for t in result.trials if t.feasible and t.kind == "search" and t not in result.front]
+    ranked = [] if several else sorted(others, key=lambda trial: sign * trial.scores[0])
+    shown = (*result.front, *ranked[:_MOST_BEST])
+    names = [Path(name).stem for name in design_names(result)] if several else [""] * len(shown)
+    entries = [axis.entry for axis in result.axes]
+    columns = (
+        *([Column("file", "file")] if several else []),
+        Column("trial", "trial"),
+        *(Column(key, key) for key in (*result.goal.quantities, *entries)),
+    )
+    rows = tuple(
+        (
+            *([name] if several else []),
+            trial.name,
+            *(_shown(trial.quantities.get(key)) for key in result.goal.quantities),
+            *(_shown(trial.changes[entry]) for entry in entries),
+        )
+        for name, trial in zip(names, shown, strict=True)
+    )
+    return Table("trials", "Pareto front" if several else "Best points", columns, rows)
+
+
+def reason_table(result: Optimization) -> Table:
+    """One row a reason why points could not be, the most frequent first."""
+    reasons = [trial.reason for trial in result.trials if trial.reason]
+    kinds = Counter(_DIGITS.sub("#", reason) for reason in reasons)  # numbers differ from point to point
+    example = {_DIGITS.sub("#", reason): reason for reason in reversed(reasons)}
+    columns = (Column("reason", "for example"), Column("points", "points", 1, 0))
+    rows = tuple((example[kind], float(count)) for kind, count in kinds.most_common(_MOST_REASONS))
+    return Table("reasons", "Points that could not be", columns, rows)
+
+
+def _page(result: Optimization, chosen: Sequence[Chosen], parts: Sequence[Mapping[str, float]]) -> str:
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("coilarray.report", "."),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return environment.get_template("optimization.html.j2").render(
+        result=result,
+        goal=result.goal,
+        chosen=chosen,
+        impossible=sum(bool(trial.reason) for trial in result.trials),
+        feasible=sum(trial.feasible for trial in result.trials),
+        searched=sum(trial.kind == "search" for trial in result.trials),
+        variables=variable_table(result, chosen),
+        quantities=quantity_table(result, chosen),
+        trials=trial_table(result),
+        reasons=reason_table(result),
+        convergence=_convergence_pictures(result),
+        importance=_importance_pictures(result, parts),
+        fronts=_front_pictures(result, chosen),
+        boards=_board_picture(result, chosen),
+        made={**provenance(result.design), "date": datetime.now(UTC).isoformat(timespec="seconds")},
+    )
+
+
+def _convergence_pictures(result: Optimization) -> list[Picture]:
+    polished = next((k for k, trial in enumerate(result.trials) if trial.kind == "polish"), None)
+    feasible = [trial.feasible for trial in result.trials]
+    pictures = []
+    for k, objective in enumerate(result.goal.objectives):
+        axes = plot_convergence(
+            [trial.scores[k] if trial.scores else np.nan for trial in result.trials],
+            feasible,
+            label=_label(result, k),
+            maximized=objective.maximized,
+            polished_from=polished,
+            start=result.start.scores[k] if result.start.scores else None,
+            log=objective.target is not None,
+        )
+        caption = f"Score of every trial in turn: {objective.wish}. Points that break a bound may lie outside."
+        pictures.append(_picture(f"convergence_{k}", caption, axes))
+    return pictures
+
+
+def _importance_pictures(result: Optimization, parts: Sequence[Mapping[str, float]]) -> list[Picture]:
+    return [
+        _picture(
+            f"importance_{k}",
+            f"Which variables set the best tenth of the points apart: {objective.wish}.",
+            plot_importance(part, title=objective.wish),
+        )
+        for k, (objective, part) in enumerate(zip(result.goal.objectives, parts, strict=True))
+        if part
+    ]
+
+
+def _front_pictures(result: Optimization, chosen: Sequence[Chosen]) -> list[Picture]:
+    pairs = list(itertools.combinations(range(len(result.goal.objectives)), 2))[:_MOST_FRONTS]
+    possible = [trial for trial in result.trials if trial.scores]
+    place = {trial.name: k for k, trial in enumerate(possible)}
+    pictures = []
+    for i, j in pairs if possible else []:
+        axes = plot_front(
+            [(trial.scores[i], trial.scores[j]) for trial in possible],
+            [trial.feasible for trial in possible],
+            [place[trial.name] for trial in result.front],
+            labels=(_label(result, i), _label(result, j)),
+            start=(result.start.scores[i], result.start.scores[j]) if result.start.scores else None,
+            named={place[one.trial.name]: one.label for one in chosen},
+        )
+        wishes = " and ".join(result.goal.objectives[k].wish for k in (i, j))
+        pictures.append(_picture(f"front_{i}_{j}", f"Pareto front: {wishes}. The star is the design as it was.", axes))
+    return pictures
+
+
+def _board_picture(result: Optimization, chosen: Sequence[Chosen]) -> Picture:
+    boards = {f"{result.design.name}, as it was": result.design.array}
+    boards |= {one.label: one.design.array for one in chosen}
+    return _picture("boards", "The boards from above, all copper layers, at one scale.", boards_figure(boards))
+
+
+def _picture(name: str, caption: str, drawn: Axes | Figure) -> Picture:
+    figure = drawn if isinstance(drawn, Figure) else drawn.get_figure(root=True)
+    assert figure is not None  # the plots make one
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=_DPI, bbox_inches="tight")
+    return Picture(name, caption, "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii"))
+
+
+def _label(result: Optimization, k: int) -> str:
+    objective = result.goal.objectives[k]
+    return objective.quantity if objective.target is None else f"|{objective.quantity} − {objective.target:g}|"
+
+
+def _wishes(result: Optimization) -> dict[str, str]:
+    """Return what the goal says of each quantity."""
+    wishes: dict[str, list[str]] = {key: [] for key in result.goal.quantities}
+    for objective in result.goal.objectives:
+        target = objective.target
+        wishes[objective.quantity].append(f"{objective.direction}" if target is None else f"to {target:g}")
+    for constraint in result.goal.constraints:
+        wishes[constraint.quantity].append(constraint.wish.removeprefix(constraint.quantity).strip())
+    return {key: ", ".join(texts) or "watched" for key, texts in wishes.items()}
+
+
+def _quantities(design: Design, trial: Trial, keys: Sequence[str]) -> dict[str, float]:
+    """Quantities of a design that its trial knows, and those that it has besides."""
+    known = dict(trial.quantities)
+    evaluation = Evaluation(design)
+    for key in keys:
+        if key not in known:
+            try:
+                known[key] = request(key).value(evaluation)
+            except CoilarrayError:  # a design without it shows none
+                continue
+    return known
+
+
+def _allowed(axis: Axis) -> str:
+    if axis.choices:
+        return " or ".join(_shown(json.loads(choice)) for choice in axis.choices)
+    steps = f", in steps of {axis.step:g}" if axis.step is not None else ", whole" if axis.whole else ""
+    return f"{axis.low:g} to {axis.high:g}{steps}"
+
+
+def _shown(value: Any) -> str:
+    if value is None:
+        return "–"
+    if isinstance(value, float):
+        return f"{value:.5g}".replace("-", "−")
+    return value if isinstance(value, str) else json.dumps(value)

@@ -1,0 +1,35 @@
+"""Tolerances: what fabrication errors do to the coils and to the position that the sensor tells."""
+
+from __future__ import annotations
+
+from coilarray.tolerance.analysis import analyse
+from coilarray.tolerance.files import load_tolerances, parse_tolerances, typical_text
+from coilarray.tolerance.outputs import default_quantities
+from coilarray.tolerance.perturb import error_names, perturb
+from coilarray.tolerance.sampling import draw, errors_of
+from coilarray.tolerance.tolerances import (
+    Contributor,
+    Limit,
+    Positions,
+    Spread,
+    Tolerances,
+    contributors,
+)
+
+__all__ = [
+    "Contributor",
+    "Limit",
+    "Positions",
+    "Spread",
+    "Tolerances",
+    "analyse",
+    "contributors",
+    "default_quantities",
+    "draw",
+    "error_names",
+    "errors_of",
+    "load_tolerances",
+    "parse_tolerances",
+    "perturb",
+    "typical_text",
+]

@@ -1,0 +1,209 @@
+"""Pictures of a search: how it came on, what mattered, its Pareto front, and boards side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from coilarray.geometry.array import CoilArray
+from coilarray.viz.palette import BLUE, GREEN, INK, VERMILLION
+from coilarray.viz.plots import figure_size, new_axes, plot_board, styled
+
+_GREY = "#B8B8B8"
+_GRID = "#E4E4E4"
+
+
+@styled
+def plot_convergence(
+    scores: npt.ArrayLike,
+    feasible: npt.ArrayLike,
+    *,
+    label: str,
+    maximized: bool = False,
+    polished_from: int | None = None,
+    start: float | None = None,
+    log: bool = False,
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw the score of every trial in turn, and the best feasible one so far as a line.
+
+    Parameters
+    ----------
+    scores : array_like, shape (n,)
+        NaN where a point could not be.
+    feasible : array_like of bool, shape (n,)
+        Which keep all bounds.
+    label : str
+        For the vertical axis, with the unit.
+    maximized : bool
+        True where larger is better.
+    polished_from : int, optional
+        Index of the first trial of the local solver.
+    start : float, optional
+        Score of the design as it was, drawn as a dashed line.
+    log : bool
+        A logarithmic axis where all scores are above zero.
+    ax : Axes, optional
+        Where to draw.
+
+    Raises
+    ------
+    ValueError
+        Shapes that do not fit.
+    """
+    values, kept = np.asarray(scores, dtype=np.float64), np.asarray(feasible, dtype=np.bool_)
+    if values.ndim != 1 or values.shape != kept.shape:
+        raise ValueError(f"scores and feasible must be rows of one length; got {values.shape} and {kept.shape}.")
+    ax = ax or new_axes(7.0, 3.6)
+    number = np.arange(values.size)
+    kept = kept & np.isfinite(values)
+    ax.scatter(number[~kept], values[~kept], s=12, color=_GREY, marker="x", linewidth=0.9, label="breaks a bound")
+    ax.scatter(number[kept], values[kept], s=14, color=BLUE, alpha=0.7, linewidth=0, label="keeps all bounds")
+    if kept.any():
+        worst = -np.inf if maximized else np.inf
+        best = (np.maximum if maximized else np.minimum).accumulate(np.where(kept, values, worst))
+        shown = np.isfinite(best)
+        ax.step(number[shown], best[shown], where="post", color=VERMILLION, label="best so far")
+        _focus(ax, values[kept] if start is None else np.append(values[kept], start), log)
+    if start is not None:
+        ax.axhline(start, color=INK, linestyle="--", linewidth=1.0, label="design as it was")
+    if polished_from is not None:
+        ax.axvspan(polished_from - 0.5, values.size - 0.5, color="#EDEDED", zorder=0, label="local solver")
+    ax.set_xlim(-0.5, max(values.size - 0.5, 0.5))
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    ax.set_xlabel("trial")
+    ax.set_ylabel(label)
+    ax.grid(axis="y", color=_GRID)
+    ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=5, borderaxespad=0.2, columnspacing=1.0)
+    return ax
+
+
+@styled
+def plot_importance(parts: Mapping[str, float], *, title: str, ax: Axes | None = None) -> Axes:
+    """Draw the part that every variable has, the largest on top.
+
+    Parameters
+    ----------
+    parts : mapping of str to float
+        From 0 to 1 by the name of the variable; one at least.
+    title : str
+        What they decide.
+    ax : Axes, optional
+        Where to draw.
+    """
+    ax = ax or new_axes(6.0, 0.9 + 0.32 * len(parts))
+    rows = np.arange(len(parts))
+    ax.barh(rows, [100 * part for part in parts.values()], color=GREEN, height=0.6)
+    for row, part in zip(rows.tolist(), parts.values(), strict=True):
+        ax.annotate(f"{100 * part:.0f} %", (100 * part, row), xytext=(4, 0), textcoords="offset points", va="center")
+    ax.set_yticks(rows, list(parts))
+    ax.set_ylim(len(parts) - 0.5, -0.5)
+    ax.set_xlim(0, 110)
+    ax.set_xlabel("importance (%)")
+    ax.set_title(title)
+    return ax
+
+
+@styled
+def plot_front(
+    points: npt.ArrayLike,
+    feasible: npt.ArrayLike,
+    front: Sequence[int],
+    *,
+    labels: tuple[str, str],
+    start: tuple[float, float] | None = None,
+    named: Mapping[int, str] | None = None,
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw two scores of all trials against each other, the Pareto front and the design as it was.
+
+    Parameters
+    ----------
+    points : array_like, shape (n, 2)
+        The scores.
+    feasible : array_like of bool, shape (n,)
+        Which keep all bounds; the others are left out.
+    front : sequence of int
+        Indices of the points on the front.
+    labels : tuple of str
+        Of both axes, with units.
+    start : tuple of float, optional
+        Scores of the design as it was.
+    named : mapping of int to str, optional
+        Names to write beside points.
+    ax : Axes, optional
+        Where to draw.
+
+    Raises
+    ------
+    ValueError
+        Shapes that do not fit.
+    """
+    values, kept = np.asarray(points, dtype=np.float64), np.asarray(feasible, dtype=np.bool_)
+    if values.ndim != 2 or values.shape[1] != 2 or values.shape[:1] != kept.shape:
+        raise ValueError(f"points must have shape (n, 2) and feasible (n,); got {values.shape} and {kept.shape}.")
+    ax = ax or new_axes(6.5, 4.6)
+    ax.scatter(values[kept, 0], values[kept, 1], s=14, color=_GREY, linewidth=0, label="keeps all bounds")
+    edge = values[sorted(front, key=lambda k: tuple(values[k].tolist()))]
+    if len(edge):
+        ax.plot(edge[:, 0], edge[:, 1], color=VERMILLION, linewidth=0.8, alpha=0.6)
+        ax.scatter(edge[:, 0], edge[:, 1], s=30, color=VERMILLION, label="Pareto front", zorder=3)
+        _focus_both(ax, edge if start is None else np.vstack([edge, start]), values[kept])
+    if start is not None:
+        ax.scatter(start[0], start[1], s=130, color=INK, marker="*", label="design as it was", zorder=4)
+    for k, name in (named or {}).items():
+        ax.annotate(name, values[k].tolist(), xytext=(6, 6), textcoords="offset points", weight="bold")
+    ax.set_xlabel(labels[0])
+    ax.set_ylabel(labels[1])
+    ax.grid(color=_GRID)
+    ax.set_axisbelow(True)
+    ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.2)
+    return ax
+
+
+@styled
+def boards_figure(boards: Mapping[str, CoilArray]) -> Figure:
+    """Draw boards one above the other, all at one scale.
+
+    Parameters
+    ----------
+    boards : mapping of str to CoilArray
+        By their titles; one at least.
+    """
+    edges = np.array([array.bounds for array in boards.values()])
+    (x_min, y_min), (x_max, y_max) = edges[:, :2].min(axis=0), edges[:, 2:].max(axis=0)
+    width, height = figure_size(x_max - x_min, y_max - y_min)
+    figure = Figure(figsize=(width, height * len(boards)))
+    rim = 0.02 * (x_max - x_min + y_max - y_min)
+    for k, (title, array) in enumerate(boards.items()):
+        ax = plot_board(array, figure.add_subplot(len(boards), 1, k + 1))
+        ax.set_xlim((x_min - rim) * 1e3, (x_max + rim) * 1e3)
+        ax.set_ylim((y_min - rim) * 1e3, (y_max + rim) * 1e3)
+        ax.set_title(title)
+    return figure
+
+
+def _focus(ax: Axes, values: npt.NDArray[np.float64], log: bool) -> None:
+    """Show all that keeps the bounds; what breaks them may lie far outside."""
+    if log and values.min() > 0:
+        ax.set_yscale("log")
+        ax.set_ylim(values.min() / 1.5, values.max() * 1.5)
+        return
+    room = 0.06 * (float(np.ptp(values)) or abs(float(values[0])) or 1.0)
+    ax.set_ylim(values.min() - room, values.max() + room)
+
+
+def _focus_both(ax: Axes, wanted: npt.NDArray[np.float64], others: npt.NDArray[np.float64]) -> None:
+    """Show the front and the start with as much room again; far-off points would make them a dot."""
+    low, high = wanted.min(axis=0), wanted.max(axis=0)
+    room = np.where(high > low, high - low, np.abs(high) + 1e-12)
+    near = np.clip(others, low - 0.15 * room, high + 1.0 * room)
+    low, high = np.minimum(low, near.min(axis=0)), np.maximum(high, near.max(axis=0))
+    rim = 0.05 * np.where(high > low, high - low, 1.0)
+    ax.set_xlim(low[0] - rim[0], high[0] + rim[0])
+    ax.set_ylim(low[1] - rim[1], high[1] + rim[1])
