@@ -114,7 +114,7 @@ def sweep(
     print_table(("quantity", "unit", "smallest", "where", "largest", "where"), rows)
     if reasons:
         typer.echo(f"{len(reasons)} of {len(plan.points)} points have no result; the first: {reasons[0]}")
-    typer.echo(f"wrote {out}: {len(plan.points)} points over {result.reason.dims}")
+    typer.echo(f"wrote {out}: {len(plan.points)} points over {', '.join(map(str, result.reason.dims))}")
     if plot is not None:
         typer.echo(f"wrote {plot}")
 
