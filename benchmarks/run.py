@@ -22,6 +22,7 @@ import accuracy
 import elastomer
 import localize
 import speed
+import sweep
 
 HERE = Path(__file__).parent
 README = HERE.parent / "README.md"
@@ -51,7 +52,7 @@ def _renew(text: str, name: str, table: str) -> str:
 def main() -> None:
     """Measure, print, keep."""
     accuracies = [*accuracy.measure(), *elastomer.accuracies()]
-    speeds = [*speed.measure(), *elastomer.speeds(), *localize.figures()]
+    speeds = [*speed.measure(), *elastomer.speeds(), *localize.figures(), *sweep.figures()]
     tables = {"accuracy": _accuracy_table(accuracies), "speed": _speed_table(speeds)}
     for table in tables.values():
         print(table, end="\n\n")

@@ -18,7 +18,7 @@ from coilarray.workers import Pool, workers
 COUPLING = ("worst_k", "rms_k")
 RESPONSE = ("worst_k", "peak_delta", "response_width_mm[coil3]")
 PITCHES = (11.0, 16.0)  # mm, in which random candidates lie
-WARM, ROUNDS = 6, 3  # candidates before a clock runs; runs, of which the middle one counts
+WARM, ROUNDS = 6, 5  # candidates before a clock runs; runs, of which the middle one counts
 
 
 def _candidates(count: int, seed: int) -> list[dict[str, float]]:
@@ -66,7 +66,7 @@ def figures() -> list[Speed]:
         coupling, clock = _rate(pool, COUPLING, 40, "screen")
         full, _ = _rate(pool, COUPLING, 4, "full")
         response, response_clock = _rate(pool, RESPONSE, 2, "screen")
-    ratio, rates = _speedup(100)
+    ratio, rates = _speedup(60)
     alone = cores() < 2
     return [
         Speed(

@@ -23,7 +23,10 @@ Progress = Callable[[int, int], None]
 
 
 def cores() -> int:
-    """Return the number of processor cores this process may use."""
+    """Return the number of processor cores this process may use, or what ``COILARRAY_THREADS`` says."""
+    said = os.environ.get("COILARRAY_THREADS", "")
+    if said.isdecimal() and int(said) > 0:
+        return int(said)
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -48,6 +51,8 @@ def run_blocks(
     todo = list(items)
     if not todo:
         return []
+    if cores() == 1:
+        return _run_here(work, todo, progress)
     done = 0
     with (
         _controller().limit(limits=1, user_api="blas"),
@@ -67,6 +72,17 @@ def run_blocks(
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
+
+
+def _run_here(work: Callable[[Item], Result], todo: Sequence[Item], progress: Progress | None) -> Sequence[Result]:
+    """Apply `work` in this thread: starting another one for each of many small blocks costs as much as they do."""
+    results = []
+    with _controller().limit(limits=1, user_api="blas"):
+        for item in todo:
+            results.append(work(item))
+            if progress is not None:
+                progress(len(results), len(todo))
+    return results
 
 
 @cache

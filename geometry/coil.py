@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from functools import cached_property
 from itertools import pairwise
 
@@ -234,6 +235,11 @@ def spiral_coil(
     >>> len(coil.lines), coil.via_points.shape
     (2, (1, 2))
     """
+    return _wound(spiral, winding_layers, via, leads, return_lead)
+
+
+@lru_cache(maxsize=64)  # searches and sweeps change the array around one coil a thousand times
+def _wound(spiral: Spiral, winding_layers: int, via: PlatedHole, leads: Leads | None, return_lead: bool) -> Coil:
     if winding_layers < 1:
         raise GeometryError(f"a coil must have at least one winding layer; got {winding_layers}.")
     if return_lead and (winding_layers % 2 == 0 or leads is None):

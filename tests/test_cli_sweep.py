@@ -62,7 +62,7 @@ def test_the_file_is_the_dataset_of_the_library(capsys, expected, where):
     with xr.open_dataset("s.nc", engine="h5netcdf") as saved:
         xr.testing.assert_identical(saved.load(), expected)
     assert Path("s.svg").read_text(encoding="utf-8").startswith("<?xml")
-    assert out.splitlines()[-2:] == ["wrote s.nc: 3 points over ('array.pitch_mm',)", "wrote s.svg"]
+    assert out.splitlines()[-2:] == ["wrote s.nc: 3 points over array.pitch_mm", "wrote s.svg"]
     assert len(kept()) == 3
 
 
@@ -74,7 +74,7 @@ def test_the_table_shows_the_extremes_and_where_they_are(capsys, expected):
     assert " ".join(span.split()) == f"span_mm mm {low} array.pitch_mm = 12 {high} array.pitch_mm = 16"
     assert area.split()[:2] == ["board_area_mm2", "mm²"]
     assert k.split()[0] == "k[coil1,coil2]"  # brackets are not markup
-    assert last == "wrote s.csv: 3 points over ('array.pitch_mm',)"
+    assert last == "wrote s.csv: 3 points over array.pitch_mm"
 
 
 def test_every_point_as_csv(capsys, expected):

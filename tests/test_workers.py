@@ -131,12 +131,13 @@ def test_every_worker_computes_with_one_thread(pool, monkeypatch):
     monkeypatch.setenv("COILARRAY_THREADS", "5")
     if isinstance(pool, InProcess):
         with workers() as one:
-            ((_, (counts, ours)),) = one.run(tasks.threads, [0])
+            ((_, (counts, ours, cores)),) = one.run(tasks.threads, [0])
     else:
-        ((_, (counts, ours)),) = pool.run(tasks.threads, [0])
+        ((_, (counts, ours, cores)),) = pool.run(tasks.threads, [0])
     assert counts
     assert set(counts) == {1}
     assert ours == "1"
+    assert cores == 1
     assert os.environ["COILARRAY_THREADS"] == "5"  # as it was
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_info
 
+from coilarray.blocks import cores
 from coilarray.errors import GoalError, MissingDependencyError
 
 
@@ -63,4 +64,4 @@ def die(x):
 def threads(_):
     """Threads of every linear algebra library in this process, and what our own work goes by."""
     counts = [library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"]
-    return counts, os.environ.get("COILARRAY_THREADS")
+    return counts, os.environ.get("COILARRAY_THREADS"), cores()

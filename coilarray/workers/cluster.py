@@ -99,7 +99,8 @@ class ClusterPool(Pool):
         self._tags: dict[str, tuple[int, Any]] = {}
         self._done: SimpleQueue[str] = SimpleQueue()
         self._threads = 1
-        self._looked = self._seen = time.monotonic() - _LOOK
+        self._looked = 0.0
+        self._alone_since: float | None = None
         self._look()
 
     @property
@@ -161,8 +162,10 @@ class ClusterPool(Pool):
             raise ClusterError(f"the Dask scheduler is lost ({type(error).__name__}).") from None
         self._looked = time.monotonic()
         if threads:
-            self._threads, self._seen = threads, self._looked
-        elif self._looked - self._seen > _ALONE:
+            self._threads, self._alone_since = threads, None
+        elif self._alone_since is None:
+            self._alone_since = self._looked
+        elif self._looked - self._alone_since > _ALONE:
             raise ClusterError(f"all workers of the cluster are lost, and none came back within {_ALONE:g} s.")
 
     def _result(self, future: Any) -> Any:

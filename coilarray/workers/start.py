@@ -11,13 +11,15 @@ from coilarray.workers.pool import InProcess, Pool, one_thread
 from coilarray.workers.processes import LocalPool
 
 MOST_WORKERS = 1024
+"""Local processes at most."""
 
 
 @contextmanager
 def workers(count: int = 1, cluster: str | None = None) -> Iterator[Pool]:
     """Open a pool of workers for the length of a ``with`` block; it ends with the block, however that is left.
 
-    Every worker computes with one thread, and results do not depend on the kind or number of workers.
+    Every worker computes with one thread. Results do not depend on the kind or number of workers: not in the last bit
+    on machines of one kind, and else but for rounding.
 
     Parameters
     ----------
