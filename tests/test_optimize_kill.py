@@ -14,7 +14,9 @@ import pytest
 SCRIPT = '''
 import json, sys, time
 from coilarray import load_design
-from coilarray.optimize import optimize_with, parse_goal
+from coilarray.optimize import optimize_with, parse_goal, store
+
+store.code_version = lambda: "the same"  # a working copy may be edited while this runs
 
 GOAL = """
 schema = 1
@@ -55,7 +57,8 @@ if __name__ == "__main__":
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signal 9 is for POSIX systems")
-def test_killed_and_resumed(tmp_path, capsys):
+def test_killed_and_resumed(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("coilarray.optimize.store.code_version", lambda: "put back after the script has set it")
     script = tmp_path / "script.py"
     script.write_text(SCRIPT)
     run = runpy.run_path(str(script))["run"]

@@ -104,16 +104,16 @@ def points_of(result):
 
 
 def test_finds_the_least(design, tmp_path):
-    goal = goal_of(trials=96, batch=8)
+    goal = goal_of(trials=80, batch=8)
     seen = []
     result = optimize_with(design, goal, tmp_path, Points(), lambda *told: seen.append(told))
     assert result.best.changes["array.columns"] == 6
     assert result.best.changes["circuit.default_termination"] == "short"
-    # the bowl's floor is 0, the start is at 1.6; 96 points in four variables come within a tenth of that
+    # the bowl's floor is 0, the start is at 1.6; 80 points in four variables come within a tenth of that
     assert result.best.scores[0] < 0.16 < result.start.scores[0]
     assert result.front == (result.best,)
-    assert [done for done, _, _ in seen] == list(range(1, 97))
-    assert {total for _, total, _ in seen} == {96}
+    assert [done for done, _, _ in seen] == list(range(1, 81))
+    assert {total for _, total, _ in seen} == {80}
     bests = [best.scores[0] for _, _, best in seen if best is not None]
     assert bests == sorted(bests, reverse=True)
     assert bests[-1] == result.best.scores[0]
@@ -143,18 +143,17 @@ def test_start_comes_first_where_it_lies_inside(design, tmp_path):
 
 @pytest.mark.parametrize(
     ("sampler", "wanted"),
-    [("tpe", LEAST + BOUND), ("nsga2", LEAST + MOST + BOUND), ("nsga3", LEAST + MOST), ("tpe", LEAST + MOST),
-     ("qmc", LEAST), ("random", LEAST + BOUND)],
+    [("tpe", LEAST + BOUND), ("nsga2", LEAST + MOST + BOUND), ("nsga3", LEAST + MOST), ("qmc", LEAST)],
 )  # fmt: skip
 def test_same_points_however_it_is_run(design, tmp_path, sampler, wanted):
-    goal = goal_of(wanted, sampler, trials=22)
+    goal = goal_of(wanted, sampler, trials=18)
     whole = optimize_with(design, goal, tmp_path / "whole", Points())
-    assert len({json.dumps(trial.changes) for trial in whole.trials}) > 18  # not one point again and again
+    assert len({json.dumps(trial.changes) for trial in whole.trials}) > 14  # not one point again and again
     backwards = optimize_with(design, goal, tmp_path / "backwards", Points(order=reversed))
     assert points_of(backwards) == points_of(whole)
     # stopped in the middle of a batch, its last points first, and again, and fewer points than in the end at first
     asked = 0
-    for end, trials in ((6, 22), (5, 22), (None, 14), (None, 22)):
+    for end, trials in ((6, 18), (4, 18), (None, 14), (None, 18)):
         part = Points(order=reversed, end=end)
         try:
             resumed = optimize_with(design, goal_of(wanted, sampler, trials=trials), tmp_path / "parts", part)
@@ -163,7 +162,7 @@ def test_same_points_however_it_is_run(design, tmp_path, sampler, wanted):
         asked += len(part.asked) - 1  # the start each time
     assert points_of(resumed) == points_of(whole)
     assert resumed.found == 14
-    assert asked == 21  # of 22 points, the first being the start: nothing twice
+    assert asked == 17  # of 18 points, the first being the start: nothing twice
 
 
 def test_other_seeds_give_other_points(design, tmp_path):
@@ -176,7 +175,7 @@ def test_other_seeds_give_other_points(design, tmp_path):
 
 
 def test_bounds_and_impossible_points(design, tmp_path):
-    goal = goal_of(LEAST + '[[constraint]]\nquantity = "span_mm"\nat_least = 90\n', trials=80, batch=8)
+    goal = goal_of(LEAST + '[[constraint]]\nquantity = "span_mm"\nat_least = 90\n', trials=64, batch=8)
     result = optimize_with(design, goal, tmp_path, Points())
     impossible = [trial for trial in result.trials if trial.reason]
     assert impossible
@@ -208,11 +207,11 @@ def test_nothing_keeps_the_bounds(design, tmp_path):
 
 
 def test_two_objectives(design, tmp_path):
-    result = optimize_with(design, goal_of(LEAST + MOST, "nsga2", trials=80, batch=8), tmp_path, Points())
+    result = optimize_with(design, goal_of(LEAST + MOST, "nsga2", trials=64, batch=8), tmp_path, Points())
     assert result.best is None
     assert "several objectives" in result.polish_problem
     scores = [trial.scores for trial in result.front]
-    assert len(scores) >= 5
+    assert len(scores) >= 3
     assert scores == sorted(scores)
     assert [span for _, span in scores] == sorted(span for _, span in scores)  # more of one costs of the other
     assert min(score[0] for score in scores) <= result.start.scores[0]
@@ -229,6 +228,39 @@ def test_more_may_be_watched_later(design, tmp_path):
     assert len(points.asked) == 2  # the start and the best
     assert again.best.quantities["board_area_mm2"] == quantities(again.best.changes)["board_area_mm2"]
     assert "board_area_mm2" in again.start.quantities
+
+
+def test_screened_points_are_confirmed(design, tmp_path):
+    """Screening makes scores a little too good here: what is found by it is computed again, until the front is true."""
+    asked = []
+
+    def screened(changes, accuracy):
+        for index, change in enumerate(changes):
+            asked.append((accuracy, change))
+            outcome = quantities(change)
+            if accuracy == "screen" and isinstance(outcome, dict):
+                outcome = {**outcome, "worst_k": 0.9 * outcome["worst_k"], "span_mm": outcome["span_mm"] + 4.0}
+            yield index, outcome
+
+    goal = parse_goal(
+        GOAL.replace("polish = 0", 'polish = 0\naccuracy = "screen"').format(
+            wanted=LEAST + '[[constraint]]\nquantity = "span_mm"\nat_least = 76\n',
+            sampler="tpe", trials=40, batch=8, watch="",
+        )
+    )  # fmt: skip
+    result = optimize_with(design, goal, tmp_path, screened)
+    assert asked[0] == ("full", {})
+    assert [accuracy for accuracy, _ in asked[1:41]] == ["screen"] * 40  # the start again, to be like the others
+    again = asked[41:]
+    assert {accuracy for accuracy, _ in again} == {"full"}
+    assert (result.start.quantities, result.best.quantities) == (
+        {key: quantities({})[key] for key in goal.quantities},
+        {key: quantities(result.best.changes)[key] for key in goal.quantities},
+    )
+    assert result.best.quantities["span_mm"] >= 76
+    assert result.best.changes in [changes for _, changes in again]
+    assert len(again) > 1  # the best by screening was none
+    assert not any(t.feasible for t in result.trials if t.scores and t.scores[0] < result.best.scores[0])
 
 
 def test_optuna_reads_the_store(design, tmp_path):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -118,6 +119,7 @@ def plot_front(
     labels: tuple[str, str],
     start: tuple[float, float] | None = None,
     named: Mapping[int, str] | None = None,
+    stairs: Literal["pre", "post"] | None = None,
     ax: Axes | None = None,
 ) -> Axes:
     """Draw two scores of all trials against each other, the Pareto front and the design as it was.
@@ -136,6 +138,9 @@ def plot_front(
         Scores of the design as it was.
     named : mapping of int to str, optional
         Names to write beside points.
+    stairs : {"pre", "post"}, optional
+        Bounds what the front has reached: ``"post"`` where the first score is to be small, ``"pre"`` where large. None
+        draws no line, as for two scores of more.
     ax : Axes, optional
         Where to draw.
 
@@ -151,7 +156,8 @@ def plot_front(
     ax.scatter(values[kept, 0], values[kept, 1], s=14, color=_GREY, linewidth=0, label="keeps all bounds")
     edge = values[sorted(front, key=lambda k: tuple(values[k].tolist()))]
     if len(edge):
-        ax.plot(edge[:, 0], edge[:, 1], color=VERMILLION, linewidth=0.8, alpha=0.6)
+        if stairs is not None:
+            ax.step(edge[:, 0], edge[:, 1], where=stairs, color=VERMILLION, linewidth=0.8, alpha=0.6)
         ax.scatter(edge[:, 0], edge[:, 1], s=30, color=VERMILLION, label="Pareto front", zorder=3)
         _focus_both(ax, edge if start is None else np.vstack([edge, start]), values[kept])
     if start is not None:

@@ -81,11 +81,18 @@ def optimize(
     try:
         with (
             open_workers(default_count() if workers is None else workers, cluster) as pool,
-            _progress(wanted) as told,
+            _progress(wanted) as show,
         ):
+
+            def told(done: int, total: int, best: Trial | None) -> None:
+                nonlocal found
+                found = max(found, done)
+                show(done, total, best)
+
             result = optimize_design(opened, wanted, out, pool, kept, told)
     except (KeyboardInterrupt, ClusterError):
-        typer.echo(f"coilarray: every point that is known is kept in {out}; the same command goes on", err=True)
+        if found:
+            typer.echo(f"coilarray: {found} points are kept in {out}; the same command goes on from there", err=True)
         raise
     files = (*write_optimization(result, out), write_optimization_report(result, out))
     if as_json:

@@ -151,8 +151,8 @@ def _excess(difference: float, bound: float) -> float:
 class Search(Table):
     """``[search]``: how many points, which sampler, what is random about it, and how exact.
 
-    ``accuracy = "screen"`` computes the inductances of the sampler's points faster, see `coilarray.inductance.Accuracy`;
-    the local solver's points and the designs that are chosen are always computed in full.
+    ``accuracy = "screen"`` computes the inductances of the sampler's points faster: `coilarray.inductance.Accuracy`.
+    The local solver's points and the designs that are chosen are always computed in full.
     """
 
     trials: Annotated[int, Field(ge=1, le=1_000_000)] = 200

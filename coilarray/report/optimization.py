@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import jinja2
 import numpy as np
@@ -182,7 +182,7 @@ def trial_table(result: Optimization) -> Table:
         )
         for name, trial in zip(names, shown, strict=True)
     )
-    return Table("trials", "Pareto front" if several else "Best points", columns, rows)
+    return Table("trials", "Designs of the front" if several else "Best points", columns, rows)
 
 
 def reason_table(result: Optimization) -> Table:
@@ -266,10 +266,16 @@ def _front_pictures(result: Optimization, chosen: Sequence[Chosen]) -> list[Pict
             labels=(_label(result, i), _label(result, j)),
             start=(result.start.scores[i], result.start.scores[j]) if result.start.scores else None,
             named={place[one.trial.name]: one.label for one in chosen},
+            stairs=_stairs(result),
         )
         wishes = " and ".join(result.goal.objectives[k].wish for k in (i, j))
         pictures.append(_picture(f"front_{i}_{j}", f"Pareto front: {wishes}. The star is the design as it was.", axes))
     return pictures
+
+
+def _stairs(result: Optimization) -> Literal["pre", "post"] | None:
+    first, *others = result.goal.objectives
+    return None if len(others) > 1 else "pre" if first.maximized else "post"
 
 
 def _board_picture(result: Optimization, chosen: Sequence[Chosen]) -> Picture:
