@@ -25,8 +25,9 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
 Accuracy = Literal["full", "screen"]
-"""``full``: 1e-6 of L and k. ``screen``: a tenth of the time for windings of many turns, 1e-4 of L and 5e-5 in k, for
-searches whose results are computed again in full (tests/test_inductance_screen.py)."""
+"""``full``: 1e-6 of L and k. ``screen``: a tenth of the time for windings of many turns, for searches whose results
+are computed again in full: 1e-4 of L, 5e-5 in k on the bundled boards, some 1e-4 for other weakly coupled windings, and
+up to 1 % of k where windings lie on each other (tests/test_inductance_screen.py)."""
 
 _SCALE = MU_0 / (4 * np.pi)
 _SAME_PLACE = 1e-12  # of the sources' extent; offsets and shapes that differ by less are the same pair

@@ -57,9 +57,9 @@ class NetFault:
 
     Parameters
     ----------
-    kind : {"bridge", "cut", "missing", "foreign"}
+    kind : {"bridge", "cut", "missing", "foreign", "net"}
         Two coils in one piece; a terminal cut off; copper or a hole missing beside an unbroken path; copper or a hole
-        that the design does not have.
+        that the design does not have; copper with the net of another coil or none.
     coils : tuple of str
         The coils concerned; none for copper that touches no coil.
     layer : str
@@ -70,7 +70,7 @@ class NetFault:
         One line with the place in mm.
     """
 
-    kind: Literal["bridge", "cut", "missing", "foreign"]
+    kind: Literal["bridge", "cut", "missing", "foreign", "net"]
     coils: tuple[str, ...]
     layer: str
     x: float
@@ -245,6 +245,56 @@ def check_nets(
     return NetCheck(len(pieces), (*bridges, *cuts, *missing, *foreign))
 
 
+def check_names(array: CoilArray, board: BoardCopper) -> tuple[NetFault, ...]:
+    """Compare the nets that a board's tracks, holes and pads have with the coils on which they lie.
+
+    Parameters
+    ----------
+    array : CoilArray
+        The design.
+    board : BoardCopper
+        Its copper, which has passed `check_nets`.
+
+    Returns
+    -------
+    tuple of NetFault
+        One for each piece that has another net than the name of its coil, or none.
+    """
+    lines: list[tuple[str, str, BaseGeometry]] = [
+        (layer, placement.name, shapely.LineString(placement.to_board(line)))
+        for placement in array.placements
+        for line, layer in zip(placement.coil.lines, placement.layers, strict=True)
+    ]
+    middles = [shapely.LineString([track.start, track.end]).centroid for track in board.tracks]
+    faults: list[NetFault] = []
+    for layer in array.stackup.names:
+        coils = [(name, way) for on, name, way in lines if on == layer]
+        copper = [(at, track.net) for at, track in zip(middles, board.tracks, strict=True) if track.layer == layer]
+        copper += [(shapely.Point(pad.x, pad.y), pad.net) for pad in board.pads if pad.layer == layer]
+        faults += _misnamed(f"copper on {layer}", layer, copper, coils)
+    bores = [(drill.net, shapely.Point(drill.x, drill.y)) for drill in drills(array) if drill.drilled]
+    holes = [(shapely.Point(hole.x, hole.y), hole.net) for hole in board.holes]
+    return (*faults, *_misnamed("a plated hole", array.stackup.names[0], holes, bores))
+
+
+def _misnamed(
+    what: str,
+    layer: str,
+    places: Sequence[tuple[shapely.Point, str | None]],
+    coils: Sequence[tuple[str, BaseGeometry]],
+) -> Iterator[NetFault]:
+    """Compare the net at every place with the name of the nearest coil."""
+    if not coils or not places:
+        return
+    nearest = shapely.STRtree([shape for _, shape in coils]).query_nearest([at for at, _ in places], all_matches=False)
+    for (at, net), k in zip(places, nearest[1].tolist(), strict=True):
+        name = coils[k][0]
+        if net != name:
+            has = "no net" if net is None else f"the net {net}"
+            text = f"{what} of {name} has {has} at {_mm((at.x, at.y))}"
+            yield NetFault("net", (name,), layer, at.x, at.y, text)
+
+
 def require_nets(check: NetCheck) -> None:
     """Raise GeometryError with the first fault of a net check and the number of the others."""
     if check.faults:
@@ -282,7 +332,7 @@ class _Coil:
             for layer in drill.layers:
                 least.setdefault(layer, []).append(disc(drill.x, drill.y, drill.pad - 2 * tolerance))
                 most.setdefault(layer, []).append(disc(drill.x, drill.y, drill.pad + 2 * tolerance))
-        bored = shapely.union_all([disc(drill.x, drill.y, drill.diameter + 2 * tolerance) for drill in own])
+        bored = shapely.union_all([disc(d.x, d.y, d.diameter + 2 * tolerance) for d in own if d.drilled])
         return _Coil(
             placement.name,
             lines,
@@ -308,7 +358,7 @@ class _Coil:
             return self._cut_at(begin, first, f"terminal 1 of {self.name} has no copper on {first} at {_mm(begin)}")
         if self._reached(piece, end, last):
             return None
-        bored = shapely.union_all([disc(drill.x, drill.y, drill.diameter) for drill in self.drills])
+        bored = shapely.union_all([disc(d.x, d.y, d.diameter) for d in self.drills if d.drilled])
         off = f"terminal 2 of {self.name} at {_mm(end)} is cut off: "
         for k, (line, layer) in enumerate(zip(self.lines, self.line_layers, strict=True)):
             way = shapely.LineString(line)
@@ -328,8 +378,8 @@ class _Coil:
 
     def _reached(self, piece: Mapping[str, BaseGeometry], point: FloatArray, layer: str) -> bool:
         """Whether the piece has copper at a point of a layer, or around the hole that is drilled there."""
-        radii = [drill.diameter / 2 for drill in self.drills if np.hypot(drill.x - point[0], drill.y - point[1]) < 1e-9]
-        reach = max(radii, default=0.0) + _BARREL_REACH
+        here = [d for d in self.drills if d.drilled and np.hypot(d.x - point[0], d.y - point[1]) < 1e-9]
+        reach = max((drill.diameter / 2 for drill in here), default=0.0) + _BARREL_REACH
         return layer in piece and bool(shapely.dwithin(piece[layer], shapely.Point(point), reach))
 
     def missing(
@@ -337,7 +387,7 @@ class _Coil:
     ) -> Iterator[NetFault]:
         """Holes and copper of the coil that are not there."""
         for drill in self.drills:
-            if len(drill.layers) > 1 and not any(_same(hole, drill, tolerance) for hole in holes):
+            if drill.drilled and not any(_same(hole, drill, tolerance) for hole in holes):
                 text = f"the plated hole of {self.name} at {_mm((drill.x, drill.y))} is missing"
                 yield NetFault("missing", (self.name,), drill.layers[0], drill.x, drill.y, text)
         for layer, least in self.least.items():
@@ -414,7 +464,8 @@ def _foreign_copper(piece: Mapping[str, BaseGeometry], coils: Sequence[_Coil], t
 
 def _same(hole: Barrel, drill: Drill, tolerance: float) -> bool:
     return (
-        np.hypot(hole.x - drill.x, hole.y - drill.y) <= tolerance
+        drill.drilled
+        and bool(np.hypot(hole.x - drill.x, hole.y - drill.y) <= tolerance)
         and abs(hole.drill - drill.diameter) <= 2 * tolerance
         and set(hole.layers) == set(drill.layers)
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal, cast
@@ -46,7 +47,7 @@ class CopperFeature:
 
 @dataclass(frozen=True)
 class Drill:
-    """One plated hole.
+    """One plated hole with its pads, or a terminal's pad without a hole.
 
     Parameters
     ----------
@@ -62,6 +63,8 @@ class Drill:
         Copper layers it pierces, top to bottom; on each stands a pad.
     plating : float
         Thickness of the copper barrel inside the hole in m.
+    drilled : bool
+        False for a terminal that reaches one layer of several: there is its pad, and no hole is made.
     """
 
     net: str
@@ -72,6 +75,7 @@ class Drill:
     pad: float
     layers: tuple[str, ...]
     plating: float
+    drilled: bool = True
 
 
 def copper_features(array: CoilArray) -> tuple[CopperFeature, ...]:
@@ -110,37 +114,45 @@ def copper_features(array: CoilArray) -> tuple[CopperFeature, ...]:
 
 
 def drills(array: CoilArray) -> tuple[Drill, ...]:
-    """Return every hole, coil by coil: the vias along the path, then the two terminals."""
+    """Return every hole and pad, coil by coil: the vias along the path, then the two terminals."""
     return tuple(drill for placement in array.placements for drill in _drills_of(array, placement))
 
 
 def _drills_of(array: CoilArray, placement: Placement) -> list[Drill]:
-    coil, stackup = placement.coil, array.stackup
+    coil, stackup, name = placement.coil, array.stackup, placement.name
     holes = []
     for (x, y), first, last in zip(
         placement.to_board(coil.via_points), placement.layers, placement.layers[1:], strict=False
     ):
         layers = stackup.names if array.through_holes else stackup.between(first, last)
         via = coil.via
-        holes.append(Drill(placement.name, "via", float(x), float(y), via.drill, via.pad, layers, via.plating))
+        holes.append(Drill(name, "via", float(x), float(y), via.drill, via.pad, layers, via.plating))
     terminal = coil.terminal
     if terminal is not None:
         ends = (placement.layers[0], placement.layers[-1])
         for (x, y), layer in zip(placement.to_board(coil.terminal_points), ends, strict=True):
             layers = stackup.names if array.through_holes else (layer,)
-            holes.append(
-                Drill(
-                    placement.name,
-                    "terminal",
-                    float(x),
-                    float(y),
-                    terminal.drill,
-                    terminal.pad,
-                    layers,
-                    terminal.plating,
-                )
-            )
+            drilled = len(layers) > 1 or len(stackup.names) == 1
+            sizes = (terminal.drill, terminal.pad)
+            holes.append(Drill(name, "terminal", float(x), float(y), *sizes, layers, terminal.plating, drilled))
     return holes
+
+
+def copper_by_layer(array: CoilArray) -> dict[str, dict[str, BaseGeometry]]:
+    """Unite the copper of every net on every layer.
+
+    Parameters
+    ----------
+    array : CoilArray
+        The board.
+
+    Returns
+    -------
+    dict of str to dict
+        What `layer_copper` returns, of each layer of the stack-up from top to bottom.
+    """
+    features = copper_features(array)
+    return {layer: _united(features, layer, array.names) for layer in array.stackup.names}
 
 
 def layer_copper(array: CoilArray, layer: str) -> dict[str, BaseGeometry]:
@@ -159,11 +171,15 @@ def layer_copper(array: CoilArray, layer: str) -> dict[str, BaseGeometry]:
         In m, in the order of the coils; nets without copper on the layer are left out.
     """
     array.stackup.index(layer)
+    return _united(copper_features(array), layer, array.names)
+
+
+def _united(features: Iterable[CopperFeature], layer: str, nets: Iterable[str]) -> dict[str, BaseGeometry]:
     shapes: dict[str, list[shapely.Polygon]] = {}
-    for feature in copper_features(array):
+    for feature in features:
         if feature.layer == layer:
             shapes.setdefault(feature.net, []).append(feature.shape)
-    return {net: shapely.union_all(shapes[net]) for net in array.names if net in shapes}
+    return {net: shapely.union_all(shapes[net]) for net in nets if net in shapes}
 
 
 def board_outline(array: CoilArray) -> shapely.Polygon:

@@ -10,7 +10,7 @@ from shapely.geometry.base import BaseGeometry
 
 from coilarray.errors import GeometryError
 from coilarray.geometry.array import CoilArray
-from coilarray.geometry.copper import Drill, board_outline, disc, drills, layer_copper
+from coilarray.geometry.copper import Drill, board_outline, copper_by_layer, disc, drills
 from coilarray.geometry.sheet import Sheet
 
 
@@ -53,11 +53,11 @@ def board_prisms(array: CoilArray) -> dict[str, Prism]:
     [('copper/top/A', -3.5e-05)]
     """
     stackup = array.stackup
-    holes = drills(array)
+    holes = [hole for hole in drills(array) if hole.drilled]
     pieces: dict[str, Prism] = {}
-    for layer in stackup.names:
+    for layer, nets in copper_by_layer(array).items():
         drilled = shapely.union_all([_hole(hole) for hole in holes if layer in hole.layers])
-        for net, copper in layer_copper(array, layer).items():
+        for net, copper in nets.items():
             pieces[f"copper/{layer}/{net}"] = Prism(shapely.difference(copper, drilled), *stackup.span(layer))
     for net in array.names:
         for n, hole in enumerate(hole for hole in holes if hole.net == net):

@@ -14,7 +14,7 @@ from shapely.geometry.base import BaseGeometry
 
 from coilarray.errors import GeometryError, RuleViolationError
 from coilarray.geometry.array import CoilArray, Placement
-from coilarray.geometry.copper import Drill, drills, layer_copper
+from coilarray.geometry.copper import Drill, copper_by_layer, drills
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -148,7 +148,8 @@ def check_rules(array: CoilArray, rules: FabRules) -> tuple[Margin, ...]:
 
     Notes
     -----
-    Pads count on every layer that their hole pierces, so that a hole through foreign copper shows as a clearance.
+    Pads count on every layer that their hole pierces, so that a hole through foreign copper shows as a clearance. A
+    terminal's pad without a hole has neither drill nor ring.
 
     The spacing within one net is the smallest distance of two places of its copper on one layer that face each
     other across a gap: the way between them along the copper is at least three times (from a pad: one and a half
@@ -171,15 +172,15 @@ def check_rules(array: CoilArray, rules: FabRules) -> tuple[Margin, ...]:
     >>> worst.rule, worst.feature, round(worst.margin * 1e3, 6)
     ('clearance', 'A – B', 0.05)
     """
-    holes = drills(array)
+    pads = drills(array)
+    holes = tuple(pad for pad in pads if pad.drilled)
     margins = [*_board(array, rules), *_trace_widths(array, rules), *_holes(array, holes, rules)]
     margins += _hole_depths(array, holes, rules)
-    for layer in array.stackup.names:
-        copper = layer_copper(array, layer)
+    for layer, copper in copper_by_layer(array).items():
         margins += _edge_clearance(array, layer, copper, rules)
         margins += _clearances(layer, copper, rules)
         for placement in array.placements:
-            own = [hole for hole in holes if hole.net == placement.name and layer in hole.layers]
+            own = [pad for pad in pads if pad.net == placement.name and layer in pad.layers]
             margins += _spacing_within(placement, layer, own, rules)
     return tuple(sorted(margins, key=lambda margin: (margin.kept, margin.unit == "m", margin.margin)))
 

@@ -33,8 +33,8 @@ def solids(array: CoilArray, sheets: Sequence[Sheet] = ()) -> dict[str, trimesh.
         In m, z = 0 at the top face of the top copper. The keys:
 
         - ``copper/<layer>/<coil>``: trace and pads as one, with the holes cut out, as thick as the layer.
-        - ``barrel/<coil>/<n>``: hollow cylinder in the coil's n-th hole (n from 0, in the order of `drills`), from the
-          top of the uppermost to the bottom of the lowest layer it pierces.
+        - ``barrel/<coil>/<n>``: hollow cylinder in the coil's n-th hole (n from 0, in the order of `drills`; a pad
+          without a hole does not count), from the top of the uppermost to the bottom of the lowest layer it pierces.
         - ``board``: the laminate as a whole, from the bottom of the top copper to the top of the bottom copper, less
           the holes through the whole board. Inner copper and blind holes lie inside it. A board of one copper layer
           has none.

@@ -28,7 +28,7 @@ class Kicad(Protocol):
         ...
 
     def plot(self, board: Path, folder: Path) -> None:
-        """Plot Gerber files into a new folder, from the drill origin."""
+        """Plot Gerber files and their job file into a new folder, from the drill origin."""
         ...
 
 
@@ -47,14 +47,18 @@ def find_kicad() -> Kicad | str:
 
 
 def gerbers(kicad: Kicad, board: Path) -> dict[str, Path]:
-    """Plot a board; the files by the function that they say they have, such as "Copper,L1,Top"."""
+    """Plot a board; the files by the function that they say they have, such as "Copper,L1,Top"; the job as "Job"."""
+    board = board.resolve()  # KiCad takes a folder that is not absolute as one beside the board
     folder = board.parent / "plots"
     folder.mkdir()
     kicad.plot(board, folder)
-    return {
+    files = {
         re.findall(r"%TF\.FileFunction,(.*?)\*%", file.read_text(encoding="utf-8"))[0]: file
         for file in folder.glob("*.gbr")
     }
+    (job,) = folder.glob("*.gbrjob")
+    assert files, f"KiCad plotted nothing of {board}"
+    return {**files, "Job": job}
 
 
 @dataclass(frozen=True)
@@ -121,6 +125,7 @@ def _script(task: str, *arguments: str) -> None:
         plotter.OpenPlotfile(str(layer), pcbnew.PLOT_FORMAT_GERBER, "")
         plotter.PlotLayer()
     plotter.ClosePlot()
+    pcbnew.GERBER_JOBFILE_WRITER(board).CreateJobFile(f"{target}/board-job.gbrjob")
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,7 @@ from coilarray.cli.main import main
 from coilarray.designs import read
 from coilarray.fab_schema import load_profile
 from coilarray.geometry import check_rules
+from coilarray.report.tables import Column
 
 
 @pytest.fixture(autouse=True)
@@ -66,6 +68,14 @@ def test_a_kept_design(capsys):
     assert f"… and {len(margins) - len(first)} more (--all)" in out
     assert "(--all)" not in run(capsys, "starter", "--all")[1]
     assert len(rows_of(run(capsys, "starter", "--all")[1])) == len(margins)
+
+
+def test_no_number_is_minus_zero(capsys):
+    """Places of symmetric coils lie within rounding of the axes, on either side."""
+    out = run(capsys, "gast_fem", "--all")[1] + run(capsys, "gast_fem")[1]
+    assert not re.search(r"−0\.0*(\s|$)", out)
+    assert Column("x_m", "x (mm)", 1e3, 3).text(-2e-19) == "0.000"
+    assert Column("x_m", "x (mm)", 1e3, 3).text(-5.1e-7) == "−0.001"
 
 
 def test_the_limits_of_a_house(capsys):
@@ -167,6 +177,7 @@ def test_list_fabs(capsys):
         (("starter", "--picture", "no/m.png"), "cannot write no/m.png: there is no folder no."),
         (("starter", "--out", "m.json"), "--out must end in .csv; got m.json."),
         (("starter", "--out", "no/m.csv"), "cannot write no/m.csv: there is no folder no."),
+        (("starter", "--out", "a" * 300 + ".csv"), "a.csv: File name too long."),
         (("none.toml",), "there is no design file none.toml"),
     ],
 )

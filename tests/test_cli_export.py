@@ -31,6 +31,30 @@ AVAILABLE = [
 ]
 
 
+ONE_LAYER = """
+schema = 1
+name = "one"
+[stackup]
+layers = ["top"]
+copper_thickness_um = [35]
+[coils.a]
+shape = "circle"
+segments_per_turn = 32
+outer_diameter_mm = 10
+turns_per_layer = 3
+winding_layers = 1
+trace_width_mm = 0.2
+gap_mm = 0.2
+leads = { length_mm = 2.0, spacing_mm = 1.5, pad_mm = 1.0, drill_mm = 0.5 }
+[array]
+lattice = "free"
+placements = [
+  { name = "A", coil = "a", layers = ["top"], x_mm = 0, y_mm = 0, rotation_deg = 30 },
+  { name = "B", coil = "a", layers = ["top"], x_mm = 20, y_mm = 5, rotation_deg = -77.7 },
+]
+"""
+
+
 @pytest.fixture(autouse=True)
 def _in_a_folder_of_its_own(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -90,13 +114,38 @@ def test_copper_that_is_not_the_coils_is_told(capsys, monkeypatch, to, writer):
     def losing(array, path, **options):
         return true(array.with_placements(array.placements[:-1]), path, **options)
 
+    assert run(capsys, "starter", "--to", to)[0] == 0
+    before = {path: path.read_bytes() for path in Path().rglob("*") if path.is_file()}
     monkeypatch.setattr(f"{module}.{name}", losing)
-    assert "its copper is not that of the coils" in refused(capsys, "starter", "--to", to, "--force")
+    line = refused(capsys, "starter", "--to", to, "--force")
+    assert f"{NAMES[to]} is not written: its copper is not that of the coils" in line
+    assert {path: path.read_bytes() for path in Path().rglob("*") if path.is_file()} == before
     code, out, _ = run(capsys, "starter", "--to", to, "--force", "--allow-violations")
     assert code == 0
     assert "warning: " in out
     code, out, _ = run(capsys, "starter", "--to", to, "--force", "--allow-violations", "--json")
     assert "coil3" in " ".join(json.loads(out)["net_faults"])
+
+
+def test_a_segment_with_the_net_of_another_coil_is_told(capsys, monkeypatch):
+    from coilarray.geometry.export import kicad
+
+    true = kicad.board_text
+
+    def misnamed(array, name, title):
+        head, segment, rest = true(array, name, title).partition("(segment ")
+        return head + segment + rest.replace("(net 1)", "(net 2)", 1)
+
+    monkeypatch.setattr(kicad, "board_text", misnamed)
+    assert "of coil1 has the net coil2 at (" in refused(capsys, "starter", "--to", "kicad")
+
+
+@pytest.mark.parametrize("to", ["kicad", "gerber"])
+def test_a_board_of_one_layer(capsys, to):
+    Path("one.toml").write_text(ONE_LAYER, encoding="utf-8")
+    code, out, err = run(capsys, "one.toml", "--to", to)
+    assert (code, err) == (0, "")
+    assert "net check of the copper as written: 2 coils, each whole and by itself" in out
 
 
 def test_files_hold_the_board(capsys):

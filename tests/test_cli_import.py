@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -105,6 +106,32 @@ def test_what_is_left_out_and_noted_is_printed(capsys, write):
     assert "note: A: 1 of the holes on the path join none" in out
 
 
+def test_copper_without_a_net_has_none_in_the_table(capsys, write):
+    text = board(path(*SPIRAL, net="0"))
+    code, out, _ = run(capsys, write(text))
+    assert code == 0
+    assert ["coil1", "–", "shape1"] in [line.split()[:3] for line in out.splitlines()]
+    assert "note: coil1: the current enters at (-5, 5) mm on F.Cu, where its first track is" in out
+    assert "note: Board files have no fab rules and the design has no [fab]" in out
+    _, out, _ = run(capsys, "b.kicad_pcb", "--json", "--force")
+    assert json.loads(out)["coils"][0]["net"] is None
+    assert "no [fab]" in json.loads(out)["notes"][-1]
+
+
+def test_folders_that_cannot_be_searched_are_named(capsys, write, monkeypatch):
+    file = write(board(path(*SPIRAL)))
+    found = Path.stat
+
+    def refuse(path, **options):
+        if "closed" in path.parts:
+            raise PermissionError(13, "Permission denied", str(path))
+        return found(path, **options)
+
+    monkeypatch.setattr(Path, "stat", refuse)
+    assert "closed/b.kicad_pcb: cannot be read: Permission denied" in refused(capsys, "closed/b.kicad_pcb")
+    assert "closed/d.toml" in refused(capsys, file, "--out", "closed/d.toml")
+
+
 def test_only_the_wanted_nets(capsys, write):
     text = board(path(*SPIRAL), path((20, 0), (30, 0), net="2"))
     code, _, _ = run(capsys, write(text), "--nets", " B , A", "--out", "d.toml")
@@ -138,15 +165,16 @@ def test_a_file_that_exists_is_only_replaced_when_told(capsys, write, tmp_path):
         (["b.kicad_pcb", "--nets", " , "], "b.kicad_pcb: --nets must name at least one net; got ' , '"),
         (["b.kicad_pcb", "--nets", "B"], "net B must have two ends; 3 ways meet at (25, 0) mm"),
         (["b.kicad_pcb", "--stackup", "none.toml"], "there is no design file none.toml"),
-        (["b.kicad_pcb", "--out", "."], ". is a folder; name a file in it"),
+        (["b.kicad_pcb", "--out", "."], "--out must end in .toml; got ."),
         (["b.kicad_pcb", "--out", "no/such/folder.toml"], "cannot write no/such/folder.toml"),
+        (["b.kicad_pcb/x.kicad_pcb"], "b.kicad_pcb/x.kicad_pcb: there is no such file or folder"),
         (["b.txt"], "b.txt: a board must be a .kicad_pcb file, or Gerber files in a .zip or a folder"),
         (["cut.kicad_pcb"], "cut.kicad_pcb:9: the file ends inside"),
         (
             ["empty.kicad_pcb"],
             "empty.kicad_pcb: no net is one path from end to end with a whole turn; it has no tracks",
         ),
-        (["far.kicad_pcb"], "far.kicad_pcb: array.placements.0.x_mm must be at most 100000; got 200000"),
+        (["far.kicad_pcb"], "must lie within 10000 mm; got 200095, 95"),
         ([], "Missing argument 'BOARD'"),
     ],
 )

@@ -197,7 +197,10 @@ def test_an_unknown_design_is_one_line(capsys):
 def test_an_interrupted_sweep_tells_what_is_kept_and_goes_on(capsys, monkeypatch, count):
     vary = [f"{12 + k / 8:g}" for k in range(150)]  # half a minute of work where it is not interrupted
     arguments = ["starter", "--quantity", "worst_k", "--workers", count, "--out", "s.csv"]
-    code = f"import sys; from coilarray.cli.main import main; sys.exit(main(['sweep', *{arguments!r}, *sys.argv[1:]]))"
+    # a test run in the background of a shell hands its ignorance of Ctrl-C down to us
+    heard = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
+    start = f"import sys; from coilarray.cli.main import main; sys.exit(main(['sweep', *{arguments!r}, *sys.argv[1:]]))"
+    code = f"{heard}; {start}"
     process = subprocess.Popen(
         [sys.executable, "-c", code, "--vary", f"array.pitch_mm={','.join(vary)}"],
         stdout=subprocess.PIPE,

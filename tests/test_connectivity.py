@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -23,7 +24,15 @@ from coilarray.geometry import (
     path_coil,
     spiral_coil,
 )
-from coilarray.geometry.connectivity import Barrel, NetCheck, check_nets, connected_pieces, require_nets
+from coilarray.geometry.connectivity import (
+    Barrel,
+    NetCheck,
+    check_names,
+    check_nets,
+    connected_pieces,
+    require_nets,
+)
+from coilarray.geometry.readers.board_copper import BoardCopper, Hole, SurfacePad, Track
 
 Layers = dict[str, list[shapely.geometry.base.BaseGeometry]]
 
@@ -329,6 +338,58 @@ def test_a_board_of_one_layer() -> None:
     array = one_coil(path_coil([[(0, 0), (5e-3, 0), (5e-3, 5e-3)]], 2e-4, 2e-4, VIA))
     layers, _ = design_copper(array)
     assert check_nets(array, layers, []) == NetCheck(1, ())
+
+
+def test_a_board_of_one_layer_has_its_holes() -> None:
+    coil = path_coil([[(0, 0), (5e-3, 0), (5e-3, 5e-3)]], 2e-4, 2e-4, VIA, PlatedHole(5e-4, 1e-3))
+    array = one_coil(coil)
+    layers, _ = design_copper(array)
+    holes = [Barrel(h.x, h.y, h.diameter, h.layers) for h in drills(array)]
+    assert check_nets(array, layers, holes) == NetCheck(1, ())
+    assert faults(check_nets(array, layers, holes[1:])) == [("missing", ("A",), "L1")]
+
+
+def test_a_hole_where_a_terminal_is_a_mere_pad_is_foreign() -> None:
+    array = replace(two_coils(), through_holes=False)
+    layers, holes = design_copper(array)
+    pad = next(hole for hole in drills(array) if not hole.drilled)
+    check = check_nets(array, layers, [*holes, Barrel(pad.x, pad.y, pad.diameter, pad.layers)])
+    assert faults(check) == [("foreign", (), pad.layers[0])]
+
+
+def board_with_nets(array: CoilArray) -> BoardCopper:
+    """The design as a reader gives it, every piece with the net of its coil."""
+    tracks = [
+        Track(layer, tuple(start), tuple(end), width, placement.name, "file:1")
+        for placement in array.placements
+        for line, widths, layer in zip(placement.coil.lines, placement.coil.widths, placement.layers, strict=True)
+        for (start, end), width in zip(pairwise(placement.to_board(line).tolist()), widths.tolist(), strict=True)
+    ]
+    holes = [
+        Hole(h.x, h.y, h.diameter, h.pad, h.layers, h.net, "via" if h.kind == "via" else "pad", "file:1")
+        for h in drills(array)
+        if h.drilled
+    ]
+    pads = [SurfacePad(h.x, h.y, h.layers[0], h.net, "file:1") for h in drills(array) if not h.drilled]
+    return BoardCopper("file", array.stackup, tuple(tracks), tuple(holes), tuple(pads))
+
+
+@pytest.mark.parametrize("through_holes", [True, False])
+@pytest.mark.parametrize("net", ["B", None])
+@pytest.mark.parametrize("kind", ["tracks", "holes", "pads"])
+def test_copper_with_the_net_of_another_coil(through_holes: bool, net: str | None, kind: str) -> None:
+    array = replace(two_coils(), through_holes=through_holes)
+    board = board_with_nets(array)
+    assert check_names(array, board) == ()
+    pieces = getattr(board, kind)
+    if kind == "pads" and through_holes:
+        assert pieces == ()
+        return
+    k = next(k for k, piece in enumerate(pieces) if piece.net == "A")
+    changed = (*pieces[:k], replace(pieces[k], net=net), *pieces[k + 1 :])
+    (fault,) = check_names(array, replace(board, **{kind: changed}))
+    assert (fault.kind, fault.coils, fault.layer) == ("net", ("A",), "L1")
+    assert f" of A has {'the net B' if net else 'no net'} at (" in fault.text
 
 
 def test_unknown_layers_are_refused() -> None:

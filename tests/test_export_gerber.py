@@ -21,7 +21,7 @@ import shapely
 from boards import FOUR_LAYERS, LEADS, VIA, many_layers, one_coil, reference_board
 from PIL import Image
 
-from coilarray.errors import MissingDependencyError, OutputError
+from coilarray.errors import MissingDependencyError, OutputError, RuleViolationError
 from coilarray.geometry import (
     CoilArray,
     Placement,
@@ -33,7 +33,7 @@ from coilarray.geometry import (
     path_coil,
     spiral_coil,
 )
-from coilarray.geometry.connectivity import board_layers, check_nets
+from coilarray.geometry.connectivity import board_layers, check_names, check_nets
 from coilarray.geometry.export.gerber import write_gerbers
 from coilarray.geometry.readers.gerber_board import read_gerbers
 
@@ -380,8 +380,9 @@ def test_names_with_signs_of_the_format_come_back(tmp_path: Path) -> None:
 )
 def test_the_exported_copper_passes_the_net_check(array: CoilArray, tmp_path: Path) -> None:
     write_gerbers(array, tmp_path / "board.zip", name="board")
-    check = check_nets(array, *board_layers(read_gerbers(tmp_path / "board.zip")))
-    assert check.faults == ()
+    board = read_gerbers(tmp_path / "board.zip")
+    check = check_nets(array, *board_layers(board))
+    assert check.faults == check_names(array, board) == ()
     assert check.pieces == len(array.placements)
 
 
@@ -439,8 +440,23 @@ def test_a_failed_export_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest
     assert list(tmp_path.iterdir()) == [path]
 
 
+def test_a_board_that_is_refused_leaves_the_old_file(tmp_path: Path) -> None:
+    path = tmp_path / "board.zip"
+    path.write_bytes(b"old")
+
+    def refuse(board: Path) -> None:
+        assert zipfile.is_zipfile(board)
+        raise RuleViolationError("not this one")
+
+    with pytest.raises(RuleViolationError):
+        write_gerbers(small_board(), path, name="board", check=refuse)
+    assert path.read_bytes() == b"old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
 def test_a_missing_gerbonara_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "gerbonara.rs274x", None)
+    for module in ("gerbonara", "gerbonara.rs274x"):
+        monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(MissingDependencyError, match=r"pip install \"coilarray\[fab\]\""):
         write_gerbers(small_board(), tmp_path / "board.zip", name="board")
     assert list(tmp_path.iterdir()) == []

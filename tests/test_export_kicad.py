@@ -23,7 +23,7 @@ from hypothesis import strategies as st
 from kicad_tools import Kicad, find_kicad, gerbers
 
 from coilarray.design import load_design
-from coilarray.errors import OutputError
+from coilarray.errors import OutputError, RuleViolationError
 from coilarray.geometry import (
     CoilArray,
     FabRules,
@@ -247,6 +247,11 @@ def test_stack_up_and_layers(tmp_path: Path) -> None:
         ("2", "In2.Cu", "signal", "signal.2"),
         ("31", "B.Cu", "signal", "low"),
     ]
+    assert [node.text() for node in board.need("setup").need("stackup").children("layer")] == [
+        "F.SilkS", "F.Paste", "F.Mask",
+        "F.Cu", "dielectric 1", "In1.Cu", "dielectric 2", "In2.Cu", "dielectric 3", "B.Cu",
+        "B.Mask", "B.Paste", "B.SilkS",
+    ]  # fmt: skip
     slabs = [node for node in board.need("setup").need("stackup").children("layer") if node.child("thickness")]
     assert [node.text() for node in slabs] == [
         "F.Cu", "dielectric 1", "In1.Cu", "dielectric 2", "In2.Cu", "dielectric 3", "B.Cu",
@@ -485,6 +490,65 @@ def test_a_new_export_replaces_its_own_files_only(tmp_path: Path) -> None:
     assert [file.name for file in tmp_path.iterdir()] == ["project"]
 
 
+def contents(folder: Path) -> dict[str, bytes | None]:
+    """Bytes of every file and None for every folder."""
+    return {
+        str(path.relative_to(folder)): None if path.is_dir() else path.read_bytes()
+        for path in sorted(folder.rglob("*"))
+    }
+
+
+def test_a_file_where_the_footprints_belong_leaves_the_old_board(tmp_path: Path) -> None:
+    written(single_layer(), tmp_path)
+    for file in (tmp_path / "project" / "board.pretty").iterdir():
+        file.unlink()
+    (tmp_path / "project" / "board.pretty").rmdir()
+    (tmp_path / "project" / "board.pretty").write_text("mine")
+    before = contents(tmp_path)
+    with pytest.raises(OutputError, match=r"cannot make the folder .*board\.pretty: a file has that name"):
+        written(reference_board(), tmp_path)
+    assert contents(tmp_path) == before
+
+
+@pytest.mark.parametrize("old", [True, False])
+def test_a_board_that_cannot_be_replaced_whole_stays(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, old: bool
+) -> None:
+    """The footprints come last; root may write everywhere, so the refusal of the system is played."""
+    if old:
+        written(single_layer(), tmp_path)
+    else:
+        (tmp_path / "project").mkdir()
+        (tmp_path / "project" / "notes.txt").write_text("mine")
+    before = contents(tmp_path)
+    replace_file = Path.replace
+
+    def fail_at_the_footprint(self: Path, target: Path) -> Path:
+        if self.suffix == ".kicad_mod":
+            raise PermissionError(13, "Permission denied", str(self), None, str(target))
+        return replace_file(self, target)
+
+    monkeypatch.setattr(Path, "replace", fail_at_the_footprint)
+    with pytest.raises(OutputError, match=r"cannot write .*board\.pretty.C1\.kicad_mod: Permission denied"):
+        written(reference_board(), tmp_path)
+    assert contents(tmp_path) == before
+
+
+@pytest.mark.parametrize("old", [True, False])
+def test_a_board_that_is_refused_leaves_all_as_it_was(tmp_path: Path, old: bool) -> None:
+    if old:
+        written(single_layer(), tmp_path)
+    before = contents(tmp_path)
+
+    def refuse(board: Path) -> None:
+        assert len(list(read_sexpr(board).children("footprint"))) == 6  # the new one
+        raise RuleViolationError("not this one")
+
+    with pytest.raises(RuleViolationError):
+        write_kicad(reference_board(), tmp_path / "project", name="board", rules=RULES, check=refuse)
+    assert contents(tmp_path) == before
+
+
 # ---- what KiCad itself says
 
 
@@ -554,6 +618,28 @@ def test_gerbers_of_kicad_are_the_copper(design: str, kicad: Kicad, tmp_path: Pa
         assert plotted.symmetric_difference(expected).area < 1e-3 * expected.area
     edge = gerber_copper(files["Profile,NP"])
     assert np.abs(np.subtract(edge.bounds, board_outline(array).bounds)).max() < 0.026e-3  # half the pen
+
+
+@pytest.mark.parametrize("make", [reference_board, single_layer], ids=lambda make: make.__name__)
+def test_kicad_keeps_the_thicknesses(make: Any, kicad: Kicad, tmp_path: Path) -> None:
+    """In the job file for the board house; KiCad tells none where it discards the stack-up."""
+    array = make()
+    board = write_kicad(array, tmp_path / "project", name="board", rules=RULES)[0]
+    job = json.loads(gerbers(kicad, board)["Job"].read_text(encoding="utf-8"))
+    copper = [layer["Thickness"] for layer in job["MaterialStackup"] if layer["Type"] == "Copper"]
+    slabs = [layer["Thickness"] for layer in job["MaterialStackup"] if layer["Type"] == "Dielectric"]
+    names = len(array.stackup.names)
+    assert copper[:names] == pytest.approx([1e3 * t for t in array.stackup.copper_thickness])  # the empty back follows
+    assert slabs[: names - 1] == pytest.approx([1e3 * t for t in array.stackup.dielectric_thickness])
+    assert len(slabs) == len(copper) - 1
+
+
+def test_plots_of_a_board_at_a_relative_path(kicad: Kicad, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_kicad(single_layer(), tmp_path / "project", name="board", rules=RULES)
+    monkeypatch.chdir(tmp_path)
+    files = gerbers(kicad, Path("project/board.kicad_pcb"))
+    assert "Copper,L1,Top" in files
+    assert {file.parent for file in files.values()} == {tmp_path.resolve() / "project" / "plots"}
 
 
 def gerber_copper(path: Path) -> shapely.Geometry:

@@ -20,13 +20,17 @@ LABEL = "{http://www.inkscape.org/namespaces/inkscape}label"
 MODE = "{http://www.inkscape.org/namespaces/inkscape}groupmode"
 
 
-def spiral(sides, layers, rotation):
-    return one_coil(
-        spiral_coil(Spiral(sides, 6e-3, 6, 0.15e-3, 0.15e-3, circular=sides > 8), layers, VIA, LEADS), rotation=rotation
-    )
+def spiral(sides, layers, rotation, *, through_holes=True):
+    winding = Spiral(sides, 6e-3, 6, 0.15e-3, 0.15e-3, circular=sides > 8)
+    return one_coil(spiral_coil(winding, layers, VIA, LEADS), rotation=rotation, through_holes=through_holes)
 
 
-BOARDS = {"reference": reference_board(), "triangle": spiral(3, 2, 0.4), "circle": spiral(96, 2, -2.0)}
+BOARDS = {
+    "reference": reference_board(),
+    "triangle": spiral(3, 2, 0.4),
+    "circle": spiral(96, 2, -2.0),
+    "four layers, blind holes": spiral(4, 4, 1.0, through_holes=False),
+}
 
 
 @pytest.fixture(params=BOARDS.values(), ids=BOARDS.keys(), scope="module")
@@ -102,7 +106,8 @@ def test_edge_holes_and_names(read):
     low_high = np.array(array.bounds).reshape(2, 2) * 1e3
     np.testing.assert_allclose([corners.min(axis=0), corners.max(axis=0)], low_high, rtol=0, atol=ROUNDING)
     holes = [[float(circle.get(key)) for key in ("cx", "cy", "r")] for circle in layers["drills"]]
-    expected = [(hole.x * 1e3, hole.y * 1e3, hole.diameter / 2 * 1e3) for hole in drills(array)]
+    drilled = [hole for hole in drills(array) if hole.drilled]
+    expected = [(hole.x * 1e3, hole.y * 1e3, hole.diameter / 2 * 1e3) for hole in drilled]
     np.testing.assert_allclose(holes, expected, rtol=0, atol=ROUNDING)
     for text, placement in zip(layers["names"], array.placements, strict=True):
         assert text.text == placement.name

@@ -27,7 +27,7 @@ from coilarray.geometry import (
     path_coil,
     spiral_coil,
 )
-from coilarray.geometry.copper import disc, trace_outline
+from coilarray.geometry.copper import copper_by_layer, disc, trace_outline
 
 
 def length(line):
@@ -98,15 +98,28 @@ def test_holes_end_where_they_are_needed_when_they_are_not_drilled_through():
     )
     placement = Placement("A", coil, ("L3", "L1", "L2"), 0, 0)
     blind = drills(CoilArray(FOUR_LAYERS, (placement,), through_holes=False))
-    assert [(hole.kind, hole.layers) for hole in blind] == [
-        ("via", ("L1", "L2", "L3")),
-        ("via", ("L1", "L2")),
-        ("terminal", ("L3",)),
-        ("terminal", ("L2",)),
+    assert [(hole.kind, hole.layers, hole.drilled) for hole in blind] == [
+        ("via", ("L1", "L2", "L3"), True),
+        ("via", ("L1", "L2"), True),
+        ("terminal", ("L3",), False),
+        ("terminal", ("L2",), False),
     ]
     through = drills(CoilArray(FOUR_LAYERS, (placement,)))
-    assert {hole.layers for hole in through} == {FOUR_LAYERS.names}
+    assert {(hole.layers, hole.drilled) for hole in through} == {(FOUR_LAYERS.names, True)}
     assert [hole.x for hole in through] == pytest.approx([1e-3, 2e-3, 0, 3e-3])
+
+
+@pytest.mark.parametrize("through_holes", [True, False])
+def test_a_board_of_one_layer_is_drilled(through_holes):
+    coil = path_coil([[(0, 0), (1e-2, 0)]], 1e-4, 1e-4, VIA, LEADS.terminal)
+    assert [hole.drilled for hole in drills(one_coil(coil, through_holes=through_holes))] == [True, True]
+
+
+@pytest.mark.parametrize("through_holes", [True, False])
+def test_all_layers_at_once_are_each_layer_alone(through_holes):
+    array = reference_board(through_holes=through_holes)
+    assert list(copper_by_layer(array)) == list(array.stackup.names)
+    assert copper_by_layer(array) == {layer: layer_copper(array, layer) for layer in array.stackup.names}
 
 
 def test_copper_of_a_net_on_a_layer_is_one_piece_with_its_pads():

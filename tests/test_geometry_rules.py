@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -71,6 +72,20 @@ def test_the_reference_board_keeps_the_default_rules():
 
 def test_blind_holes_keep_the_rules_too():
     require_rules(reference_board(through_holes=False), RULES)
+
+
+def test_a_pad_without_a_hole_has_no_rule_of_holes():
+    """Six vias of 0.2 mm; the twelve terminals of 0.5 mm with rings of 0.25 mm reach one layer each."""
+    blind = check_rules(reference_board(through_holes=False), FabRules(min_annular_ring=1e-3, blind_holes=False))
+    (count,) = [margin for margin in blind if margin.rule == "blind holes"]
+    assert count.value == 6
+    bare = path_coil([[(0, 0), (5e-3, 0)]], 1e-3, 1e-3, VIA, LEADS.terminal)
+    array = CoilArray(FOUR_LAYERS, (Placement("A", bare, ("L2",), 0, 0),), through_holes=False)
+    rules = {margin.rule for margin in check_rules(array, FabRules(max_aspect_ratio=10))}
+    assert not rules & {"drill", "annular ring", "hole spacing", "aspect ratio"}
+    assert {"drill", "annular ring", "aspect ratio"} <= {
+        margin.rule for margin in check_rules(replace(array, through_holes=True), FabRules(max_aspect_ratio=10))
+    }
 
 
 def test_checking_is_fast():

@@ -34,7 +34,11 @@ VOLUME = 1e-9  # relative: triangulated prisms of coordinates up to 1000 times t
 
 def holes_of(array, layer=None):
     return shapely.union_all(
-        [disc(hole.x, hole.y, hole.diameter) for hole in drills(array) if layer is None or layer in hole.layers]
+        [
+            disc(hole.x, hole.y, hole.diameter)
+            for hole in drills(array)
+            if hole.drilled and (layer is None or layer in hole.layers)
+        ]
     )
 
 
@@ -83,7 +87,7 @@ def test_copper_volume_is_area_times_thickness(built):
 def test_barrels_are_hollow_and_span_their_layers(built):
     array, parts = built
     for net in array.names:
-        own = [hole for hole in drills(array) if hole.net == net]
+        own = [hole for hole in drills(array) if hole.net == net and hole.drilled]
         assert sum(name.startswith(f"barrel/{net}/") for name in parts) == len(own)
         for n, hole in enumerate(own):
             solid = parts[f"barrel/{net}/{n}"]
@@ -92,6 +96,12 @@ def test_barrels_are_hollow_and_span_their_layers(built):
             polygon = 64 * math.sin(2 * math.pi / 128) * (outer**2 - inner**2)  # regular, 128 corners
             assert solid.volume == pytest.approx(polygon * (top - bottom), rel=VOLUME)
             assert solid.bounds[:, 2] == pytest.approx([bottom, top], abs=1e-15)
+
+
+def test_a_pad_without_a_hole_has_no_barrel():
+    parts = solids(BOARDS["four layers, blind holes"])
+    # three vias between four layers; the terminals reach one layer each
+    assert [name for name in parts if name.startswith("barrel/")] == ["barrel/A/0", "barrel/A/1", "barrel/A/2"]
 
 
 def test_laminate_fills_the_board_between_the_outer_copper(built):

@@ -220,6 +220,18 @@ def test_a_stackup_that_is_given_wins_over_the_job_file(tmp_path: Path) -> None:
     assert board.assumed == {}
 
 
+def test_dielectrics_in_series_without_all_thicknesses_are_as_in_kicad_boards(tmp_path: Path) -> None:
+    parts = [{"Type": "Dielectric", "Thickness": 0.1, "DielectricConstant": 4.4}]
+    parts += [{"Type": "Dielectric", "DielectricConstant": 3.3}]
+    copper = [{"Type": "Copper", "Name": name, "Thickness": 0.035} for name in ("top", "bottom")]
+    job = json.dumps({"MaterialStackup": [copper[0], *parts, copper[1]]})
+    board = read(tmp_path, {**BOARD, "b.gbrjob": job})
+    assert set(board.assumed) == {"stackup.dielectric_thickness_mm"}
+    # equal parts in series, as in test_readers_kicad.py
+    assert board.stackup.epsilon_r == pytest.approx((2 / (1 / 4.4 + 1 / 3.3),))
+    assert board.stackup.dielectric_thickness == pytest.approx((1.6e-3 - 70e-6,))
+
+
 # ---- other makes
 
 
@@ -259,14 +271,16 @@ def test_arcs_are_divided_on_their_circle(mode, end, centre, turn, tmp_path: Pat
     board = read(tmp_path, {"top.gbr": gerber("Copper,L1,Top", "D10*", *arc)})
     points = np.array([board.tracks[0].start, *(track.end for track in board.tracks)])
     assert all(a.end == b.start for a, b in zip(board.tracks, board.tracks[1:], strict=False))
-    assert np.hypot(*points.T) == pytest.approx(4e-3, rel=1e-12)
+    assert np.abs(np.hypot(*points.T) - 4e-3).max() < 1e-6
     assert points[0] == pytest.approx([4e-3, 0])
     assert points[-1] == pytest.approx(np.array(end) * 1e-3)
     angle = np.unwrap(np.arctan2(points[:, 1], points[:, 0]))
     if mode == "G03" or end != (4, 0):  # a whole circle covers the same either way round
         assert angle[-1] - angle[0] == pytest.approx(turn)
     middle = 0.5 * (points[1:] + points[:-1])
-    assert (4e-3 - np.hypot(*middle.T)).max() < 1e-6
+    assert np.abs(4e-3 - np.hypot(*middle.T)).max() < 1e-6
+    x, y = points.T
+    assert 0.5 * abs((x[:-1] * y[1:] - x[1:] * y[:-1]).sum()) == pytest.approx(0.5 * 16e-6 * abs(turn), rel=1e-9)
 
 
 def test_inches_commented_attributes_and_idle_transformations(tmp_path: Path) -> None:
@@ -580,11 +594,26 @@ def test_a_stackup_of_other_layers_is_refused(tmp_path: Path) -> None:
 def test_files_that_cannot_be_read_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "top.gbr").write_text(BOARD["top.gbr"])
 
-    def refuse(_: Path) -> bytes:
-        raise PermissionError(13, "Permission denied")
+    def refuse(path: Path) -> bytes:
+        raise PermissionError(13, "Permission denied", str(path))
 
     monkeypatch.setattr(Path, "read_bytes", refuse)
-    with pytest.raises(BoardError, match=r": cannot be read: Permission denied"):
+    with pytest.raises(BoardError, match=r"/top\.gbr: cannot be read: Permission denied"):
+        read_gerbers(tmp_path)
+
+
+def test_folders_that_cannot_be_listed_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "top.gbr").write_text(BOARD["top.gbr"])
+    (tmp_path / "inner").mkdir()
+    listed = os.scandir
+
+    def refuse(path: object) -> object:
+        if str(path).endswith("inner"):
+            raise PermissionError(13, "Permission denied", str(path))
+        return listed(path)
+
+    monkeypatch.setattr(os, "scandir", refuse)
+    with pytest.raises(BoardError, match=r"/inner: cannot be read: Permission denied"):
         read_gerbers(tmp_path)
 
 
@@ -610,8 +639,25 @@ def test_holes_that_join_nothing_are_left_out(tmp_path: Path) -> None:
 
 def test_a_missing_gerbonara_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "gerbonara.rs274x", None)
+    monkeypatch.setitem(sys.modules, "gerbonara", None)
     with pytest.raises(MissingDependencyError, match=r"pip install \"coilarray\[fab\]\""):
         read(tmp_path, BOARD)
+
+
+def test_a_broken_gerbonara_says_what_is_wrong(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "gerbonara.rs274x", None)
+    with pytest.raises(MissingDependencyError, match=r"installed and cannot be loaded: import of gerbonara\.rs274x"):
+        read(tmp_path, BOARD)
+
+
+def test_pads_keep_their_shapes(tmp_path: Path) -> None:
+    top = gerber("Copper,L1,Top", "D12*", flashes((0, 0), (9, 9)), "D10*", stroke(0, 0, 5, 0), "D11*", flashes((5, 0)))
+    board = read(tmp_path, {**BOARD, "top.gbr": top, "holes.drl": excellon((0, 0), (5, 0))})
+    (pad,) = [pad for pad in board.pads if pad.layer == "L1"]
+    assert pad.shape.bounds == pytest.approx((8.4e-3, 8.2e-3, 9.6e-3, 9.8e-3))
+    hole = board.holes[0]
+    assert hole.copper("L1").area == pytest.approx(1.2 * 1.6e-6)
+    assert hole.copper("L2").area == pytest.approx(math.pi * 0.3e-3**2, rel=1e-3)  # a polygon of 128 corners
 
 
 def test_shapes_of_a_board_are_what_its_files_cover(tmp_path: Path) -> None:

@@ -223,6 +223,7 @@ def test_what_the_stackup_does_not_say_is_assumed_and_said(read):
     thin = read(board(setup=SUBLAYERS.replace("(thickness 0.07)", "").replace("(thickness 0.3)", "")))
     assert set(thin.assumed) == {"stackup.copper_thickness_um", "stackup.dielectric_thickness_mm"}
     assert thin.stackup.dielectric_thickness == pytest.approx((1.6e-3 - 70e-6,))
+    assert thin.stackup.epsilon_r == pytest.approx((2 / (1 / 4.4 + 1 / 3.3),))  # equal parts in series
     assert read(board(layers=1)).stackup.dielectric_thickness == ()
 
 
@@ -344,6 +345,56 @@ def test_slots_and_pads_that_are_no_conductor(read):
     assert [(pad.number, pad.layer) for pad in found.pads] == [("3", "F.Cu"), ("3", "B.Cu")]
 
 
+def placed(x, y, turn, *inside):
+    return f'(footprint "x" (layer "F.Cu") (at {x} {y} {turn}) {" ".join(inside)})'
+
+
+def test_a_hole_has_the_pads_of_its_own_layers(read):
+    one_side = '(pad "1" thru_hole circle (at 0 0) (size 2 2) (drill 1) (layers "F.Cu" "*.Mask"))'
+    outer = '(pad "2" thru_hole circle (at 5 0) (size 2 2) (drill 1) (layers "F&B.Cu"))'
+    first, second = read(board(footprint(one_side, outer), layers=4)).holes
+    assert first.layers == ("F.Cu",)
+    assert second.layers == ("F.Cu", "In1.Cu", "In2.Cu", "B.Cu")
+    areas_mm = [second.copper(layer).area * 1e6 for layer in second.layers]
+    assert areas_mm == pytest.approx([math.pi, math.pi / 4, math.pi / 4, math.pi], rel=1e-3)  # 128 corners
+    everywhere = '(pad "3" thru_hole circle (at 0 0) (size 2 2) (drill 1) (layers "*.Cu") (remove_unused_layers yes))'
+    (removed,) = read(board(footprint(everywhere.replace("yes)", "yes) (keep_end_layers yes)")), layers=4)).holes
+    areas_mm = [removed.copper(layer).area * 1e6 for layer in removed.layers]
+    assert areas_mm == pytest.approx([math.pi, math.pi / 4, math.pi / 4, math.pi], rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("pad", "bounds", "area"),
+    [
+        ("rect (at 0 0) (size 4 1)", (-2, -0.5, 2, 0.5), 4),
+        ("rect (at 0 0 90) (size 4 1)", (-0.5, -2, 0.5, 2), 4),
+        ("rect (at 3 1 45) (size 2 2)", (3 - 2**0.5, -1 - 2**0.5, 3 + 2**0.5, -1 + 2**0.5), 4),
+        ("oval (at 0 0) (size 4 1)", (-2, -0.5, 2, 0.5), 3 + math.pi / 4),
+        ("oval (at 0 0) (size 1 4)", (-0.5, -2, 0.5, 2), 3 + math.pi / 4),
+        ("circle (at 0 0) (size 1 1) (drill (offset 1 2))", (0.5, -2.5, 1.5, -1.5), math.pi / 4),
+        ("roundrect (at 0 0) (size 4 2) (roundrect_rratio 0.25)", (-2, -1, 2, 1), 8 - (4 - math.pi) / 4),
+        ("trapezoid (at 0 0) (size 4 2) (rect_delta 0 1)", (-2.5, -1, 2.5, 1), 10),
+        (
+            "custom (at 1 0 90) (size 1 1) (options (clearance outline) (anchor rect)) "
+            "(primitives (gr_line (start 0 0) (end 5 0) (width 1)))",
+            (0.5, -0.5, 1.5, 5.5),
+            0.5 + 5 + math.pi / 8,
+        ),
+    ],
+)
+def test_shapes_of_pads(read, pad, bounds, area):
+    (found,) = read(board(footprint(f'(pad "1" smd {pad} (layers "F.Cu"))'))).pads
+    np.testing.assert_allclose(np.array(found.shape.bounds) * 1e3, bounds, atol=2e-3)  # rounded corners are shrunk
+    assert found.shape.area * 1e6 == pytest.approx(area, rel=3e-3)  # circles have 32 to 128 corners
+    assert found.copper is found.shape
+
+
+def test_pads_turn_on_the_sheet_not_in_their_footprint(read):
+    (found,) = read(board(placed(100, 100, 30, '(pad "1" smd rect (at 2 0 90) (size 4 1) (layers "F.Cu"))'))).pads
+    x, y = 2 * math.cos(math.radians(30)), 2 * math.sin(math.radians(30))
+    np.testing.assert_allclose(np.array(found.shape.bounds) * 1e3, (x - 0.5, y - 2, x + 0.5, y + 2), atol=1e-9)
+
+
 # ---- arcs
 
 
@@ -354,7 +405,7 @@ def test_slots_and_pads_that_are_no_conductor(read):
     part=st.floats(0.1, 0.9),
 )
 @settings(max_examples=80, deadline=None)
-def test_pieces_of_an_arc_stay_on_it(radius, first, turn, part):
+def test_pieces_of_an_arc_stay_on_it_and_keep_its_area(radius, first, turn, part):
     assume(abs(turn) > 0.05)
     centre = np.array([3e-3, -2e-3])
 
@@ -364,21 +415,29 @@ def test_pieces_of_an_arc_stay_on_it(radius, first, turn, part):
     points = arc_points(on_circle(first), on_circle(first + part * turn), on_circle(first + turn))
     assert tuple(points[0]) == on_circle(first)
     assert tuple(points[-1]) == on_circle(first + turn)
+    away = np.hypot(*(points - centre).T) - radius
     # the centre from three points at least 5 mrad apart: 1e-18 m of rounding over their sagitta, 3e-6 of the radius
-    np.testing.assert_allclose(np.hypot(*(points - centre).T), radius, rtol=1e-6)
-    chords = np.hypot(*np.diff(points, axis=0).T)
-    sagitta = radius - np.sqrt(radius**2 - chords**2 / 4)
-    assert sagitta.max() <= CHORD_ERROR * (1 + 1e-3)
-    # inscribed chords of angle φ are shorter than the arc by φ²/24
-    phi = abs(turn) / len(chords)
-    assert chords.sum() == pytest.approx(radius * abs(turn) * (1 - phi**2 / 24), rel=1e-5 + phi**4 / 1000)
+    assert np.abs(away).max() <= CHORD_ERROR * 1.01 + 1e-6 * radius
+    middle = 0.5 * (points[1:] + points[:-1])
+    assert np.abs(np.hypot(*(middle - centre).T) - radius).max() <= CHORD_ERROR * 1.01 + 1e-6 * radius
+    # the sector that the pieces cut out is that of the arc
+    (x, y), (u, v) = (points[:-1] - centre).T, (points[1:] - centre).T
+    assert 0.5 * abs((x * v - u * y).sum()) == pytest.approx(0.5 * radius**2 * abs(turn), rel=1e-5)
 
 
 def test_arcs_that_are_lines_or_circles():
     assert arc_points((0, 0), (1e-3, 0), (2e-3, 0)).tolist() == [[0, 0], [2e-3, 0]]
     whole = arc_points((1e-3, 0), (-1e-3, 0), (1e-3, 0))
-    assert np.hypot(*np.diff(whole, axis=0).T).sum() == pytest.approx(2 * math.pi * 1e-3, rel=1e-3)  # chord error
+    assert np.hypot(*np.diff(whole, axis=0).T).sum() == pytest.approx(2 * math.pi * 1e-3, rel=1e-3)  # zigzag of 0.9 µm
     assert arc_points((0, 0), (0, 0), (0, 0)).tolist() == [[0, 0], [0, 0]]
+
+
+@pytest.mark.parametrize("rise", [1e-9, 1e-8, 1e-7])
+def test_the_flattest_arcs_are_divided(rise):
+    # 20 m from end to end: the radius is up to 5e10 m, over which 0.9 µm is below the rounding of 1
+    points = arc_points((-10.0, 0.0), (0.0, rise), (10.0, 0.0))
+    assert len(points) < 10
+    assert np.abs(points[:, 1]).max() <= CHORD_ERROR
 
 
 def test_a_curved_track(read):
@@ -465,6 +524,58 @@ def test_what_is_unknown_and_has_a_net_is_kept_in_sight(read):
     assert (found.net, found.what) == ("A", "an unknown (hyperloop …)")
 
 
+TEXT = '(gr_text "HHHHHHHHHH" (at 105 100 {turn}) (layer "{layer}"){hide} (effects (font (size 3 3) (thickness 0.4))))'
+
+
+def test_texts_on_copper_are_areas(read):
+    (found,) = areas(read, TEXT.format(turn=0, layer="F.Cu", hide=""))
+    assert (found.layer, found.net, found.what) == ("F.Cu", None, "a text")
+    x_min, y_min, x_max, y_max = (value * 1e3 for value in found.shape.bounds)
+    assert x_min < 5 - 13 < 5 + 13 < x_max  # ten letters of at least 2.6 mm
+    assert y_min < -1.5 < 1.5 < y_max
+    (upright,) = areas(read, TEXT.format(turn=90, layer="F.Cu", hide=""))
+    assert np.ptp(np.array(upright.shape.bounds)[[0, 2]]) == pytest.approx((y_max - y_min) * 1e-3)
+    assert areas(read, TEXT.format(turn=0, layer="F.SilkS", hide="")) == ()
+    for hide in (" hide", " (hide yes)"):
+        assert areas(read, TEXT.format(turn=0, layer="F.Cu", hide=hide)) == ()
+    assert len(areas(read, TEXT.format(turn=0, layer="F.Cu", hide=" (hide no)"))) == 1
+
+
+@pytest.mark.parametrize(
+    ("item", "what", "inside"),
+    [
+        ('(gr_text_box "x" (start 100 100) (end 110 95) (layer "F.Cu"))', "a text box", (5, 2)),
+        (
+            '(dimension (type aligned) (layer "F.Cu") (pts (xy 100 100) (xy 110 100)) (height 3))',
+            "a dimension",
+            (5, -2),
+        ),
+        ('(hyperloop (start 100 100) (end 110 90) (layer "F.Cu"))', r"an unknown (hyperloop …)", (5, 5)),
+        (footprint('(fp_text user "R1" (at 2 0 0) (layer "F.Cu") (effects (font (size 1 1))))'), "a text", (2, 0)),
+        (footprint('(property "Value" "10k" (at 2 0 0) (layer "F.Cu") (effects (font (size 1 1))))'), "a text", (2, 0)),
+        (
+            footprint('(fp_text user "left" (at 2 0 0) (layer "F.Cu") (effects (font (size 1 1)) (justify left)))'),
+            "a text",
+            (5, 0),
+        ),
+    ],
+)
+def test_whatever_else_is_on_copper_is_an_area(read, item, what, inside):
+    (found,) = areas(read, item)
+    assert (found.layer, found.what) == ("F.Cu", what)
+    assert found.shape.contains(shapely.Point(*(value * 1e-3 for value in inside)))
+
+
+def test_groups_and_pictures_are_no_copper(read):
+    assert areas(read, '(generated (layer "F.Cu") (base_line (pts (xy 100 100) (xy 110 90))))') == ()
+    assert areas(read, '(image (at 100 100) (layer "F.Cu"))') == ()
+
+
+def test_tracks_with_an_opened_mask(read):
+    opened = segment((0, 0), (5, 2)).replace('(layer "F.Cu")', '(layers "F.Cu" "F.Mask")')
+    assert read(board(opened, version=KICAD_9)).tracks[0].layer == "F.Cu"
+
+
 def test_the_edge_of_the_board(read):
     edge = drawn("rect", "(start 90 95)", "(end 130 110)", layer='(layer "Edge.Cuts")', width="(width 0.1)")
     assert read(board(edge)).edge == pytest.approx((-10e-3, -10e-3, 30e-3, 5e-3))
@@ -484,6 +595,15 @@ def test_the_edge_of_the_board(read):
         (segment((0, 0), (1, 0), layer="F.SilkS"), "a track must lie on a copper layer; got F.SilkS"),
         ("(segment (start 1 2) (width 1) (layer F.Cu))", r"\(segment …\) must have a \(end …\)"),
         ("(segment (start 1) (end 1 2) (width 1) (layer F.Cu))", r"\(start …\) must have 2 words; got 1"),
+        (segment((0, 0), (1, 0)).replace('(layer "F.Cu")', ""), r"\(segment …\) must have a \(layer …\)"),
+        (
+            segment((0, 0), (1, 0)).replace('(layer "F.Cu")', '(layers "F.Cu" "B.Cu")'),
+            r"\(segment …\) must lie on one copper layer; got F\.Cu, B\.Cu",
+        ),
+        (
+            "(arc (start 1 2) (mid 1 1e30) (end 2 2) (width 1) (layer F.Cu))",
+            r"\(mid …\) must lie within 10000 mm; got 1, 1e\+30",
+        ),
         (via(0, 0, size="0"), r"\(size …\) must be positive"),
         (via(0, 0, layers=("F.Cu",)), "a via must join two copper layers; got F.Cu"),
         (via(0, 0, layers=()), "a via must join two copper layers; got none"),

@@ -191,9 +191,10 @@ def test_processes_end_with_the_block_whatever_they_do(error):
 
 
 SCRIPT = """
-import os, sys
+import os, signal, sys
 import worker_tasks as tasks
 from coilarray.workers import workers
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs hand their deafness down
 with workers(2) as pool:
     print(*{pid for _, pid in pool.run(tasks.nap, [0.5, 0.5])}, flush=True)
     list(pool.run(tasks.nap, [120.0] * 4))

@@ -84,7 +84,7 @@ def plot_copper(array: CoilArray, layer: str, ax: Axes | None = None) -> Axes:
         if feature.layer == layer:
             # no add_patch, which would search every edge for the limits of the axes
             ax.add_artist(_patch(feature.shape, facecolor=colours[feature.net], linewidth=0))
-    holes = [drill for drill in drills(array) if layer in drill.layers]
+    holes = [drill for drill in drills(array) if drill.drilled and layer in drill.layers]
     circles = [Circle((drill.x * _MM, drill.y * _MM), drill.diameter / 2 * _MM) for drill in holes]
     ax.add_collection(PatchCollection(circles, facecolor="white", edgecolor=INK, linewidth=0.3))
     present = {feature.net for feature in copper_features(array) if feature.layer == layer and feature.kind == "trace"}
@@ -111,7 +111,9 @@ def plot_board(array: CoilArray, ax: Axes | None = None) -> Axes:
         for feature in features:
             if feature.layer == layer:
                 ax.add_artist(_patch(feature.shape, facecolor=colours[layer], linewidth=0, alpha=0.6))
-    circles = [Circle((drill.x * _MM, drill.y * _MM), drill.diameter / 2 * _MM) for drill in drills(array)]
+    circles = [
+        Circle((drill.x * _MM, drill.y * _MM), drill.diameter / 2 * _MM) for drill in drills(array) if drill.drilled
+    ]
     ax.add_collection(PatchCollection(circles, facecolor="white", edgecolor=INK, linewidth=0.3))
     for name, (x, y) in zip(array.names, array.centres * _MM, strict=True):
         box = {"boxstyle": "round,pad=0.2", "facecolor": "white", "alpha": 0.8, "linewidth": 0}

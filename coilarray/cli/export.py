@@ -13,6 +13,8 @@ from coilarray.cli.shared import AllowViolations, AsJson, DesignArgument, open_d
 from coilarray.errors import OutputError, RuleViolationError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from coilarray.design import Design
 
 Format = Literal["kicad", "gerber", "dxf", "svg", "step", "stl", "glb"]
@@ -45,8 +47,8 @@ def export(
     """Write a board for fabrication or for another program.
 
     kicad: a project with board and footprints. gerber: a zip of Gerber X2 and Excellon files for a board house; both
-    are read back, and every coil must be whole and apart from the others. dxf, svg: drawings in mm. step, stl: solids
-    in mm. glb: a scene for viewers.
+    are read back before they take their place, and every coil must be whole and apart from the others. dxf, svg:
+    drawings in mm. step, stl: solids in mm. glb: a scene for viewers.
 
     Example: coilarray export gast2020 --to gerber --out board.zip
     """
@@ -56,10 +58,15 @@ def export(
     target = Path(_default_name(opened.name, to)) if out is None else out
     if out is None:
         _check(target, to, force=force)
-    written = _write(opened, target, to, with_sheets=not no_sheets)
-    faults = _net_faults(opened, written[0], to)
-    if faults and not allow_violations:
-        raise RuleViolationError(f"wrote {target}, but its copper is not that of the coils: {'; '.join(faults)}.")
+    faults: list[str] = []
+
+    def check(board: Path) -> None:
+        faults.extend(_net_faults(opened, board, to))
+        if faults and not allow_violations:
+            listed = "; ".join(faults)
+            raise RuleViolationError(f"{target} is not written: its copper is not that of the coils: {listed}.")
+
+    written = _write(opened, target, to, check, with_sheets=not no_sheets)
     sizes = [path.stat().st_size for path in written]
     if as_json:
         files = [{"path": str(path), "bytes": size} for path, size in zip(written, sizes, strict=True)]
@@ -114,17 +121,19 @@ def _check_project_folder(target: Path) -> None:
         raise OutputError(f"cannot write {target}: there is no folder {target.parent}.")
 
 
-def _write(opened: Design, target: Path, to: Format, *, with_sheets: bool) -> tuple[Path, ...]:
-    """Write one format and return the files that it made."""
+def _write(
+    opened: Design, target: Path, to: Format, check: Callable[[Path], None], *, with_sheets: bool
+) -> tuple[Path, ...]:
+    """Write one format and return the files that it made; `check` sees a board before it is in its place."""
     array, sheets = opened.array, opened.sheets if with_sheets else ()
     if to == "kicad":
         from coilarray.geometry.export.kicad import write_kicad
 
-        return write_kicad(array, target, name=opened.name, rules=opened.rules, title=opened.title)
+        return write_kicad(array, target, name=opened.name, rules=opened.rules, title=opened.title, check=check)
     if to == "gerber":
         from coilarray.geometry.export.gerber import write_gerbers
 
-        write_gerbers(array, target, name=opened.name)
+        write_gerbers(array, target, name=opened.name, check=check)
     elif to == "dxf":
         from coilarray.geometry.export.dxf import write_dxf
 
@@ -146,20 +155,22 @@ def _write(opened: Design, target: Path, to: Format, *, with_sheets: bool) -> tu
 
 
 def _net_faults(opened: Design, board: Path, to: Format) -> list[str]:
-    """Read a board back: which coils are cut or touch each other, and foreign copper; at most the first three."""
-    from coilarray.geometry.connectivity import board_layers, check_nets
+    """Read a board back: coils that are cut or touch, foreign copper, wrong nets; at most the first three."""
+    from coilarray.geometry.connectivity import board_layers, check_names, check_nets
 
     if to == "kicad":
         from coilarray.geometry.readers.kicad_board import read_kicad
 
         copper = read_kicad(board)
-    elif to == "gerber":
+    else:
         from coilarray.geometry.readers.gerber_board import read_gerbers
 
         copper = read_gerbers(board)
-    else:
-        return []
-    return [fault.text for fault in check_nets(opened.array, *board_layers(copper)).faults[:3]]
+    layers, holes = board_layers(copper)
+    # KiCad gives a board of one copper layer an empty back
+    known = {layer: shapes for layer, shapes in layers.items() if shapes or layer in opened.array.stackup.names}
+    found = check_nets(opened.array, known, holes).faults or check_names(opened.array, copper)
+    return [fault.text for fault in found[:3]]
 
 
 def _readable(size: int) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import stat
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,6 +13,10 @@ from coilarray.errors import BoardError, OutputError
 
 if TYPE_CHECKING:
     from coilarray.geometry.readers import BoardCopper, TracedArray, Tracing
+
+_NO_FAB = (
+    "Board files have no fab rules and the design has no [fab]: check takes its defaults, which are no board house's."
+)
 
 
 def import_board(
@@ -36,13 +41,13 @@ def import_board(
 
     Example: coilarray import board.kicad_pcb --nets coil1,coil2 --out board.toml
     """
+    from coilarray.cli.maps import check_file
     from coilarray.design import parse_design
     from coilarray.design_text import design_text
     from coilarray.files import write_text
     from coilarray.geometry.readers import trace_coils, traced_array
 
-    if out.is_dir():
-        raise OutputError(f"{out} is a folder; name a file in it.")
+    check_file("--out", out, (".toml",))
     if out.exists() and not force:
         raise OutputError(f"{out} exists; --force replaces it.")
     copper = _read(board, stackup)
@@ -63,7 +68,7 @@ def import_board(
                 "coils": records,
                 "left_out": tracing.left_out,
                 "assumed": traced.assumed,
-                "notes": list(traced.notes),
+                "notes": [*traced.notes, _NO_FAB],
             }
         )
         return
@@ -78,7 +83,7 @@ def import_board(
             typer.echo(f"  {net}: {reason}")
     for key, reason in traced.assumed.items():
         typer.echo(f"assumed: {key}: {reason}")
-    for note in traced.notes:
+    for note in (*traced.notes, _NO_FAB):
         typer.echo(f"note: {note}")
     typer.echo(f"wrote {out}; next: coilarray check {out}")
 
@@ -87,14 +92,23 @@ def _read(board: Path, stackup: str | None) -> BoardCopper:
     from coilarray.design import load_design
     from coilarray.geometry.readers import read_gerbers, read_kicad
 
-    if not board.exists():
-        raise BoardError(f"{board}: there is no such file or folder.")
+    is_folder = _is_folder(board)
     layers = None if stackup is None else load_design(stackup).array.stackup
     if board.suffix == ".kicad_pcb":
         return read_kicad(board, layers)
-    if board.is_dir() or board.suffix.lower() == ".zip":
+    if is_folder or board.suffix.lower() == ".zip":
         return read_gerbers(board, layers)
     raise BoardError(f"{board}: a board must be a .kicad_pcb file, or Gerber files in a .zip or a folder.")
+
+
+def _is_folder(board: Path) -> bool:
+    """Whether it is a folder; BoardError where it is not there or cannot be reached."""
+    try:
+        return stat.S_ISDIR(board.stat().st_mode)
+    except (FileNotFoundError, NotADirectoryError):
+        raise BoardError(f"{board}: there is no such file or folder.") from None
+    except OSError as error:
+        raise BoardError(f"{board}: cannot be read: {error.strerror}.") from None
 
 
 def _records(tracing: Tracing, traced: TracedArray) -> list[dict[str, Any]]:
@@ -105,7 +119,7 @@ def _records(tracing: Tracing, traced: TracedArray) -> list[dict[str, Any]]:
     return [
         {
             "name": names[coil.name],
-            "net": coil.name,
+            "net": coil.net,
             "shape": shape,
             "layers": list(coil.layers),
             "turns": coil.turns,
@@ -125,7 +139,7 @@ def _cells(record: dict[str, Any]) -> list[str]:
     widths = [f"{width * 1e3:.4g}" for width in record["trace_widths_m"]]
     return [
         record["name"],
-        record["net"],
+        record["net"] or "–",
         record["shape"],
         " ".join(record["layers"]),
         f"{record['turns']:.2f}",

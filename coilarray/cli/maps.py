@@ -22,16 +22,20 @@ def check_file(option: str, path: Path | None, suffixes: Sequence[str]) -> None:
     Raises
     ------
     OutputError
-        Another suffix, a folder of that name, a folder that is not there.
+        Another suffix, a folder of that name, a folder that is not there or cannot be looked into.
     """
     if path is None:
         return
     if path.suffix.lower() not in suffixes:
         listed = " or ".join([", ".join(suffixes[:-1]), suffixes[-1]] if len(suffixes) > 1 else suffixes)
         raise OutputError(f"{option} must end in {listed}; got {path}.")
-    if path.is_dir():
+    try:
+        taken, placed = path.is_dir(), path.parent.is_dir()
+    except OSError as error:
+        raise OutputError(f"cannot write {path}: {error.strerror}.") from None
+    if taken:
         raise OutputError(f"cannot write {path}: it is a folder.")
-    if not path.parent.is_dir():
+    if not placed:
         raise OutputError(f"cannot write {path}: there is no folder {path.parent}.")
 
 

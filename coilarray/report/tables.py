@@ -44,7 +44,8 @@ class Column:
             return "yes" if value else "no"
         if isinstance(value, str):
             return value
-        return f"{value * self.scale:.{self.digits}f}".replace("-", "−")
+        shown = round(value * self.scale, self.digits) + 0.0  # + 0.0: no −0
+        return f"{shown:.{self.digits}f}".replace("-", "−")
 
 
 @dataclass(frozen=True)

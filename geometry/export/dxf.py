@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import importlib
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,10 +10,11 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
-from coilarray.errors import MissingDependencyError, OutputError
+from coilarray.errors import OutputError
 from coilarray.files import write_atomically
 from coilarray.geometry.array import CoilArray
-from coilarray.geometry.copper import Drill, board_outline, drills, layer_copper
+from coilarray.geometry.copper import Drill, board_outline, copper_by_layer, drills
+from coilarray.geometry.extras import import_extra
 
 if TYPE_CHECKING:
     from ezdxf.document import Drawing
@@ -45,7 +46,7 @@ def write_dxf(array: CoilArray, path: Path) -> None:
     OutputError
         Another suffix, copper layers whose names DXF cannot hold, or a file that cannot be written.
     MissingDependencyError
-        ezdxf is not installed.
+        ezdxf is not installed or broken.
 
     Notes
     -----
@@ -83,21 +84,17 @@ def write_dxf(array: CoilArray, path: Path) -> None:
 
 
 def _drawing(array: CoilArray) -> Drawing:
-    try:
-        ezdxf = importlib.import_module("ezdxf")
-    except ImportError:
-        raise MissingDependencyError(
-            'DXF files need ezdxf, which is not installed: pip install "coilarray[fab]".'
-        ) from None
+    ezdxf = import_extra("ezdxf", "DXF files", package="ezdxf", extra="fab")
     drawing: Drawing = ezdxf.new(_RELEASE, units=ezdxf.units.MM)
-    _add_layers(drawing, array)
+    holes = [hole for hole in drills(array) if hole.drilled]
+    _add_layers(drawing, array, holes)
     space = drawing.modelspace()
-    for name in reversed(array.stackup.names):  # the top in front
-        for copper in layer_copper(array, name).values():
+    for name, nets in reversed(copper_by_layer(array).items()):  # the top in front
+        for copper in nets.values():
             for ring in shapely.get_rings(shapely.get_parts(copper)):
                 _add_ring(space, ring, f"copper_{name}")
     _add_paths(space, array)
-    for hole in drills(array):
+    for hole in holes:
         x, y = _in_mm(np.array([hole.x, hole.y])).tolist()
         space.add_circle((x, y), hole.diameter / 2 * _MM, dxfattribs={"layer": _drill_layer(array, hole)})
     outline = board_outline(array)
@@ -113,12 +110,12 @@ def _drawing(array: CoilArray) -> Drawing:
     return drawing
 
 
-def _add_layers(drawing: Drawing, array: CoilArray) -> None:
+def _add_layers(drawing: Drawing, array: CoilArray, holes: Iterable[Drill]) -> None:
     for k, name in enumerate(array.stackup.names):
         colour = _LAYER_COLOURS[k % len(_LAYER_COLOURS)]
         drawing.layers.add(f"copper_{name}", color=colour)
         drawing.layers.add(f"path_{name}", color=colour, plot=False).off()
-    for name in sorted({_drill_layer(array, hole) for hole in drills(array)}):
+    for name in sorted({_drill_layer(array, hole) for hole in holes}):
         drawing.layers.add(name, color=_DRILL_COLOUR)
     drawing.layers.add("outline", color=_OUTLINE_COLOUR)
     drawing.layers.add("silk", color=_SILK_COLOUR)

@@ -6,7 +6,7 @@ import json
 import re
 import uuid
 import zipfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib import metadata
 from itertools import pairwise
@@ -33,7 +33,14 @@ _PROFILE_LINE = 0.05  # mm
 _ZIP_TIME = (1980, 1, 1, 0, 0, 0)
 
 
-def write_gerbers(array: CoilArray, path: Path, *, name: str, revision: str = "1") -> None:
+def write_gerbers(
+    array: CoilArray,
+    path: Path,
+    *,
+    name: str,
+    revision: str = "1",
+    check: Callable[[Path], None] | None = None,
+) -> None:
     """Write everything a board house needs as one zip.
 
     Parameters
@@ -46,6 +53,8 @@ def write_gerbers(array: CoilArray, path: Path, *, name: str, revision: str = "1
         Of the project; the names of the files begin with it.
     revision : str
         Of the project.
+    check : callable, optional
+        Called with the path of the finished zip before it is in its place; what it raises leaves all as it was.
 
     Raises
     ------
@@ -93,7 +102,13 @@ def write_gerbers(array: CoilArray, path: Path, *, name: str, revision: str = "1
     files += [_silk_file(array, project), _profile_file(array, project), *_drill_files(array, project)]
     content = {file.name: file.text for file in files}
     content[f"{project.stem}-job.gbrjob"] = _job(array, project, files)
-    write_atomically(path, lambda temporary: _fill(temporary, content))
+
+    def write(temporary: Path) -> None:
+        _fill(temporary, content)
+        if check is not None:
+            check(temporary)
+
+    write_atomically(path, write)
 
 
 @dataclass(frozen=True)
@@ -189,7 +204,7 @@ def _copper(array: CoilArray, layer: str) -> list[Any]:
         ]
         for number, hole in enumerate((hole for hole in own if hole.kind == "terminal"), start=1):
             if layer in hole.layers:
-                pad = _Round(float(_mm(hole.pad)), "ComponentPad" if _is_drilled(hole, array) else "SMDPad,CuDef")
+                pad = _Round(float(_mm(hole.pad)), "ComponentPad" if hole.drilled else "SMDPad,CuDef")
                 objects.append(_Statement(f"%TO.P,{_field(placement.name)},{number}*%"))
                 objects.append(_flash(hole.x, hole.y, pad))
         objects.append(_Statement("%TD*%"))
@@ -256,15 +271,11 @@ def _gerber(
     return _File(f"{project.stem}-{layer}.gbr", text + "\n", function, polarity)
 
 
-def _is_drilled(hole: Drill, array: CoilArray) -> bool:
-    return len(hole.layers) > 1 or len(array.stackup.names) == 1
-
-
 def _drill_files(array: CoilArray, project: _Project) -> Iterator[_File]:
     names = array.stackup.names
     spans: dict[tuple[int, int], list[Drill]] = {}
     for hole in drills(array):
-        if _is_drilled(hole, array):
+        if hole.drilled:
             span = names.index(hole.layers[0]) + 1, names.index(hole.layers[-1]) + 1
             spans.setdefault(span, []).append(hole)
     for (first, last), holes in sorted(spans.items()):

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 import re
+import shutil
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 
 from coilarray.errors import OutputError
+from coilarray.files import make_folder
 from coilarray.geometry.array import CoilArray, Placement
 from coilarray.geometry.export.kicad_footprint import holes_of, library_footprints, segments, terminal_footprint
 from coilarray.geometry.export.kicad_project import library_table_text, project_text
@@ -41,7 +43,15 @@ _BACKING = 1.5e-3
 _BACKING_EPSILON_R = 4.5
 
 
-def write_kicad(array: CoilArray, path: Path, *, name: str, rules: FabRules, title: str = "") -> tuple[Path, ...]:
+def write_kicad(
+    array: CoilArray,
+    path: Path,
+    *,
+    name: str,
+    rules: FabRules,
+    title: str = "",
+    check: Callable[[Path], None] | None = None,
+) -> tuple[Path, ...]:
     """Write a KiCad project: a folder that KiCad 6 and later versions open (tried: 6.0.11, 9.0.2).
 
     Parameters
@@ -49,14 +59,16 @@ def write_kicad(array: CoilArray, path: Path, *, name: str, rules: FabRules, tit
     array : CoilArray
         The board.
     path : Path
-        The folder. It is made whole or not at all; in one that exists already, the files of the project are replaced
-        and all others stay.
+        The folder. It is made whole or not at all; in one that exists already, the files of the project are replaced,
+        all or none, and all others stay.
     name : str
         Of the project: letters, digits, ``_ . + -``, the last one not first.
     rules : FabRules
         Limits of KiCad's own check.
     title : str
         Shown on the sheet; the name where there is none.
+    check : callable, optional
+        Called with the path of the finished board before anything is in its place; what it raises leaves all as it was.
 
     Returns
     -------
@@ -105,7 +117,7 @@ def write_kicad(array: CoilArray, path: Path, *, name: str, rules: FabRules, tit
     }
     for footprint, text in library_footprints(array).items():
         texts[f"{name}.pretty/{footprint}.kicad_mod"] = text
-    _write_folder(path, texts)
+    _write_folder(path, texts, check)
     return tuple(path / file for file in texts)
 
 
@@ -186,7 +198,12 @@ def _stackup(stackup: Stackup, layers: dict[str, str]) -> str:
     if len(layers) == 1:
         copper.append(("B.Cu", stackup.copper_thickness[0]))
         slabs.append((_BACKING, _BACKING_EPSILON_R))
-    lines = [_stackup_layer("F.SilkS", "Top Silk Screen"), _stackup_layer("F.Mask", "Top Solder Mask")]
+    lines = [
+        _stackup_layer("F.SilkS", "Top Silk Screen"),
+        # KiCad drops the whole stack-up where a layer of the board is missing in it
+        _stackup_layer("F.Paste", "Top Solder Paste"),
+        _stackup_layer("F.Mask", "Top Solder Mask"),
+    ]
     for k, (kicad, thickness) in enumerate(copper):
         lines.append(_stackup_layer(kicad, "copper", node("thickness", length(thickness))))
         if k < len(slabs):
@@ -194,7 +211,12 @@ def _stackup(stackup: Stackup, layers: dict[str, str]) -> str:
             kind = "core" if (k - len(slabs) // 2) % 2 == 0 else "prepreg"
             epsilon = node("epsilon_r", repr(float(slabs[k][1])))
             lines.append(_stackup_layer(f"dielectric {k + 1}", kind, node("thickness", length(slabs[k][0])), epsilon))
-    lines += [_stackup_layer("B.Mask", "Bottom Solder Mask"), _stackup_layer("B.SilkS", "Bottom Silk Screen")]
+    lines += [
+        _stackup_layer("B.Mask", "Bottom Solder Mask"),
+        _stackup_layer("B.Paste", "Bottom Solder Paste"),
+        _stackup_layer("B.SilkS", "Bottom Silk Screen"),
+    ]
+    # no (dielectric_constraints yes): it would put permittivities into KiCad's job file, and order impedance control
     return block("stackup", (), lines)
 
 
@@ -246,10 +268,10 @@ def _edge(array: CoilArray, drawing: Drawing) -> str:
     )
 
 
-def _write_folder(path: Path, texts: Mapping[str, str]) -> None:
+def _write_folder(path: Path, texts: Mapping[str, str], check: Callable[[Path], None] | None) -> None:
     """Write files into a folder beside `path`, then give it that name, or move them in where it exists.
 
-    Raises OutputError; a folder that did not exist is then not there, and no file is half-written.
+    Raises OutputError; a folder that did not exist is then not there, and one that did is as it was.
     """
     try:
         with tempfile.TemporaryDirectory(prefix=f".{path.name}-", dir=path.parent) as temporary:
@@ -257,11 +279,39 @@ def _write_folder(path: Path, texts: Mapping[str, str]) -> None:
             for file, text in texts.items():
                 (staged / file).parent.mkdir(parents=True, exist_ok=True)
                 (staged / file).write_text(text, encoding="utf-8", newline="\n")
-            if not path.exists():
+            if check is not None:
+                check(staged / next(iter(texts)))
+            if path.exists():
+                _replace_files(path, staged, texts, Path(temporary) / "before")
+            else:
                 staged.rename(path)
-                return
-            for file in texts:
-                (path / file).parent.mkdir(exist_ok=True)
-                (staged / file).replace(path / file)
     except OSError as error:
-        raise OutputError(f"cannot write {path}: {error.strerror or error}.") from None
+        place = error.filename2 or path  # where a file could not be moved to
+        raise OutputError(f"cannot write {place}: {error.strerror or error}.") from None
+
+
+def _replace_files(path: Path, staged: Path, files: Iterable[str], before: Path) -> None:
+    """Move files into a folder; where one cannot be, put back those that were there, from copies in `before`."""
+    made: list[Path] = []
+    replaced: list[str] = []
+    try:
+        for file in files:
+            folder = (path / file).parent
+            if not folder.is_dir():
+                make_folder(folder)
+                made.append(folder)
+            if (path / file).exists():
+                make_folder((before / file).parent)
+                shutil.copy2(path / file, before / file)
+        for file in files:
+            (staged / file).replace(path / file)
+            replaced.append(file)
+    except BaseException:
+        for file in replaced:
+            if (before / file).exists():
+                (before / file).replace(path / file)
+            else:
+                (path / file).unlink()
+        for folder in made:
+            folder.rmdir()
+        raise

@@ -204,7 +204,7 @@ def _via_pads(array: CoilArray, placement: Placement, drawing: Drawing) -> Itera
 def _terminal_pads(array: CoilArray, placement: Placement, net: Sequence[str], drawing: Drawing) -> Iterator[str]:
     """Yield the pads 1 and 2 at the ends of the path.
 
-    A hole that reaches one layer of several is none: its pad lies on that layer. A bare end has a pad as wide as its
+    A pad without a hole lies on its own layer. A bare end has a pad as wide as its
     trace, under the solder mask, that adds no copper: it tells KiCad's check that the track is meant to end there.
     """
     coil = placement.coil
@@ -218,7 +218,7 @@ def _terminal_pads(array: CoilArray, placement: Placement, net: Sequence[str], d
         copper = drawing.layers[layer]
         if not holes:
             yield _pad(number, "smd", end, width, node("layers", quoted(copper)), *rest)
-        elif holes[k].layers == array.stackup.names:
+        elif holes[k].drilled:
             drill = node("drill", length(holes[k].diameter))
             both = node("layers", _through(array), quoted("*.Mask"))
             yield _pad(number, "thru_hole", end, holes[k].pad, drill, both, *rest)

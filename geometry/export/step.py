@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import importlib
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
@@ -15,10 +14,11 @@ import numpy.typing as npt
 import shapely
 from shapely.geometry.polygon import orient
 
-from coilarray.errors import MissingDependencyError, OutputError
+from coilarray.errors import OutputError
 from coilarray.files import write_atomically
 from coilarray.geometry.array import CoilArray
 from coilarray.geometry.copper import disc, drills
+from coilarray.geometry.extras import import_extra
 from coilarray.geometry.prisms import Prism, board_prisms, sheet_prisms
 from coilarray.geometry.sheet import Sheet
 
@@ -58,7 +58,7 @@ def write_step(array: CoilArray, path: Path, *, name: str, sheets: Sequence[Shee
     OutputError
         Another suffix, or a file that cannot be written.
     MissingDependencyError
-        cadquery-ocp-novtk is not installed.
+        cadquery-ocp-novtk is not installed or broken.
     GeometryError
         Two sheets of the same name.
 
@@ -78,12 +78,7 @@ def write_step(array: CoilArray, path: Path, *, name: str, sheets: Sequence[Shee
     """
     if path.suffix.lower() not in (".step", ".stp"):
         raise OutputError(f"cannot write {path}: the suffix must be .step or .stp; got {path.suffix!r}.")
-    try:
-        importlib.import_module("OCP.STEPCAFControl")
-    except ImportError:
-        raise MissingDependencyError(
-            'STEP files need cadquery-ocp-novtk, which is not installed: pip install "coilarray[step]".'
-        ) from None
+    import_extra("OCP.STEPCAFControl", "STEP files", package="cadquery-ocp-novtk", extra="step")
     prisms = sheet_prisms(array, sheets) | board_prisms(array)
     circles = _circles(array)
     parts = {key: _part(prism, circles) for key, prism in prisms.items()}
@@ -99,7 +94,7 @@ def _circles(array: CoilArray) -> FloatArray:
     rows = {
         (hole.x, hole.y, diameter / 2)
         for hole in drills(array)
-        for diameter in (hole.pad, hole.diameter, hole.diameter - 2 * hole.plating)
+        for diameter in (hole.pad, *((hole.diameter, hole.diameter - 2 * hole.plating) if hole.drilled else ()))
     }
     return np.array(sorted(rows)).reshape(-1, 3)
 

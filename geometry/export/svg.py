@@ -13,7 +13,7 @@ from shapely.geometry.base import BaseGeometry
 from coilarray.errors import OutputError
 from coilarray.files import write_text
 from coilarray.geometry.array import CoilArray
-from coilarray.geometry.copper import board_outline, drills, layer_copper
+from coilarray.geometry.copper import board_outline, copper_by_layer, drills
 
 _MM = 1e3
 _DIGITS = 4  # of a coordinate in mm: 0.1 µm, a thousandth of the finest trace
@@ -86,14 +86,15 @@ def _drawing(array: CoilArray, title: str) -> ET.Element:
     edge = _layer(board, "outline", "outline", fill=_LAMINATE, stroke="#202020", stroke_width="0.1")
     ET.SubElement(edge, "path", {"d": _path_data(outline)})
     names = array.stackup.names
+    copper_of = copper_by_layer(array)
     for k in reversed(range(len(names))):
         colour = _LAYER_COLOURS[k % len(_LAYER_COLOURS)]
         copper = _layer(board, f"copper-{k + 1}", names[k], fill=colour, fill_rule="evenodd", fill_opacity="0.75")
-        for net, shape in layer_copper(array, names[k]).items():
+        for net, shape in copper_of[names[k]].items():
             trace = ET.SubElement(copper, "path", {"d": _path_data(shape)})
             ET.SubElement(trace, "title").text = net
     holes = _layer(board, "drills", "drills", fill="#FFFFFF", stroke="#202020", stroke_width="0.05")
-    for hole in drills(array):
+    for hole in (hole for hole in drills(array) if hole.drilled):
         x, y, r = (_number(value * _MM) for value in (hole.x, hole.y, hole.diameter / 2))
         ET.SubElement(holes, "circle", {"cx": x, "cy": y, "r": r})
     texts = _layer(

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
 from shapely.geometry.base import BaseGeometry
 
+from coilarray.geometry.copper import disc
 from coilarray.geometry.stackup import Stackup
 
 
@@ -58,6 +60,8 @@ class Hole:
         "file:line" or "file", for messages.
     number : str
         Number of a pad in its footprint ("1", "A4"); empty for vias and where the file has none.
+    shapes : mapping of str to shapely geometry
+        The pad in m on the layers where it is; empty for a disc of `pad` on all of them.
     """
 
     x: float
@@ -69,6 +73,12 @@ class Hole:
     kind: Literal["via", "pad"]
     where: str
     number: str = ""
+    shapes: Mapping[str, BaseGeometry] = field(default_factory=dict, repr=False, compare=False)
+
+    def copper(self, layer: str) -> BaseGeometry:
+        """Return the copper on one layer in m: the pad, or the barrel alone where it has no pad."""
+        size = self.drill if self.shapes else self.pad
+        return self.shapes[layer] if layer in self.shapes else disc(self.x, self.y, size)
 
 
 @dataclass(frozen=True)
@@ -89,6 +99,8 @@ class SurfacePad:
         Number of the pad in its footprint; empty where the file has none.
     size : float
         Smaller side or diameter in m; a track that ends within half of it from the centre is joined to the pad.
+    shape : shapely geometry, optional
+        What it covers in m; without it a disc of `size`.
     """
 
     x: float
@@ -98,6 +110,12 @@ class SurfacePad:
     where: str
     number: str = ""
     size: float = 0.0
+    shape: BaseGeometry | None = field(default=None, repr=False, compare=False)
+
+    @property
+    def copper(self) -> BaseGeometry:
+        """What it covers, in m."""
+        return disc(self.x, self.y, self.size) if self.shape is None else self.shape
 
 
 @dataclass(frozen=True, eq=False)

@@ -55,7 +55,11 @@ def follow(name: str, what: str, graph: TrackGraph, piece: Sequence[int], tracks
         begins = where(graph, piece[0], tracks)
         raise BoardError(f"{begins}: {what} must have two ends; it is closed, through {place(graph, piece[0])}.")
     _refuse_crossing(what, graph, piece, tracks)
-    start = min(ends, key=lambda number: _precedence(graph, number))
+    pad_numbers = [_pad_number(graph, number) for number in ends]
+    if sorted(pad_numbers) == ["", "2"]:  # the pad 1 is missing, not the pad 3
+        start = ends[pad_numbers.index("")]
+    else:
+        start = min(ends, key=lambda number: _precedence(graph, number))
     return _traced(name, graph, list(_walk(graph, start)), tracks)
 
 
@@ -75,10 +79,14 @@ def _at(node: TrackNode) -> str:
 
 def _precedence(graph: TrackGraph, number: int) -> tuple[bool, list[tuple[bool, int, str]], int, bool]:
     """Sort key of an end: numbered pads first, by number; then the place in the file."""
-    node = graph.nodes[number]
-    edge = graph.edges[node.edges[0]]
-    pad_number = "" if node.pad is None else node.pad.number
+    edge = graph.edges[graph.nodes[number].edges[0]]
+    pad_number = _pad_number(graph, number)
     return not pad_number, natural_order(pad_number), edge.track, edge.ends[0] != number
+
+
+def _pad_number(graph: TrackGraph, number: int) -> str:
+    pad = graph.nodes[number].pad
+    return "" if pad is None else pad.number
 
 
 def _refuse_crossing(what: str, graph: TrackGraph, piece: Sequence[int], tracks: Sequence[Track]) -> None:

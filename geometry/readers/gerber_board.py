@@ -238,6 +238,10 @@ def _hole(bore: _Bore, openings: Sequence[tuple[float, float]]) -> Hole:
         _kind(bore, openings, has_pin=bool(pins)),
         bore.hole.where,
         pins[0] if pins else "",
+        {
+            layer: shapely.union_all([land.flash.shape for land in bore.pads if land.layer == layer])
+            for layer in dict.fromkeys(land.layer for land in bore.pads)
+        },
     )
 
 
@@ -254,7 +258,7 @@ def _kind(bore: _Bore, openings: Sequence[tuple[float, float]], *, has_pin: bool
 
 def _surface_pad(land: _Land) -> SurfacePad:
     flash = land.flash
-    return SurfacePad(flash.x, flash.y, land.layer, flash.net, flash.where, flash.pin, flash.size)
+    return SurfacePad(flash.x, flash.y, land.layer, flash.net, flash.where, flash.pin, flash.size, flash.shape)
 
 
 def _edge(files: Iterable[DataFile]) -> tuple[float, float, float, float] | None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import importlib
+import importlib.util
+import os
 import re
 import zipfile
 import zlib
@@ -84,20 +86,24 @@ def find_files(path: Path) -> list[DataFile]:
 
 
 def gerbonara(module: str) -> ModuleType:
-    """Import one of gerbonara's modules; MissingDependencyError with one line where it is not installed."""
+    """Import one of gerbonara's modules; MissingDependencyError with one line where it is not there or broken."""
     try:
         return importlib.import_module(f"gerbonara.{module}")
-    except ImportError:
+    except ImportError as error:
+        if importlib.util.find_spec("gerbonara") is None:
+            raise MissingDependencyError(
+                'Gerber files need gerbonara, which is not installed: pip install "coilarray[fab]".'
+            ) from None
         raise MissingDependencyError(
-            'Gerber files need gerbonara, which is not installed: pip install "coilarray[fab]".'
-        ) from None
+            f"Gerber files need gerbonara, which is installed and cannot be loaded: {error}."
+        ) from error
 
 
 def _contents(path: Path) -> Iterator[tuple[str, bytes]]:
     """Label and bytes of every file, in the order of the names."""
     try:
         if path.is_dir():
-            for file in sorted(path.rglob("*")):
+            for file in sorted(_files_in(path)):
                 if file.is_file() and not _hidden(file.relative_to(path)):
                     yield str(file), file.read_bytes()
             return
@@ -110,7 +116,17 @@ def _contents(path: Path) -> Iterator[tuple[str, bytes]]:
     except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as error:
         raise BoardError(f"{path}: must be a folder or a whole zip of Gerber files; {error}.") from None
     except OSError as error:
-        raise BoardError(f"{path}: cannot be read: {error.strerror or error}.") from None
+        raise BoardError(f"{error.filename or path}: cannot be read: {error.strerror or error}.") from None
+
+
+def _files_in(folder: Path) -> Iterator[Path]:
+    """Give all files in a folder and the ones in it; OSError for one that cannot be listed, which rglob passes over."""
+
+    def refuse(error: OSError) -> None:
+        raise error
+
+    for root, _, names in os.walk(folder, onerror=refuse):
+        yield from (Path(root, name) for name in names)
 
 
 def _hidden(name: Path | PurePosixPath) -> bool:

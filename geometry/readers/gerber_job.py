@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any
 
 from coilarray.errors import BoardError, GeometryError
+from coilarray.geometry.readers.assumed_stackup import Slab, filled_copper, filled_dielectrics, united
 from coilarray.geometry.readers.gerber_files import DataFile
 from coilarray.geometry.stackup import Stackup
 
-_COPPER_THICKNESS = 35e-6
-_EPSILON_R = 4.5
-_BOARD_THICKNESS = 1.6e-3
+_FILES = "the files do"
 _MM = 1e-3
 
 
@@ -24,8 +22,7 @@ class _Given:
 
     names: tuple[str, ...] = ()
     copper: tuple[float | None, ...] = ()
-    dielectric: tuple[float | None, ...] = ()
-    epsilon_r: tuple[float | None, ...] = ()
+    slabs: tuple[Slab, ...] = ()
     board: float | None = None
     label: str = field(default="")
 
@@ -60,25 +57,11 @@ def job_stackup(job: DataFile | None, copper_layers: int, source: str) -> tuple[
     if len(set(names)) != copper_layers:
         names = tuple(f"L{k + 1}" for k in range(copper_layers))
         assumed["stackup.layers"] = "the files give the order of the layers, not their names"
-    copper = [thickness or _COPPER_THICKNESS for thickness in given.copper or (None,) * copper_layers]
-    if None in (given.copper or (None,)):
-        assumed["stackup.copper_thickness_um"] = "the files do not say; standard 1 oz copper"
-    dielectric = given.dielectric or (None,) * (copper_layers - 1)
-    epsilon_r = given.epsilon_r or (None,) * (copper_layers - 1)
-    if None in dielectric:
-        board = given.board or _BOARD_THICKNESS
-        left = board - sum(copper) - sum(thickness or 0.0 for thickness in dielectric)
-        share = left / dielectric.count(None)
-        dielectric = tuple(thickness or share for thickness in dielectric)
-        assumed["stackup.dielectric_thickness_mm"] = (
-            "the files do not say; equal parts of what is left of the "
-            f"{'given' if given.board else 'usual'} board thickness of {board * 1e3:g} mm"
-        )
-    if None in epsilon_r:
-        epsilon_r = tuple(epsilon or _EPSILON_R for epsilon in epsilon_r)
-        assumed["stackup.dielectric_epsilon_r"] = f"the files do not say; FR-4, {_EPSILON_R:g}"
+    copper = filled_copper(given.copper or (None,) * copper_layers, _FILES, assumed)
+    slabs = given.slabs or ((None, None),) * (copper_layers - 1)
+    dielectrics = filled_dielectrics(slabs, copper, given.board, _FILES, assumed)
     try:
-        return Stackup(names, tuple(copper), _known(dielectric), _known(epsilon_r)), assumed
+        return Stackup(names, copper, *dielectrics), assumed
     except GeometryError as error:
         raise BoardError(f"{given.label or source}: {error}") from None
 
@@ -103,28 +86,16 @@ def _read(job: DataFile, copper_layers: int) -> _Given:
     between = [
         [layer for layer in layers[first:last] if layer.get("Type") == "Dielectric"] for first, last in pairwise(at)
     ]
-    united = [_united(parts) for parts in between]
     return _Given(
         tuple(str(layers[k]["Name"]) for k in at if layers[k].get("Name")),
         tuple(_length(layers[k], "Thickness") for k in at),
-        tuple(thickness for thickness, _ in united),
-        tuple(epsilon for _, epsilon in united),
+        tuple(
+            united([(_length(part, "Thickness"), _positive(part, "DielectricConstant")) for part in parts])
+            for parts in between
+        ),
         board,
         job.label,
     )
-
-
-def _united(parts: Sequence[dict[str, Any]]) -> tuple[float | None, float | None]:
-    """Thickness and permittivity of one dielectric in place of several in series."""
-    thicknesses = [_length(part, "Thickness") for part in parts]
-    epsilons = [_positive(part, "DielectricConstant") for part in parts]
-    known = [(d, e) for d, e in zip(thicknesses, epsilons, strict=True) if d is not None and e is not None]
-    total = sum(thickness or 0.0 for thickness in thicknesses)
-    thickness = None if None in thicknesses or not parts else total
-    if len(parts) == 1:
-        return thickness, epsilons[0]
-    epsilon = total / sum(d / e for d, e in known) if parts and len(known) == len(parts) else None
-    return thickness, epsilon
 
 
 def _positive(node: Any, key: str) -> float | None:
@@ -137,7 +108,3 @@ def _positive(node: Any, key: str) -> float | None:
 def _length(node: Any, key: str) -> float | None:
     value = _positive(node, key)
     return None if value is None else value * _MM
-
-
-def _known(values: Sequence[float | None]) -> tuple[float, ...]:
-    return tuple(value for value in values if value is not None)

@@ -9,8 +9,10 @@ from itertools import pairwise
 from pathlib import Path
 
 import shapely
+from shapely.geometry.base import BaseGeometry
 
 from coilarray.errors import BoardError
+from coilarray.geometry.copper import disc
 from coilarray.geometry.readers.arcs import arc_points
 from coilarray.geometry.readers.board_copper import BoardCopper, CopperArea, Hole, SurfacePad, Track
 from coilarray.geometry.readers.kicad_graphics import (
@@ -24,6 +26,8 @@ from coilarray.geometry.readers.kicad_graphics import (
     zone_copper,
 )
 from coilarray.geometry.readers.kicad_layers import KicadLayers, read_layers
+from coilarray.geometry.readers.kicad_pads import pad_shape
+from coilarray.geometry.readers.kicad_texts import other_copper
 from coilarray.geometry.readers.sexpr import Node, Quoted, read_sexpr
 from coilarray.geometry.stackup import Stackup
 
@@ -61,7 +65,8 @@ def read_kicad(path: Path, stackup: Stackup | None = None) -> BoardCopper:
     Notes
     -----
     A file of a format newer than KiCad 9's is read as far as it is understood, which `notes` says: what is unknown
-    and has a net stands among the areas, so that no coil can have it unseen. Teardrops are left out, also with a note.
+    and has a net or lies on copper stands among the areas, so that no coil can have it unseen, and so do texts and
+    dimensions, as rectangles around them. Teardrops are left out, also with a note.
     """
     root = read_sexpr(path)
     if root.name != "kicad_pcb":
@@ -89,7 +94,9 @@ def read_kicad(path: Path, stackup: Stackup | None = None) -> BoardCopper:
                 (hole, surface) = board.pad(pad, to_board)
                 holes += hole
                 pads += surface
-            areas += board.areas(node.children("zone", *GRAPHICS), to_board)
+            areas += board.areas(
+                (item for item in node.items if isinstance(item, Node) and item.name != "pad"), to_board
+            )
             outline += board.outline(node.children(*GRAPHICS), to_board)
         else:
             areas += board.areas([node], board.to_board)
@@ -182,7 +189,8 @@ class _Board:
         """Give the straight pieces of a segment or an arc."""
         layer = self.layers.one(node)
         if layer is None:
-            raise BoardError(f"{node.where}: a track must lie on a copper layer; got {node.need('layer').text()}.")
+            got = " ".join(word for part in node.children("layer", "layers") for word in part.words)
+            raise BoardError(f"{node.where}: a track must lie on a copper layer; got {got or 'none'}.")
         width = _positive(node.need("width")) / _PER_M
         start, end = (self.to_board(*pair(node.need(name))) for name in ("start", "end"))
         points: list[Point] = [start, end]
@@ -201,7 +209,8 @@ class _Board:
             raise BoardError(f"{node.where}: a via must join two copper layers; got {' '.join(ends) or 'none'}.")
         layers = self.layers.stackup.between(ends[0], ends[-1])
         drill, size = _positive(node.need("drill")) / _PER_M, _positive(node.need("size")) / _PER_M
-        return Hole(x, y, drill, size, layers, self.net(node), "via", node.where)
+        shapes = _kept(node, dict.fromkeys(layers, disc(x, y, size)), disc(x, y, drill))
+        return Hole(x, y, drill, size, layers, self.net(node), "via", node.where, shapes=shapes)
 
     def pad(self, node: Node, to_board: ToBoard) -> tuple[list[Hole], list[SurfacePad]]:
         """Return a footprint's pad as a hole, or as a surface pad on each of its copper layers."""
@@ -211,9 +220,10 @@ class _Board:
         x, y = to_board(*pair(node.need("at")))
         size = min(pair(node.need("size"))) / _PER_M
         net = self.net(node)
+        layers = self.layers.all(node)
+        shape = pad_shape(node, to_board)
         if kind != "thru_hole":
-            layers = self.layers.all(node)
-            return [], [SurfacePad(x, y, layer, net, node.where, number, size) for layer in layers]
+            return [], [SurfacePad(x, y, layer, net, node.where, number, size, shape) for layer in layers]
         drill = node.need("drill")
         # of a slot, (drill oval 1 0.5), the smaller side
         diameters = [drill.number(k) for k, word in enumerate(drill.words) if word != "oval"]
@@ -221,11 +231,13 @@ class _Board:
             raise BoardError(
                 f"{drill.where}: a plated hole must have a positive diameter; got {' '.join(drill.words)}."
             )
-        layers = self.layers.stackup.names
-        return [Hole(x, y, min(diameters) / _PER_M, size, layers, net, "pad", node.where, number)], []
+        reach = self.layers.stackup.between(layers[0], layers[-1]) if layers else self.layers.stackup.names
+        bore = min(diameters) / _PER_M
+        shapes = _kept(node, dict.fromkeys(layers, shape), disc(x, y, bore))
+        return [Hole(x, y, bore, size, reach, net, "pad", node.where, number, shapes)], []
 
     def areas(self, nodes: Iterable[Node], to_board: ToBoard) -> Iterator[CopperArea]:
-        """Give the copper of zones and drawn shapes, and whatever else has a net and is not known."""
+        """Give the copper of zones, drawn shapes and texts, and whatever else lies on copper or has a net."""
         for node in nodes:
             net = self.net(node) if node.name != "net" else None
             if node.name == "zone":
@@ -235,6 +247,10 @@ class _Board:
             elif node.name in GRAPHICS:
                 for layer, shape, what in drawn_copper(node, self.layers, to_board):
                     yield CopperArea(layer, shape, net, what, node.where)
+            elif names := self.layers.all(node):
+                for shape, what in other_copper(node, to_board):
+                    for name in names:
+                        yield CopperArea(name, shape, net, what, node.where)
             elif net is not None:
                 layer = self.layers.stackup.names[0]
                 yield CopperArea(layer, shapely.Polygon(), net, f"an unknown ({node.name} …)", node.where)
@@ -246,6 +262,16 @@ class _Board:
             if node.name in GRAPHICS and any("Edge.Cuts" in part.words for part in node.children("layer", "layers")):
                 found += drawn_outline(node, to_board)
         return found
+
+
+def _kept(node: Node, shapes: dict[str, BaseGeometry], barrel: BaseGeometry) -> dict[str, BaseGeometry]:
+    """Return the pads of a hole, or its barrel where KiCad may leave pads out because no track ends there."""
+    removed = node.child("remove_unused_layers")
+    if removed is None or removed.words[:1] == ("no",):
+        return shapes
+    keep = node.child("keep_end_layers")
+    ends = list(shapes)[:: max(len(shapes) - 1, 1)] if keep is not None and keep.words[:1] != ("no",) else []
+    return {layer: shape if layer in ends else barrel for layer, shape in shapes.items()}
 
 
 def _positive(node: Node) -> float:

@@ -29,6 +29,7 @@ GRAPHICS = tuple(f"{kind}_{shape}" for kind in ("gr", "fp") for shape in _DRAWN)
 """Names of the nodes that `drawn_copper` and `drawn_outline` take."""
 
 _CURVE_PIECES = 64
+_FARTHEST = 1e4  # mm; KiCad itself ends at 2147
 _PER_M = 1e3  # numbers in the file are in mm
 
 
@@ -37,14 +38,20 @@ def drawn_copper(node: Node, layers: KicadLayers, to_board: ToBoard) -> Iterator
     names = layers.all(node)
     if not names:
         return
+    shape = drawn_shape(node, to_board)
+    for name in names:
+        yield name, shape, _DRAWN[node.name.split("_")[1]]
+
+
+def drawn_shape(node: Node, to_board: ToBoard) -> BaseGeometry:
+    """Return what a drawn shape covers, in m, wherever it lies."""
     kind = node.name.split("_")[1]
     outline = drawn_outline(node, to_board)
     # a line of no width is no copper, unless its inside is filled
     shape: BaseGeometry = shapely.LineString(outline).buffer(max(_width(node) / 2, 1e-9))
     if kind in ("circle", "rect", "poly") and _filled(node, kind) and len(outline) > 3:
         shape = shapely.union(shapely.Polygon(outline).buffer(0), shape)
-    for name in names:
-        yield name, shape, _DRAWN[kind]
+    return shape
 
 
 def drawn_outline(node: Node, to_board: ToBoard) -> list[Point]:
@@ -67,8 +74,11 @@ def drawn_outline(node: Node, to_board: ToBoard) -> list[Point]:
 
 
 def pair(node: Node) -> Point:
-    """Return the first two numbers of a node."""
-    return node.number(0), node.number(1)
+    """Return the first two numbers of a node, a place or a size in mm; BoardError for one that no board has."""
+    x, y = node.number(0), node.number(1)
+    if max(abs(x), abs(y)) > _FARTHEST:
+        raise BoardError(f"{node.where}: ({node.name} …) must lie within {_FARTHEST:g} mm; got {x:g}, {y:g}.")
+    return x, y
 
 
 def zone_copper(zone: Node, layers: KicadLayers, to_board: ToBoard) -> Iterator[tuple[str, BaseGeometry, str]]:

@@ -7,12 +7,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from coilarray.errors import BoardError, GeometryError
+from coilarray.geometry.readers.assumed_stackup import Slab, filled_copper, filled_dielectrics, united
 from coilarray.geometry.readers.sexpr import Node
 from coilarray.geometry.stackup import Stackup
 
 _COPPER = re.compile(r"F\.Cu|In(\d+)\.Cu|B\.Cu")
-_COPPER_THICKNESS = 35e-6
-_EPSILON_R = 4.5
+_FILE = "the board file does"
 _PER_M = 1e3  # numbers in the file are in mm
 
 
@@ -35,11 +35,13 @@ class KicadLayers:
     assumed: dict[str, str]
 
     def one(self, node: Node) -> str | None:
-        """Return the copper layer in a node's (layer …), None where it lies on another kind of layer."""
-        layer = node.need("layer").text()
-        if not _COPPER.fullmatch(layer):
-            return None
-        return self._known(layer, node)
+        """Return the copper layer in a node's (layer …) or (layers …), beside the mask's; None where there is none."""
+        if node.child("layers") is None:
+            node.need("layer")
+        found = self.all(node)
+        if len(found) > 1:
+            raise BoardError(f"{node.where}: ({node.name} …) must lie on one copper layer; got {', '.join(found)}.")
+        return found[0] if found else None
 
     def all(self, node: Node) -> tuple[str, ...]:
         """Return the copper layers in a node's (layers …) or (layer …), top to bottom."""
@@ -90,20 +92,18 @@ def read_layers(root: Node, stackup: Stackup | None = None) -> KicadLayers:
     assumed: dict[str, str] = {}
     setup = root.child("setup")
     given = None if setup is None else setup.child("stackup")
-    copper = [_COPPER_THICKNESS] * len(order)
-    slabs: list[tuple[float | None, float | None]] = [(None, None)] * (len(order) - 1)
-    if given is None:
-        assumed["stackup.copper_thickness_um"] = "the board file has no stack-up; standard 1 oz copper"
-    else:
-        copper, slabs = _given(given, order, assumed)
-    filled = _filled(root, copper, slabs, assumed)
+    thicknesses: list[float | None] = [None] * len(order)
+    slabs: list[Slab] = [(None, None)] * (len(order) - 1)
+    if given is not None:
+        thicknesses, slabs = _given(given, order)
+    copper = filled_copper(thicknesses, _FILE, assumed)
+    whole = _board_thickness(root)
+    dielectrics = filled_dielectrics(slabs, copper, None if whole is None else whole.number() / _PER_M, _FILE, assumed)
+    if min(dielectrics[0], default=1.0) <= 0 and "stackup.dielectric_thickness_mm" in assumed:
+        where, board = (root.where, "usual thickness") if whole is None else (whole.where, f"{whole.number():g} mm")
+        raise BoardError(f"{where}: a board of {board} is too thin for its {len(order)} copper layers.")
     try:
-        built = Stackup(
-            tuple(user_names[name] for name in order),
-            tuple(copper),
-            tuple(thickness for thickness, _ in filled),
-            tuple(epsilon for _, epsilon in filled),
-        )
+        built = Stackup(tuple(user_names[name] for name in order), copper, *dielectrics)
     except GeometryError as error:
         raise BoardError(f"{(given or table).where}: {error}") from None
     return KicadLayers(built, {name: user_names[name] for name in order}, assumed)
@@ -115,12 +115,15 @@ def _depth(name: str) -> float:
     return float(inner) if inner else (0.0 if name == "F.Cu" else float("inf"))
 
 
-def _given(
-    given: Node, order: list[str], assumed: dict[str, str]
-) -> tuple[list[float], list[tuple[float | None, float | None]]]:
+def _board_thickness(root: Node) -> Node | None:
+    general = root.child("general")
+    return None if general is None else general.child("thickness")
+
+
+def _given(given: Node, order: list[str]) -> tuple[list[float | None], list[Slab]]:
     """Copper thicknesses, and thickness and permittivity of the dielectrics between, None where not said."""
     copper: dict[str, float | None] = {}
-    slabs: list[list[tuple[float | None, float | None]]] = []
+    slabs: list[list[Slab]] = []
     for layer in given.children("layer"):
         if _COPPER.fullmatch(layer.text()):
             copper[layer.text()] = next((thickness for thickness, _ in _sublayers(layer)), None)
@@ -131,13 +134,10 @@ def _given(
         raise BoardError(
             f"{given.where}: the stack-up must list the copper layers {', '.join(order)}; got {', '.join(copper)}."
         )
-    if None in copper.values():
-        assumed["stackup.copper_thickness_um"] = "not given for every layer of the board file; standard 1 oz copper"
-    thicknesses = [_COPPER_THICKNESS if value is None else value for value in copper.values()]
-    return thicknesses, [_united(parts) for parts in slabs[:-1]]
+    return list(copper.values()), [united(parts) for parts in slabs[:-1]]
 
 
-def _sublayers(layer: Node) -> Iterator[tuple[float | None, float | None]]:
+def _sublayers(layer: Node) -> Iterator[Slab]:
     """Thickness in m and permittivity of every part of a layer of the stack-up; the word addsublayer parts them."""
     thickness = epsilon = None
     for item in layer.items:
@@ -149,45 +149,3 @@ def _sublayers(layer: Node) -> Iterator[tuple[float | None, float | None]]:
         elif isinstance(item, Node) and item.name == "epsilon_r":
             epsilon = item.number()
     yield thickness, epsilon
-
-
-def _united(parts: list[tuple[float | None, float | None]]) -> tuple[float | None, float | None]:
-    """One dielectric of the thickness and the capacitance of several in series."""
-    thicknesses = [thickness for thickness, _ in parts if thickness is not None]
-    epsilons = [epsilon for _, epsilon in parts if epsilon is not None]
-    if len(parts) == 1:
-        return parts[0]
-    if len(thicknesses) < len(parts) or not parts:
-        return None, (max(epsilons) if epsilons else None)
-    total = sum(thicknesses)
-    if len(epsilons) < len(parts) or min(epsilons) <= 0:
-        return total, None
-    return total, total / sum(d / epsilon for d, epsilon in zip(thicknesses, epsilons, strict=True))
-
-
-def _filled(
-    root: Node, copper: list[float], slabs: list[tuple[float | None, float | None]], assumed: dict[str, str]
-) -> list[tuple[float, float]]:
-    """Put assumed values where the board says nothing, and say so."""
-    missing = [index for index, (thickness, _) in enumerate(slabs) if thickness is None]
-    share = 0.0
-    if missing:
-        general = root.child("general")
-        whole = None if general is None else general.child("thickness")
-        board = 1.6e-3 if whole is None else whole.number() / _PER_M
-        known = sum(copper) + sum(thickness for thickness, _ in slabs if thickness is not None)
-        share = (board - known) / len(missing)
-        if share <= 0:
-            where = root.where if whole is None else whole.where
-            raise BoardError(f"{where}: a board of {board * 1e3:g} mm is too thin for its {len(copper)} copper layers.")
-        source = "usual" if whole is None else "given"
-        assumed["stackup.dielectric_thickness_mm"] = (
-            f"the board file does not say; equal parts of what is left of the {source} board thickness of "
-            f"{board * 1e3:g} mm"
-        )
-    if any(epsilon is None for _, epsilon in slabs):
-        assumed["stackup.dielectric_epsilon_r"] = f"the board file does not say; FR-4, {_EPSILON_R:g}"
-    return [
-        (share if thickness is None else thickness, _EPSILON_R if epsilon is None else epsilon)
-        for thickness, epsilon in slabs
-    ]

@@ -15,6 +15,7 @@ from coilarray.geometry.coil import PlatedHole, path_coil
 from coilarray.geometry.readers.board_copper import BoardCopper, Hole, SurfacePad
 from coilarray.geometry.readers.traced_coil import TracedCoil
 from coilarray.geometry.readers.turn_gap import turn_gap
+from coilarray.geometry.stackup import Stackup
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -89,8 +90,23 @@ def traced_array(board: BoardCopper, coils: Sequence[TracedCoil]) -> TracedArray
         notes.append(
             "Some holes go through the whole board and some do not; all taken as reaching only what they join."
         )
-    array = CoilArray(board.stackup, tuple(placements), 0.0, bool(through))
-    return TracedArray(_with_margin(array, board, assumed, notes), assumed, tuple(notes))
+    array = CoilArray(_stackup(board, assumed, notes), tuple(placements), 0.0, bool(through))
+    array = _with_margin(array, board, assumed, notes)
+    notes += [f"{coil.name}: the current enters at {_begin(coil)}." for coil in coils]
+    return TracedArray(array, assumed, tuple(notes))
+
+
+def _stackup(board: BoardCopper, assumed: dict[str, str], notes: list[str]) -> Stackup:
+    """Return the board's stack-up; of one of two layers with copper on the first alone, that layer."""
+    copper = {item.layer for items in (board.tracks, board.pads, board.areas) for item in items}
+    copper.update(layer for hole in board.holes for layer in hole.layers)
+    names = board.stackup.names
+    if len(names) != 2 or copper != {names[0]}:
+        return board.stackup
+    notes.append(f"{names[1]} has no copper and is left out: the design has one layer, {names[0]}.")
+    for key in ("dielectric_thickness_mm", "dielectric_epsilon_r"):
+        assumed.pop(f"stackup.{key}", None)
+    return Stackup(names[:1], board.stackup.copper_thickness[:1], (), ())
 
 
 def _shifted(shape: Placement, traced: TracedCoil) -> Placement | None:
@@ -160,6 +176,15 @@ def _notes(coil: TracedCoil) -> Iterator[str]:
         yield f"{coil.name}: pads without a hole at its ends left out; the trace ends in their centres."
     if coil.passed:
         yield f"{coil.name}: {len(coil.passed)} of the holes on the path join none of its lines and are left out."
+
+
+def _begin(coil: TracedCoil) -> str:
+    x, y = coil.path[0] * 1e3
+    at = f"({x:.4g}, {y:.4g}) mm on {coil.layers[0]}"
+    first, last = ("" if end is None else end.number for end in coil.ends)
+    if first == last:
+        return f"{at}, where its first track is, for its ends have no numbers to tell them apart"
+    return f"pad {first}, {at}" if first else f"{at}, opposite to pad {last}"
 
 
 def _through(board: BoardCopper, coils: Sequence[TracedCoil]) -> bool | None:

@@ -38,6 +38,8 @@ class TracedCoil:
         Holes along the path that lead to no other layer.
     where : str
         "file:line" of its first track.
+    net : str or None
+        Its net; None where the board names none.
     """
 
     name: str
@@ -48,6 +50,12 @@ class TracedCoil:
     ends: tuple[Hole | SurfacePad | None, Hole | SurfacePad | None]
     passed: tuple[Hole, ...]
     where: str
+    net: str | None = None
+
+    @property
+    def widest(self) -> float:
+        """Largest width in m."""
+        return max(float(widths.max()) for widths in self.widths)
 
     @property
     def path(self) -> FloatArray:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Container, Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import count
 
@@ -11,16 +12,16 @@ import shapely
 
 from coilarray.errors import BoardError
 from coilarray.geometry.readers.board_copper import BoardCopper, CopperArea, Hole, SurfacePad, Track
+from coilarray.geometry.readers.contacts import Copper, Obstacles, copper_of, refuse_bridges
 from coilarray.geometry.readers.following import follow, place, where
 from coilarray.geometry.readers.natural_order import natural_order
 from coilarray.geometry.readers.traced_coil import TracedCoil
-from coilarray.geometry.readers.track_graph import TrackGraph, track_graph
+from coilarray.geometry.readers.track_graph import JOINED, TrackGraph, track_graph
 
 LEAST_TURNS = 0.9
 """Turns from which a net counts as a coil: a single loop lacks the space between its two leads. A track that goes out
 and comes back beside itself is a narrow loop, and counts."""
 
-_OVERLAP = 1e-6  # m: copper that meets by less only touches
 _SHOWN = 12  # names in a message
 _REASONS = 3  # nets in a message, with why they are no coils
 
@@ -61,16 +62,18 @@ def trace_coils(board: BoardCopper, nets: Sequence[str] | None = None) -> Tracin
     ------
     BoardError
         With `nets`: one that the board does not have, has no track, branches, is closed, comes in several pieces,
-        crosses itself, has copper that is no track, or is touched by copper without a net. Without: no coil at all.
+        crosses itself, has a pad or hole across its turns, has copper that is no track, or is touched by copper
+        without a net. Without: no coil at all.
         The message names file, line and position.
 
     Notes
     -----
     The current enters at the pad with the lower number (1 before 2, A2 before A10); where only one end has a numbered
-    pad, there; where neither has, or both have the same number, at the end whose track comes first in the file.
+    pad, there, but a lone pad 2 is the end; where neither has, or both have the same number, at the end whose track
+    comes first in the file. Pads and holes are conductors too: one that joins turns makes its net no coil.
     """
     by_net, nameless = _by_net(board)
-    obstacles = _Obstacles([*nameless.tracks, *nameless.areas])
+    obstacles = Obstacles(nameless.all)
     if nets is not None:
         for net in nets:
             if net not in by_net:
@@ -110,6 +113,17 @@ class _NetCopper:
     pads: list[SurfacePad] = field(default_factory=list)
     areas: list[CopperArea] = field(default_factory=list)
 
+    @property
+    def all(self) -> list[Copper]:
+        """Everything."""
+        return [*self.tracks, *self.holes, *self.pads, *self.areas]
+
+    @property
+    def stands(self) -> list[Copper]:
+        """What is no way for a current but may join ways: holes, pads, and tracks without a length."""
+        dots = [track for track in self.tracks if math.dist(track.start, track.end) <= JOINED]
+        return [*self.holes, *self.pads, *dots]
+
 
 def _by_net(board: BoardCopper) -> tuple[dict[str, _NetCopper], _NetCopper]:
     """Sort a board's copper by net, in the order of the tracks, then of the rest; and give what has none."""
@@ -125,34 +139,6 @@ def _by_net(board: BoardCopper) -> tuple[dict[str, _NetCopper], _NetCopper]:
     return {net: copper for net, copper in found.items() if net is not None}, found.get(None, _NetCopper())
 
 
-class _Obstacles:
-    """Copper without a net, which no net may touch."""
-
-    def __init__(self, copper: Sequence[Track | CopperArea]) -> None:
-        self._copper = copper
-        self._tree = shapely.STRtree(
-            [
-                shapely.LineString((each.start, each.end)).buffer(each.width / 2)
-                if isinstance(each, Track)
-                else each.shape
-                for each in copper
-            ]
-        )
-
-    def refuse_contact(self, what: str, graph: TrackGraph, piece: Sequence[int]) -> None:
-        """Raise where one of them lies on a path."""
-        edges = [graph.edges[index] for index in piece]
-        lines = [shapely.LineString(graph.points(edge)) for edge in edges]
-        reach = [max(edge.width / 2 - _OVERLAP, 0.0) for edge in edges]
-        for k, index in self._tree.query(lines, predicate="dwithin", distance=reach).T.tolist():
-            other = self._copper[index]
-            if other.layer == edges[k].layer:
-                kind = "a track" if isinstance(other, Track) else other.what
-                raise BoardError(
-                    f"{other.where}: {kind} without a net touches {what} on {other.layer} at {place(graph, piece[k])}."
-                )
-
-
 def _unknown(net: str, known: Sequence[str]) -> str:
     if not known:
         return f"there is no net {net!r}; the board's copper has no nets."
@@ -163,15 +149,20 @@ def _unknown(net: str, known: Sequence[str]) -> str:
 
 
 def _drawn(nameless: _NetCopper) -> str:
-    """Hint at copper that could be a coil if it were tracks."""
-    if not nameless.areas:
-        return ""
-    return (
-        f" Of its copper without a net, {len(nameless.areas)} pieces are drawn shapes or zones: a coil must be tracks."
-    )
+    """Hint at copper that could be a coil if it had a net, or were tracks."""
+    hint = ""
+    if nameless.tracks:
+        count_, first = len(nameless.tracks), nameless.tracks[0].where
+        hint += f" The board has {count_} tracks without a net, the first at {first}."
+    if nameless.areas:
+        hint += (
+            f" Of its copper without a net, {len(nameless.areas)} pieces are drawn shapes or zones: a coil must be "
+            "tracks."
+        )
+    return hint
 
 
-def _trace_net(net: str, copper: _NetCopper, obstacles: _Obstacles) -> TracedCoil:
+def _trace_net(net: str, copper: _NetCopper, obstacles: Obstacles) -> TracedCoil:
     if copper.areas:
         area = copper.areas[0]
         raise BoardError(f"{area.where}: net {net} has {area.what} on {area.layer}, which is no current path.")
@@ -179,34 +170,66 @@ def _trace_net(net: str, copper: _NetCopper, obstacles: _Obstacles) -> TracedCoi
     graph = track_graph(tracks, copper.holes, copper.pads)
     pieces = graph.components()
     if len(pieces) != 1:
-        at = " and ".join(f"at {place(graph, piece[0])} ({where(graph, piece[0], tracks)})" for piece in pieces[:2])
+        at = " and ".join(_begin(graph, piece[0], tracks) for piece in pieces[:2])
         raise BoardError(
             f"{tracks[0].where}: net {net} must be one piece of copper; it has {len(pieces)} that do not meet"
             f"{', ' if at else ''}{at}."
         )
-    obstacles.refuse_contact(f"net {net}", graph, pieces[0])
-    return follow(net, f"net {net}", graph, pieces[0], tracks)
+    coil = replace(follow(net, f"net {net}", graph, pieces[0], tracks), net=net)
+    obstacles.refuse_contact(f"net {net}", coil)
+    refuse_bridges(f"net {net}", coil, copper.stands)
+    return coil
+
+
+def _begin(graph: TrackGraph, edge: int, tracks: Sequence[Track]) -> str:
+    return f"at {place(graph, edge)} on {graph.edges[edge].layer} ({where(graph, edge, tracks)})"
 
 
 def _trace_nameless(
-    nameless: _NetCopper, taken: Container[str], coils: list[TracedCoil], left_out: dict[str, str]
+    nameless: _NetCopper, named: Mapping[str, _NetCopper], coils: list[TracedCoil], left_out: dict[str, str]
 ) -> None:
     """Add the pieces of copper without a net: coils by new names, other copper by its place."""
     graph = track_graph(nameless.tracks, nameless.holes, nameless.pads)
-    free_names = (name for k in count(1) if (name := f"coil{k}") not in taken)
-    obstacles = _Obstacles(nameless.areas)
-    for piece in graph.components():
+    pieces = graph.components()
+    if not pieces:
+        return
+    names = (name for k in count(1) if (name := f"coil{k}") not in named)
+    foreign = [Obstacles(copper.all, f"of net {net}") for net, copper in named.items()]
+    own = [frozenset(id(nameless.tracks[graph.edges[index].track]) for index in piece) for piece in pieces]
+    in_pieces = frozenset().union(*own)  # not the ones that lie wholly on others
+    others_tracks = [track for track in nameless.tracks if id(track) in in_pieces]
+    others = Obstacles([*others_tracks, *nameless.areas, *_joints(nameless, own)])
+    for piece, tracks in zip(pieces, own, strict=True):
         what = f"copper without a net at {place(graph, piece[0])}"
         try:
-            obstacles.refuse_contact(what, graph, piece)
             coil = follow(what, what, graph, piece, nameless.tracks)
+            if not _winds(coil):
+                left_out[what] = _too_few(coil)
+                continue
+            others.refuse_contact(what, coil, tracks)
+            refuse_bridges(what, coil, nameless.stands)
+            for obstacles in foreign:
+                obstacles.refuse_contact(f"tracks without a net, {what}", coil)
         except BoardError as error:
             left_out[what] = str(error)
             continue
-        if _winds(coil):
-            coils.append(replace(coil, name=next(free_names)))
-        else:
-            left_out[what] = _too_few(coil)
+        coils.append(replace(coil, name=next(names)))
+
+
+def _joints(nameless: _NetCopper, own: Sequence[frozenset[int]]) -> list[Copper]:
+    """Holes and pads without a net that touch tracks of several pieces; `own` are the ids of each piece's tracks."""
+    piece_of = {track: number for number, tracks in enumerate(own) for track in tracks}
+    tracks = [track for track in nameless.tracks if id(track) in piece_of]
+    tree = shapely.STRtree([shape for track in tracks for shape in copper_of(track).values()])
+    found: list[Copper] = []
+    for stand in nameless.stands:
+        met = set()
+        for layer, shape in copper_of(stand).items():
+            near = [tracks[k] for k in tree.query(shape, "intersects").tolist()]
+            met |= {piece_of[id(track)] for track in near if track.layer == layer}
+        if len(met) > 1:
+            found.append(stand)
+    return found
 
 
 def _winds(coil: TracedCoil) -> bool:
