@@ -157,7 +157,8 @@ def test_both_workers_take_part_with_one_thread_each(pool):
     pids = {pid for _, pid in pool.run(tasks.nap, [0.3] * 6)}
     assert len(pids) == 2
     assert os.getpid() not in pids
-    for _, (counts, ours) in pool.run(tasks.threads, range(4)):
+    for _, (counts, ours, cores) in pool.run(tasks.threads, range(4)):
+        assert cores == 1
         assert set(counts) == {1}
         assert ours == "1"
 
