@@ -1,7 +1,8 @@
 """Outcomes of points on disk, one small file each, so that nothing is computed twice.
 
-An outcome is kept under a hash of everything that decides it: the design with its changed entries, the quantities, and
-the code. The folder may be deleted at any time, and several runs may use it at once.
+An outcome is kept under a hash of what decides it: the design with its changed entries, the quantities, the code, and
+the versions of numpy, scipy and numba. The processor is not in it, which changes last digits. The folder may be deleted
+at any time, and several runs may use it at once.
 """
 
 from __future__ import annotations
@@ -91,7 +92,7 @@ def point_key(*parts: Any) -> str:
     Parameters
     ----------
     *parts : object
-        All that decides the outcome besides the code, as plain tables, lists, texts and numbers.
+        All that decides the outcome besides what computes it, as plain tables, lists, texts and numbers.
 
     Returns
     -------

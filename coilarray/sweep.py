@@ -27,7 +27,7 @@ from coilarray.workers import Pool
 
 MOST_POINTS = 100_000
 """Points of a sweep."""
-_LOOKED_AT = 200  # points that are built before work begins, at 10 ms each
+_LOOKED_AT = 200  # most points that are built before work begins, at 10 ms each
 _DIGITS = 12  # of the values of a range: steps of 0.1 shall have short names
 _RANGE = re.compile(r"([^:,\[\"']+):([^:,\[\"']+)(?::([^:,\[\"']+))?")
 _UNITS = {
@@ -141,6 +141,8 @@ def parse_axis(text: str) -> Axis:
         return Axis(key, ends, interval=True)
     if not 2 <= number <= MOST_POINTS or ends[0] == ends[1] or not all(map(math.isfinite, ends)):
         raise GoalError(f"{key} must have a range of 2 to {MOST_POINTS} different values; got {values!r}.")
+    if not math.isfinite(ends[1] - ends[0]):
+        raise GoalError(f"{key} must have a range of finite length; got {values!r}.")
     return Axis(key, tuple(float(f"{value:.{_DIGITS}g}") for value in np.linspace(*ends, number)))
 
 
@@ -351,7 +353,7 @@ def _check_designs(design: Design, points: Sequence[Mapping[str, Any]], requests
     missing = {name: one.key for one in requests for name in _coils(one)}
     names: tuple[str, ...] = ()
     reason = ""
-    for point in points[:: max(1, len(points) // _LOOKED_AT)]:
+    for point in points[:: -(-len(points) // _LOOKED_AT)]:  # rounded up, so that there are no more
         try:
             names = vary(design, point).array.names
         except DesignError as error:

@@ -17,6 +17,13 @@ import numpy as np
 from coilarray.design import Design, build_design
 from coilarray.errors import DesignError
 
+_NO_ENTRIES = {
+    "assumed": "[assumed] says why values are as they are",
+    "name": "it names the design and changes no number",
+    "title": "it names the design and changes no number",
+    "source": "it says where the design is from and changes no number",
+    "schema": "it says how the file is to be read",
+}
 _LARGEST_WHOLE = 1e15  # floats beyond are not exact to the unit
 
 
@@ -73,8 +80,9 @@ def vary_document(document: Mapping[str, Any], changes: Mapping[str, Any]) -> di
     Raises
     ------
     DesignError
-        A key that cannot be an entry: it leads through a value, past the end of a list, to a coil shape that is not
-        there, or to a whole table. Other wrong keys and values are found by `build_design`.
+        A key that cannot be an entry: it only describes the design or its file, leads through a value, past the end of
+        a list, to a coil shape that is not there, or to a whole table. Other wrong keys and values are found by
+        `build_design`.
 
     Examples
     --------
@@ -89,8 +97,8 @@ def vary_document(document: Mapping[str, Any], changes: Mapping[str, Any]) -> di
             close = difflib.get_close_matches(".".join(parts[1:2]), list(coils), n=1)
             hint = f"did you mean coils.{close[0]}? " if close else ""
             raise DesignError(f"{key} names no coil shape; {hint}[coils] has {', '.join(coils) or 'none'}.")
-        if parts[0] == "assumed":
-            raise DesignError(f"{key} is no entry: [assumed] says why values are as they are.")
+        if parts[0] in _NO_ENTRIES:
+            raise DesignError(f"{key} is no entry: {_NO_ENTRIES[parts[0]]}.")
         varied = _with_entry(varied, parts, _plain(value), key)
     return dict(varied)
 

@@ -172,6 +172,14 @@ def test_the_version_changes_with_the_source_of_what_computes(copied, change, ch
     assert (version() != before) == changes
 
 
+@pytest.mark.parametrize("package", ["numpy", "scipy", "numba"])
+def test_the_version_changes_with_that_of_what_computes(copied, monkeypatch, package):
+    _, version = copied
+    before, installed = version(), versions.metadata.version
+    monkeypatch.setattr(versions.metadata, "version", lambda name: "9.9" if name == package else installed(name))
+    assert version() != before
+
+
 def test_the_version_follows_links_to_folders(copied, tmp_path):
     """Geometry is such a link in a working copy; in an installation it is a folder."""
     root, version = copied

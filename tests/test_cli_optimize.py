@@ -86,6 +86,46 @@ def test_more_trials_and_json(capsys):
     assert data["front"][0]["quantities"]["span_mm"] > 0
 
 
+def test_fewer_trials_than_are_known(capsys):
+    assert run(capsys, "starter", "goal.toml", "--workers", "1")[0] == 0
+    before = Path("optimization/trials.csv").read_text(encoding="utf-8")
+    code, _, err = run(capsys, "starter", "goal.toml", "--workers", "1", "--trials", "3")
+    assert code == 0
+    assert "tried 10 points of the search; none is left out for 3" in err
+    assert Path("optimization/trials.csv").read_text(encoding="utf-8") == before
+
+
+def test_none_found_though_the_start_is_allowed(capsys):
+    # so near that they cover too little
+    text = GOAL.replace("low = 9.0", "low = 0.1").replace("high = 13.0", "high = 0.2")
+    Path("far.toml").write_text(text.replace("at_least = 500", "at_least = 400"), encoding="utf-8")
+    code, out, _ = run(capsys, "starter", "far.toml", "--workers", "1")
+    assert code == 0
+    assert "no design is found" in out
+    assert "the design as it was keeps all bounds, but lies outside of what the variables may be" in out
+
+
+def test_the_most_frequent_reason_where_none_is_found(capsys, monkeypatch):
+    import coilarray.optimize.run as module
+
+    points = module.evaluate_points
+
+    def walled(design, changes, *arguments, **options):
+        for index, outcome in points(design, changes, *arguments, **options):
+            reason = f"{index} is too near." if changes[index].get("array.columns", 4) < 4 else "too wide."
+            yield index, reason if changes[index] else outcome
+
+    monkeypatch.setattr(module, "evaluate_points", walled)
+    Path("far.toml").write_text(GOAL.replace("low = 9.0", "low = 12.0"), encoding="utf-8")
+    code, out, _ = run(capsys, "starter", "far.toml", "--workers", "1")
+    with Path("optimization/trials.csv").open(encoding="utf-8", newline="") as lines:
+        narrow = [int(row["array.columns"]) < 4 for row in csv.DictReader(lines) if row["kind"] == "search"]
+    expected = "is too near." if 2 * sum(narrow) > len(narrow) else "too wide."
+    assert code == 0
+    (line,) = [line for line in out.splitlines() if line.startswith("the most frequent reason why points cannot be: ")]
+    assert line.endswith(expected)
+
+
 def test_two_processes_find_the_same(capsys):
     found = []
     for count in ("1", "2"):
@@ -186,3 +226,4 @@ def test_mistakes(capsys, arguments, message):
     assert message in err
     assert "coilarray: error: " in err
     assert len(err.splitlines()) == 1
+    assert not list(Path().rglob("study.*"))

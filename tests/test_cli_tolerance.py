@@ -96,6 +96,8 @@ def test_the_tables_name_errors_outputs_and_limits(capsys):
     assert "\\" not in out
     # a nominal one, four for each of three errors, and the drawn ones
     assert "21 boards computed" in out
+    assert "the interval of the yield is for independent boards; Sobol points only come near it" in out
+    assert "a board that cannot be made is bad among the drawn ones; the linear yield has none of these" in out
 
 
 def test_without_samples_nothing_is_said_of_them(capsys):
@@ -103,6 +105,7 @@ def test_without_samples_nothing_is_said_of_them(capsys):
     assert "ratio" not in out
     assert "yield, linear" in out
     assert "yield of boards" not in out
+    assert "independent boards" not in out
 
 
 def test_typical_values_are_told_as_assumed(capsys):
@@ -175,6 +178,28 @@ def test_positions_are_located_with_a_kept_table(capsys, table):
     # as in tests/test_tolerance_position.py, with a table of 1 mm steps
     assert rows["shift_x_mm[x_mm=3,y_mm=3,depth_mm=0.3]"]["linear_deviation"] == pytest.approx(0.05, rel=0.1)
     assert "delta[coil1,x_mm=3,y_mm=3,depth_mm=0.3]" in rows
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("-q", "foo"), "there is no quantity 'foo'"),
+        (("-q", "k[coil1,nobody]"), "no coil 'nobody'"),
+        (("--samples", "5"), "samples must be 0 or at least 8"),
+        (("--seed", "-1"), "seed must not be negative"),
+        (("--x-mm", "90"), "x must be -19 to 19 mm"),
+        (("--workers", "0"), "the number of workers must be 1 to"),
+        (("limits.toml",), "the limit worst ≤ 1 names no output"),
+    ],
+)
+def test_mistakes_show_before_the_table_is_computed(capsys, monkeypatch, arguments, message):
+    def compute(*_, **__):
+        raise AssertionError("the table must come last")
+
+    monkeypatch.setattr("coilarray.localize.forward.table_for", compute)
+    Path("limits.toml").write_text('schema = 1\n[[limit]]\nquantity = "worst"\nat_most = 1\n', encoding="utf-8")
+    assert message in refused(capsys, "starter", "--x-mm", "0", "--samples", "0", "--table", "new.nc", *arguments)
+    assert not Path("new.nc").exists()
 
 
 def test_a_table_of_another_design_is_refused(capsys, table):

@@ -8,6 +8,8 @@ stops and repeats                 itself
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
 from coilarray import load_design
@@ -130,6 +132,34 @@ def test_more_points_are_the_same_with_and_without(design, tmp_path):
         return [trial.changes for trial in result.trials if trial.kind == "search"]
 
     assert tried("a", (12, 10), (26, 0)) == tried("b", (26, 0))
+
+
+def test_the_best_never_gets_worse_with_more_points(design, tmp_path):
+    """Two dips, the narrow one deeper: what the local solver found in it stays when the search ends up in the other."""
+
+    def dips(changes, accuracy):
+        for index, change in enumerate(changes):
+            pitch = change.get("array.pitch_mm", 13.28)
+            yield (
+                index,
+                {"worst_k": 5 - 3 * math.exp(-(((pitch - 11) / 0.4) ** 2)) - 2 * math.exp(-((pitch - 15) ** 2))},
+            )
+
+    variable = GOAL.split('[[variable]]\nentry = "elastomer')[0]
+    found = []
+    for seed in range(6):
+        bests = []
+        for trials in (1, 2, 3, 4, 6, 8):
+            search = f'[search]\ntrials = {trials}\nbatch = 1\npolish = 20\nsampler = "random"\nseed = {seed}\n'
+            result = optimize_with(design, parse_goal(variable + LEAST + search), tmp_path, dips)
+            names = [trial.name for trial in result.trials]
+            assert len(set(names)) == len(names) > result.found
+            bests.append(result.best.scores[0])
+        assert bests == sorted(bests, reverse=True)
+        found.append(result)
+    # at least once the best is from where an earlier run began
+    last = [max(trial.place for trial in polished(result)) - 20 for result in found]
+    assert any(r.best.kind == "polish" and r.best.place <= end for r, end in zip(found, last, strict=True))
 
 
 def test_nothing_to_polish(design, tmp_path):

@@ -165,6 +165,14 @@ def test_same_points_however_it_is_run(design, tmp_path, sampler, wanted):
     assert asked == 17  # of 18 points, the first being the start: nothing twice
 
 
+def test_fewer_points_than_are_known(design, tmp_path):
+    whole = optimize_with(design, goal_of(trials=14), tmp_path, Points())
+    points = Points()
+    fewer = optimize_with(design, goal_of(trials=5), tmp_path, points)
+    assert points_of(fewer) == points_of(whole)
+    assert (fewer.found, fewer.goal.search.trials, len(points.asked)) == (14, 14, 1)
+
+
 def test_other_seeds_give_other_points(design, tmp_path):
     goals = [parse_goal(GOAL.replace("seed = 3", f"seed = {seed}").format(
         wanted=LEAST, sampler="tpe", trials=3, batch=4, watch="")) for seed in (3, 4)
@@ -249,6 +257,8 @@ def test_screened_points_are_confirmed(design, tmp_path):
         )
     )  # fmt: skip
     result = optimize_with(design, goal, tmp_path, screened)
+    assert {trial.accuracy for trial in result.trials} == {"screen", "full"}
+    assert {trial.accuracy for trial in result.front} == {result.start.accuracy} == {"full"}
     assert asked[0] == ("full", {})
     assert [accuracy for accuracy, _ in asked[1:41]] == ["screen"] * 40  # the start again, to be like the others
     again = asked[41:]
@@ -267,6 +277,8 @@ def test_optuna_reads_the_store(design, tmp_path):
     goal = goal_of(LEAST + BOUND, trials=20)
     result = optimize_with(design, goal, tmp_path, Points())
     assert points_found(tmp_path, design, goal) == 20
+    assert points_found(tmp_path / "none", design, goal) == 0
+    assert not (tmp_path / "none").exists()
     study = optuna.load_study(study_name=study_name(design, goal), storage=f"sqlite:///{tmp_path / FILE}")
     finished = {trial.user_attrs["point"]["place"]: trial for trial in study.trials}
     assert sorted(finished) == list(range(20))
@@ -307,6 +319,9 @@ def test_files_that_are_none_of_ours(design, tmp_path, name):
     (tmp_path / name).write_text("no database, " * 100)
     with pytest.raises(OutputError, match=f"cannot (use|write) .*{name}"):
         optimize_with(design, goal_of(), tmp_path, Points())
+    with pytest.raises(OutputError) as caught, open_store(tmp_path, design, goal_of()):
+        pass
+    assert "(sqlite3." not in str(caught.value)  # the class of an error tells nobody anything
     (tmp_path / name).unlink()
     with sqlite3.connect(tmp_path / name) as other:
         other.execute("CREATE TABLE studies (x)")

@@ -106,6 +106,7 @@ def test_csv_has_every_trial(single, tmp_path):
     assert json.loads(start["array.layers"]) == [["L1", "L2"], ["L3", "L4"]]
     for row, trial in zip(others, single.trials, strict=True):
         assert (row["kind"], int(row["place"]), row["reason"]) == (trial.kind, trial.place, trial.reason)
+        assert row["accuracy"] == trial.accuracy
         assert (row["feasible"], row["front"]) == (str(trial.feasible), str(trial is single.best))
         assert float(row["array.pitch_mm"]) == trial.changes["array.pitch_mm"]  # to the last bit
         for key, value in trial.quantities.items():
@@ -121,7 +122,7 @@ def test_json(single, double, tmp_path):
     assert (data["goal"]["title"], data["goal"]["objective"][0]["quantity"]) == ("Smaller & better", "board_area_mm2")
     assert (data["trials"], data["found"], data["sampler"]) == (54, 0, "tpe")
     (best,) = data["front"]
-    assert best["file"] == "best.toml"
+    assert (best["file"], best["accuracy"]) == ("best.toml", "full")
     assert best["entries"] == dict(single.best.changes)
     assert best["quantities"]["span_mm"] >= 30
     assert data["start"]["quantities"]["board_area_mm2"] == pytest.approx(30 * 11 * 3)
@@ -146,6 +147,18 @@ def test_designs_read_back(single, double, tmp_path):
     for path, trial in zip(files, double.front, strict=True):
         assert load_design(path).values["array.pitch_mm"] == trial.changes["array.pitch_mm"]
     assert "# starter as changed by coilarray optimize (search" in files[0].read_text(encoding="utf-8")
+
+
+def test_designs_of_the_user_stay(single, double, tmp_path):
+    own = [tmp_path / name for name in ("best.toml", "pareto_99.toml", "pareto_mine.toml")]
+    for path in own:
+        path.write_text("mine")
+    (tmp_path / "result.json").write_text('{"front": [{"file": "pareto_mine.toml"}, {"file": 3}]}')
+    written = write_optimization(double, tmp_path)
+    assert [path.read_text() for path in own] == ["mine"] * 3
+    write_optimization(single, tmp_path)
+    assert not any(path.exists() for path in written[2:])
+    assert [path.read_text() for path in own[1:]] == ["mine"] * 2
 
 
 def test_what_was_chosen_is_not_assumed(single):

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from coilarray import load_design
-from coilarray.errors import GoalError
+from coilarray.errors import DesignError, GoalError
 from coilarray.quantities import evaluate
 from coilarray.storage import save_dataset
 from coilarray.sweep import MOST_POINTS, Axis, parse_axis, plan_sweep, run_sweep
@@ -89,6 +89,7 @@ def test_a_range_has_its_ends_and_even_steps(start, step, count):
         ("a=1:inf:5", "a must have a range of 2"),
         ("a=1:2:100001", "a must have a range of 2"),
         ("a=nan:2:5", "a must have a range of 2"),
+        ("a=1e308:-1e308:3", "a must have a range of finite length; got '1e308:-1e308:3'"),
         ("a=1,nan", "a must have finite values; got nan"),
         ("a=1,2,1", "a must have each value once; got 1 again"),
         ("a=open,open", "a must have each value once; got open again"),
@@ -248,6 +249,8 @@ NO_COIL = "no design of the sweep has a coil"
         ([GOOD], "inductance_uH[9]", {}, f"inductance_uH[9]: {NO_COIL} '9'; there are coil1,"),
         ([Axis("array.pich_mm", (1, 2))], "span_mm", {}, f"{NO_DESIGN}array has no key 'pich_mm'; did you mean"),
         ([Axis(PITCH, ("wide",)), GOOD_TOO], "span_mm", {}, f"{NO_DESIGN}array.pitch_mm must be a number; got 'wide'."),
+        ([Axis("name", ("a", "b"))], "span_mm", {}, f"{NO_DESIGN}name is no entry: it names the design"),
+        ([Axis("schema", (1, 2))], "span_mm", {}, f"{NO_DESIGN}schema is no entry: it says how the file"),
         (MANY, "span_mm", {}, "a sweep must have 1 to 100000 points; got 101000."),
         ([Axis(PITCH, (1, 2), interval=True)], "span_mm", {}, "array.pitch_mm must have a count of values, as START:"),
         ([GOOD], "span_mm", {"samples": 0}, "a sweep must have 1 to 100000 points; got 0."),
@@ -269,6 +272,20 @@ def test_a_coil_that_only_some_designs_have_is_allowed(starter):
     assert math.isnan(few)
     assert enough > 0
     assert result.reason.values[0] == "the design starter has no coil 'coil3'; there are coil1, coil2."
+
+
+@pytest.mark.parametrize("count", [200, 201, 399, 401])
+def test_at_most_two_hundred_points_are_looked_at(starter, monkeypatch, count):
+    looked = []
+
+    def refuse(design, point):
+        looked.append(point)
+        raise DesignError("no.")
+
+    monkeypatch.setattr("coilarray.sweep.vary", refuse)
+    with pytest.raises(GoalError, match="no point of the sweep gives a design"):
+        plan_sweep(starter, [Axis(PITCH, tuple(range(1, count + 1)))], ["span_mm"])
+    assert 100 <= len(looked) <= 200
 
 
 def test_quantities_that_are_the_same_are_computed_once(starter):

@@ -22,7 +22,7 @@ from tolerance_boards import (
 from coilarray import load_design
 from coilarray.cache import open_cache
 from coilarray.constants import MU_0
-from coilarray.errors import GoalError
+from coilarray.errors import GoalError, LocalizeError
 from coilarray.quantities import evaluate
 from coilarray.tolerance import (
     Limit,
@@ -30,15 +30,19 @@ from coilarray.tolerance import (
     Spread,
     Tolerances,
     analyse,
+    check_analysis,
     contributors,
     draw,
     errors_of,
     load_tolerances,
     perturb,
 )
+from coilarray.variation import vary
 from coilarray.workers import workers
 
 K = "k[upper,lower]"
+STARTER = load_design("starter")
+TWO_STATES = vary(STARTER, {"array.columns": 2})
 SMALL = Tolerances(
     {
         "etch": Spread(board=1e-8, layer=2e-8),
@@ -270,6 +274,27 @@ def test_the_spread_of_screened_inductances_is_right_to_a_hundredth():
 def test_bad_arguments_are_refused(arguments, message):
     with pytest.raises(GoalError, match=message):
         analyse(loops(), SMALL, **{"samples": 0, **arguments})
+
+
+@pytest.mark.parametrize(
+    ("place", "message"),
+    [
+        (Positions((0.0, 0.09), (0.0,), 1e-3), "x must be -19 to 19 mm, in the table of starter; got 90"),
+        (Positions((0.0,), (0.09,), 1e-3), "y must be "),
+        (Positions((0.0,), (0.0,), 1.0), "depth must be "),
+        (Positions((0.0,), (0.0,), 1e-3), "3 unknowns need at least as many states; the scan has coil1, coil2"),
+    ],
+)
+def test_positions_are_refused_before_the_table_is_computed(monkeypatch, place, message):
+    def compute(*_, **__):
+        raise AssertionError("the table must come last")
+
+    monkeypatch.setattr("coilarray.tolerance.analysis.table_for", compute)
+    design = STARTER if "unknowns" not in message else TWO_STATES
+    wanted = Tolerances({"placement": Spread(board=1e-5)}, positions=place)
+    for check in (check_analysis, analyse):
+        with pytest.raises(LocalizeError, match=message):
+            check(design, wanted, samples=0, quantities=["span_mm"])
 
 
 def test_bad_limits_and_positions_are_refused():

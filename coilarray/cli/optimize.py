@@ -63,7 +63,7 @@ def optimize(
     from coilarray.cache import open_cache
     from coilarray.design import load_design
     from coilarray.optimize.goal import load_goal
-    from coilarray.optimize.run import optimize_design
+    from coilarray.optimize.run import optimize_design, require_coils
     from coilarray.optimize.space import axes_of
     from coilarray.optimize.store import points_found
     from coilarray.optimize.write import result_data, write_optimization
@@ -73,7 +73,8 @@ def optimize(
 
     opened = load_design(design)
     wanted = _with_trials(load_goal(goal), trials)
-    axes_of(wanted, opened)  # mistakes before any process is started
+    axes_of(wanted, opened)  # mistakes before anything is made and any process is started
+    require_coils(opened, wanted)
     kept = open_cache(cache)
     found = points_found(out, opened, wanted)
     if found:
@@ -94,6 +95,12 @@ def optimize(
         if found:
             typer.echo(f"coilarray: {found} points are kept in {out}; the same command goes on from there", err=True)
         raise
+    if result.goal.search.trials > wanted.search.trials:
+        typer.echo(
+            f"coilarray: an earlier run in {out} tried {result.goal.search.trials} points of the search; "
+            f"none is left out for {wanted.search.trials}",
+            err=True,
+        )
     files = (*write_optimization(result, out), write_optimization_report(result, out))
     if as_json:
         print_json({**result_data(result), "files": [str(path) for path in files]})
@@ -133,11 +140,16 @@ def _print_quantities(*, as_json: bool) -> None:
 
 def _print_result(result: Optimization) -> None:
     """Print the start and what was found side by side, a quantity or entry a line."""
-    from coilarray.report.optimization import chosen_designs
+    from coilarray.report.optimization import chosen_designs, reason_table
 
     tried = f"{len(result.trials)} points, {sum(trial.feasible for trial in result.trials)} keep all bounds"
     if not result.front:
         typer.echo(f"{tried}: no design is found")
+        if result.start.feasible:
+            outside = "" if result.start_inside else ", but lies outside of what the variables may be"
+            typer.echo(f"the design as it was keeps all bounds{outside}")
+        for reason, *_ in reason_table(result).rows[:1]:
+            typer.echo(f"the most frequent reason why points cannot be: {reason}")
         return
     chosen = chosen_designs(result)
     shown = [result.start, *(one.trial for one in chosen)]

@@ -106,12 +106,13 @@ def tolerance(
     check_file("--template", template, (".toml",))
     if workers is not None and cluster is not None:
         raise ClusterError("--workers is for processes of this machine; it cannot be given with --cluster.")
+    from contextlib import ExitStack
     from dataclasses import replace
 
     from coilarray.cache import open_cache
     from coilarray.files import write_atomically, write_text
     from coilarray.report.tolerance_tables import given_table, spread_table, yield_table
-    from coilarray.tolerance import analyse, load_tolerances, typical_text
+    from coilarray.tolerance import analyse, check_analysis, load_tolerances, typical_text
     from coilarray.workers import default_count
     from coilarray.workers import workers as open_workers
 
@@ -124,12 +125,25 @@ def tolerance(
     positions = _positions(opened, read.positions, x_mm, y_mm, depth_mm, noise)
     if positions is None and table is not None:
         raise GoalError("--table is for located positions; it needs --x-mm, or [positions] in the file.")
+    wanted = replace(read, positions=positions)
+    check_analysis(
+        opened,
+        wanted,
+        quantities=quantity or (),
+        samples=samples,
+        seed=seed,
+        sampling=sampling,
+        accuracy=accuracy,
+        with_table=table is not None and table.exists(),
+    )
     kept = open_cache(cache)
-    known = None if positions is None else _table(opened, table)
     count = default_count() if workers is None else workers
     done = 0
     try:
-        with open_workers(count, cluster) as pool, progress_bar("boards") as show:
+        with open_workers(count, cluster) as pool, ExitStack() as bars:
+            # long, so that it comes after all that may be refused; its bar ends before that of the boards begins
+            known = None if positions is None else _table(opened, table)
+            show = bars.enter_context(progress_bar("boards"))
 
             def progress(now: int, total: int) -> None:
                 nonlocal done
@@ -138,7 +152,7 @@ def tolerance(
 
             result = analyse(
                 opened,
-                replace(read, positions=positions),
+                wanted,
                 quantities=quantity or (),
                 samples=samples,
                 seed=seed,
@@ -254,6 +268,10 @@ def _remarks(result: xr.Dataset) -> list[str]:
         failures = [reason for reason in result.failure.values.tolist() if reason]
         if failures:
             lines.append(f"{len(failures)} of {result.sizes['sample']} drawn boards failed; the first: {failures[0]}")
+    if "linear_yield" in result:
+        lines.append("a board that cannot be made is bad among the drawn ones; the linear yield has none of these")
+    if "sample_yield" in result:
+        lines.append("the interval of the yield is for independent boards; Sobol points only come near it")
     if result.attrs.get("untold"):
         lines.append(f"taken as known, for a reading tells next to nothing of it: {result.attrs['untold']}")
     if "found" in result.attrs and "value" in result:

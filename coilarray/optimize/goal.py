@@ -20,6 +20,7 @@ from coilarray.schema_table import Table
 
 _POLISH = 60  # evaluations of the local solver where the goal says nothing
 _WHOLE_STEPS = 1e-9  # of a step: what a range may lack of a whole number of them
+_MOST_STEPS = 1e9
 _ROUNDING = 1e-9  # of a bound: less is no violation
 _LONGEST_NAME = 200  # characters shown of a file name
 
@@ -65,6 +66,8 @@ class Variable(Table):
             raise ValueError("may have step or log, not both")
         if self.step is not None:
             steps = (self.high - self.low) / self.step
+            if not steps <= _MOST_STEPS:
+                raise ValueError(f"needs at most {_MOST_STEPS:g} steps from low to high; got step = {self.step:g}")
             if abs(steps - round(steps)) > _WHOLE_STEPS * max(1.0, steps):
                 raise ValueError(f"needs a whole number of steps of {self.step:g} from low to high; got {steps:g}")
         return self
@@ -75,8 +78,15 @@ class Variable(Table):
             texts = [json.dumps(choice, allow_nan=False) for choice in choices]
         except (TypeError, ValueError):
             raise ValueError("needs choices that are numbers, texts, true, false or lists of them") from None
-        if len(set(texts)) != len(texts):
+        if len({json.dumps(_plain(choice)) for choice in choices}) != len(texts):
             raise ValueError(f"needs choices that differ; got {', '.join(texts)}")
+
+
+def _plain(choice: Any) -> Any:
+    """Return a choice with whole numbers written in one way: 12.0 is 12."""
+    if isinstance(choice, list):
+        return [_plain(part) for part in choice]
+    return int(choice) if isinstance(choice, float) and choice.is_integer() else choice
 
 
 class Objective(Table):

@@ -51,8 +51,8 @@ def polish(
     store: Store,
     evaluate: Evaluate,
     told: Callable[[Trial], None],
-) -> list[Trial]:
-    """Improve a point; what the store has is not evaluated again.
+) -> None:
+    """Improve a point; what the store has is not evaluated again, what it has not is added to it.
 
     Parameters
     ----------
@@ -63,16 +63,11 @@ def polish(
     best : Trial
         Where to begin.
     store : Store
-        Keeps every trial.
+        Takes every trial, at most as many as the goal says.
     evaluate : callable
         See `coilarray.optimize.search.Evaluate`.
     told : callable
         Called with each trial as it is known.
-
-    Returns
-    -------
-    list of Trial
-        At most as many as the goal says, in the order of the solver.
 
     Raises
     ------
@@ -97,7 +92,6 @@ def polish(
                 "final_tr_radius": _LAST_RADIUS,
             },
         )
-    return local.trials
 
 
 class _EnoughError(Exception):
@@ -120,7 +114,7 @@ class _Local:
         self._store, self._evaluate, self._told = store, evaluate, told
         self._free = [axis for axis in axes if axis.continuous]
         self.begin = np.array([axis.part(best.changes[axis.entry]) for axis in self._free])
-        self.trials: list[Trial] = []
+        self._tried = 0
         self._seen: dict[bytes, Trial] = {self.begin.tobytes(): best} if goal.search.accuracy == "full" else {}
         stored = [stored_trial(goal, axes, frozen) for frozen in store.trials()]
         self._stored = {_text(trial.changes): trial for trial in stored if trial.kind == "polish"}
@@ -150,7 +144,7 @@ class _Local:
         return self._seen[key]
 
     def _try(self, point: FloatArray) -> Trial:
-        if len(self.trials) >= self._goal.polish:
+        if self._tried >= self._goal.polish:
             raise _EnoughError
         changes = dict(self._best.changes)
         changes |= {axis.entry: axis.at(part) for axis, part in zip(self._free, point.tolist(), strict=True)}
@@ -161,7 +155,7 @@ class _Local:
             parameters = {axis.entry: axis.parameter(changes[axis.entry]) for axis in self._axes}
             self._store.add(frozen_trial(self._axes, parameters, trial))
             self._stored[_text(changes)] = trial
-        self.trials.append(trial)
+        self._tried += 1
         self._told(trial)
         return trial
 

@@ -14,9 +14,9 @@ from coilarray.errors import CoilarrayError, GoalError
 from coilarray.inductance import Accuracy
 from coilarray.optimize.goal import Goal
 from coilarray.optimize.polish import polish, polish_problem
-from coilarray.optimize.search import Evaluate, Outcome, search
+from coilarray.optimize.search import Evaluate, Outcome, search, stored_trial
 from coilarray.optimize.space import Axis, axes_of, start_parameters
-from coilarray.optimize.store import open_store
+from coilarray.optimize.store import Store, open_store
 from coilarray.optimize.trials import Trial, best_of, front_of, trial_of
 from coilarray.points import evaluate_points
 from coilarray.variation import vary
@@ -35,7 +35,7 @@ class Optimization:
     design : Design
         As it was.
     goal : Goal
-        What was wanted.
+        What was wanted. Where an earlier run tried more points, as many trials as it had.
     axes : tuple of Axis
         The variables, as `axes_of` returns them.
     start : Trial
@@ -43,7 +43,7 @@ class Optimization:
     start_inside : bool
         True where that lies within the bounds of the variables, and is a point of the search too.
     trials : tuple of Trial
-        Of the search, then of the local solver, each in its order.
+        Of the search, then of the local solver, each in its order; those of earlier runs too.
     front : tuple of Trial
         The Pareto front in the order of the first objective, see `front_of`; with one objective the best trial alone.
         Empty where no trial keeps all bounds.
@@ -116,6 +116,7 @@ def optimize_design(
     MissingDependencyError
         No Optuna.
     """
+    require_coils(design, goal)
 
     def evaluate(changes: Sequence[Mapping[str, Any]], accuracy: Accuracy) -> Iterator[tuple[int, Outcome]]:
         points = evaluate_points(design, changes, goal.quantities, pool, cache, accuracy=accuracy)
@@ -152,6 +153,7 @@ def optimize_with(
     inside = start_parameters(axes) is not None
     with open_store(Path(folder), design, goal) as store:
         found = len(store.trials())
+        goal = _with_known(goal, store)
         ((_, outcome),) = evaluate([{}], "full")
         start = trial_of(goal, "start", 0, {}, outcome)
         count = _Count(goal, told)
@@ -160,16 +162,44 @@ def optimize_with(
         best = best_of(tried, goal) if single else None
         problem = polish_problem(goal, axes, best)
         if not problem and best is not None:
-            tried += polish(goal, axes, best, store, evaluate, count)
-        tried = _confirmed(goal, tried, evaluate)
+            polish(goal, axes, best, store, evaluate, count)
+        tried = _confirmed(goal, tried + _polished(goal, axes, store), evaluate)
     return Optimization(design, goal, axes, start, inside, tuple(tried), front_of(tried, goal), found, problem)
+
+
+def require_coils(design: Design, goal: Goal) -> None:
+    """Refuse a goal that names a coil which the design has not, before anything is computed: GoalError."""
+    evaluation = quantities.Evaluation(design)
+    for key in goal.quantities:
+        options = quantities.request(key).options
+        for given in (options[name] for name in ("coil", "coils") if name in options):
+            for coil in given if isinstance(given, tuple) else (given,):
+                evaluation.coil(str(coil))
+
+
+def _with_known(goal: Goal, store: Store) -> Goal:
+    """Return the goal with as many trials as the store has at least: no point that is known is left out."""
+    points = [trial.user_attrs["point"] for trial in store.trials()]
+    known = max((point["place"] + 1 for point in points if point["kind"] == "search"), default=0)
+    if known <= goal.search.trials:
+        return goal
+    return goal.model_copy(update={"search": goal.search.model_copy(update={"trials": known})})
+
+
+def _polished(goal: Goal, axes: Sequence[Axis], store: Store) -> list[Trial]:
+    """Return every point of the local solver, those from where an earlier run began too."""
+    stored = [stored_trial(goal, axes, frozen) for frozen in store.trials()]
+    return sorted((trial for trial in stored if trial.kind == "polish"), key=lambda trial: trial.place)
 
 
 def _confirmed(goal: Goal, trials: Sequence[Trial], evaluate: Evaluate) -> list[Trial]:
     """Compute the front in full where it is not: screened points, and those that lack what is watched only now."""
     known = {trial.name: trial for trial in trials}
-    full = {trial.name for trial in trials if trial.kind == "polish" or goal.search.accuracy == "full"}
-    full = {name for name in full if all(key in known[name].quantities for key in goal.quantities)}
+    full = {
+        trial.name
+        for trial in trials
+        if trial.accuracy == "full" and all(key in trial.quantities for key in goal.quantities)
+    }
     while waiting := [trial for trial in front_of(list(known.values()), goal) if trial.name not in full]:
         for index, outcome in evaluate([trial.changes for trial in waiting], "full"):
             old = waiting[index]

@@ -94,7 +94,7 @@ def search(
                 asked[place] = memory.ask(place)
         for place, outcome in _outcomes(goal, axes, asked, start, evaluate):
             parameters = asked[place].params
-            trial = trial_of(goal, "search", place, changes_of(axes, parameters), outcome)
+            trial = trial_of(goal, "search", place, changes_of(axes, parameters), outcome, goal.search.accuracy)
             store.add(frozen_trial(axes, parameters, trial, *memory.left_by(place)))
             know(place, trial)
         for place in batch:
@@ -106,7 +106,8 @@ def stored_trial(goal: Goal, axes: Sequence[Axis], frozen: FrozenTrial) -> Trial
     """Return what the store has of a trial."""
     point = frozen.user_attrs["point"]
     outcome = point["reason"] or frozen.user_attrs["quantities"]
-    return trial_of(goal, point["kind"], point["place"], changes_of(axes, frozen.params), outcome)
+    accuracy = "full" if point["kind"] == "polish" else goal.search.accuracy
+    return trial_of(goal, point["kind"], point["place"], changes_of(axes, frozen.params), outcome, accuracy)
 
 
 def frozen_trial(

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
+import re
 import sqlite3
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
@@ -101,7 +103,12 @@ def open_store(folder: Path, design: Design, goal: Goal) -> Iterator[Store]:
 
 
 def points_found(folder: Path, design: Design, goal: Goal) -> int:
-    """Return how many points an earlier run left, which `open_store` would take up; errors as there."""
+    """Return how many points an earlier run left, which `open_store` would take up; errors as there.
+
+    Makes nothing where there is no study.
+    """
+    if not os.path.exists(folder / FILE):  # pathlib's raises where the folder may not be read
+        return 0
     with open_store(folder, design, goal) as store:
         return len(store.trials())
 
@@ -151,4 +158,6 @@ def _alone(path: Path, folder: Path) -> Iterator[None]:
 
 
 def _first_line(error: Exception) -> str:
-    return (str(error).strip().splitlines() or [type(error).__name__])[0].rstrip(".")
+    """Return what an error says, without the class that SQLAlchemy puts before: "(sqlite3.DatabaseError) "."""
+    line = (str(error).strip().splitlines() or [type(error).__name__])[0].rstrip(".")
+    return re.sub(r"^\([\w.]+\) ", "", line)

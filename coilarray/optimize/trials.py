@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from coilarray.inductance import Accuracy
 from coilarray.optimize.goal import Goal
 
 
@@ -29,6 +30,8 @@ class Trial:
         As `Goal.violations`.
     reason : str
         Why the point cannot be, in one line; empty where it can.
+    accuracy : {"full", "screen"}
+        Of its inductances: `coilarray.inductance.Accuracy`.
     """
 
     kind: Literal["start", "search", "polish"]
@@ -38,6 +41,7 @@ class Trial:
     scores: tuple[float, ...]
     violations: Mapping[str, float]
     reason: str = ""
+    accuracy: Accuracy = "full"
 
     @property
     def feasible(self) -> bool:
@@ -56,6 +60,7 @@ def trial_of(
     place: int,
     changes: Mapping[str, Any],
     outcome: Mapping[str, float] | str,
+    accuracy: Accuracy = "full",
 ) -> Trial:
     """Judge a point by a goal.
 
@@ -67,11 +72,13 @@ def trial_of(
         As in `Trial`.
     outcome : mapping of str to float, or str
         Every quantity of the goal, but for those that are watched alone; or the reason why there is none.
+    accuracy
+        As in `Trial`.
     """
     if isinstance(outcome, str):
-        return Trial(kind, place, changes, {}, (), {}, outcome)
+        return Trial(kind, place, changes, {}, (), {}, outcome, accuracy)
     values = {key: float(outcome[key]) for key in goal.quantities if key in outcome}
-    return Trial(kind, place, changes, values, goal.scores(values), goal.violations(values))
+    return Trial(kind, place, changes, values, goal.scores(values), goal.violations(values), accuracy=accuracy)
 
 
 def best_of(trials: Sequence[Trial], goal: Goal) -> Trial | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,8 @@ from coilarray.optimize.run import Optimization
 from coilarray.optimize.trials import Trial
 from coilarray.variation import vary_document
 
+_DESIGN_NAME = re.compile(r"best\.toml|pareto_\d{2,}\.toml")
+
 
 def write_optimization(result: Optimization, folder: str | Path) -> tuple[Path, ...]:
     """Write all files but the report.
@@ -28,7 +31,7 @@ def write_optimization(result: Optimization, folder: str | Path) -> tuple[Path, 
     result : Optimization
         As `coilarray.optimize.optimize_design` returns it.
     folder : str or Path
-        Made where it does not exist. Designs that an earlier search left there are removed.
+        Made where it does not exist. Designs that its ``result.json`` says an earlier search left are removed.
 
     Returns
     -------
@@ -52,12 +55,20 @@ def write_optimization(result: Optimization, folder: str | Path) -> tuple[Path, 
             for name, trial in zip(names, result.front, strict=True)
         },
     }
-    for old in (folder / "best.toml", *folder.glob("pareto_*.toml")):
-        if old.name not in texts:
-            old.unlink(missing_ok=True)
+    for old in _written_before(folder) - set(texts):
+        (folder / old).unlink(missing_ok=True)
     for name, text in texts.items():
         write_text(folder / name, text)
     return tuple(folder / name for name in texts)
+
+
+def _written_before(folder: Path) -> set[str]:
+    """Return the names of the designs that an earlier search wrote, as its ``result.json`` lists them."""
+    try:
+        files = [design["file"] for design in json.loads((folder / "result.json").read_text(encoding="utf-8"))["front"]]
+    except (OSError, ValueError, TypeError, KeyError, RecursionError):  # none, or none of ours
+        return set()
+    return {name for name in files if isinstance(name, str) and _DESIGN_NAME.fullmatch(name)}
 
 
 def design_names(result: Optimization) -> tuple[str, ...]:
@@ -106,13 +117,14 @@ def trials_csv(result: Optimization) -> str:
     best = {(trial.kind, trial.place) for trial in result.front}
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow(["kind", "place", "feasible", "front", *entries, *quantities, "reason"])
+    writer.writerow(["kind", "place", "accuracy", "feasible", "front", *entries, *quantities, "reason"])
     for trial in (result.start, *result.trials):
         values = result.values(trial)
         writer.writerow(
             [
                 trial.kind,
                 trial.place,
+                trial.accuracy,
                 trial.feasible,
                 (trial.kind, trial.place) in best,
                 *(_cell(values[entry]) for entry in entries),
@@ -150,6 +162,7 @@ def result_data(result: Optimization) -> dict[str, Any]:
 def _record(trial: Trial, values: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "trial": trial.name,
+        "accuracy": trial.accuracy,
         "feasible": trial.feasible,
         "entries": dict(values),
         "quantities": dict(trial.quantities),

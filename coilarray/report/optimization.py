@@ -171,12 +171,14 @@ def trial_table(result: Optimization) -> Table:
     columns = (
         *([Column("file", "file")] if several else []),
         Column("trial", "trial"),
+        Column("accuracy", "accuracy"),
         *(Column(key, key) for key in (*result.goal.quantities, *entries)),
     )
     rows = tuple(
         (
             *([name] if several else []),
             trial.name,
+            trial.accuracy,
             *(_shown(trial.quantities.get(key)) for key in result.goal.quantities),
             *(_shown(trial.changes[entry]) for entry in entries),
         )

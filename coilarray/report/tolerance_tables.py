@@ -179,7 +179,8 @@ def yield_table(result: xr.Dataset) -> Table:
     Returns
     -------
     Table
-        Of the linear model and, with samples, of the drawn boards with an interval that holds the true share with 95 %.
+        Of the linear model, in which every board can be made, and, with samples, of the drawn boards, of which one that
+        cannot be made is bad. Their interval is that of `coilarray.tolerance.statistics.Yield`.
     """
     columns = (
         Column("limit", "limit"),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from coilarray.tolerance.analysis import analyse
+from coilarray.tolerance.analysis import analyse, check_analysis
 from coilarray.tolerance.files import load_tolerances, parse_tolerances, typical_text
 from coilarray.tolerance.outputs import default_quantities
 from coilarray.tolerance.perturb import error_names, perturb
@@ -23,6 +23,7 @@ __all__ = [
     "Spread",
     "Tolerances",
     "analyse",
+    "check_analysis",
     "contributors",
     "default_quantities",
     "draw",

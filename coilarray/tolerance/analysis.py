@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,9 +15,9 @@ from coilarray.blocks import Progress
 from coilarray.cache import Outcome, PointCache
 from coilarray.coupling import provenance
 from coilarray.design import Design, build_design
-from coilarray.errors import GoalError
+from coilarray.errors import GoalError, LocalizeError
 from coilarray.inductance import Accuracy
-from coilarray.localize.forward import forward_model, table_for
+from coilarray.localize.forward import PARAMETERS, forward_model, table_for, table_grid
 from coilarray.points import run_cached
 from coilarray.quantities import QUANTITIES, canonical
 from coilarray.tolerance.outputs import Outputs, default_quantities, evaluate_board, wanted_outputs
@@ -64,7 +65,7 @@ def analyse(
         As in `coilarray.tolerance.sampling.draw`.
     accuracy : {"full", "screen"}
         Of the inductances. ``screen`` shifts values by 1e-4 of L and 5e-5 in k, the same for all boards, so that their
-        spread is right to 1 % (tests/test_tolerance.py).
+        spread is right to 1 % (tests/test_tolerance_analysis.py).
     table : xarray.Dataset, optional
         What `coilarray.localize.forward.table_for` says of the design, for the located positions; computed here by
         default.
@@ -87,13 +88,13 @@ def analyse(
         says why a board has none or a reading has no position; the ``sample_mean``, ``sample_deviation`` with its
         standard error, their ``ratio`` to the linear deviation with its own (NaN where that is zero), and the
         ``percentiles``. With limits, by ``limit`` and for all together last: ``linear_yield`` and, with samples,
-        ``sample_yield`` with its interval of 95 %; a board that fails keeps no limit.
+        ``sample_yield`` with its interval (see `coilarray.tolerance.statistics.Yield`). A board that cannot be made
+        keeps no limit; the linear model has none of these.
 
     Raises
     ------
     GoalError
-        An unknown quantity, a limit that names no output, samples or a seed that are not allowed, no error with a
-        spread, or a board next to the nominal one that cannot be.
+        What `check_analysis` refuses, or a board next to the nominal one that cannot be.
     CoilarrayError
         What keeps the nominal board from being solved.
     ValueError
@@ -108,21 +109,13 @@ def analyse(
     >>> result.output.item(), round(float(result.linear_deviation[0] / result.nominal[0]), 5)
     ('inductance_uH[coil1]', 0.00051)
     """
-    if build_design(design.document, design.name).digest != design.digest:
-        raise ValueError(f"the design {design.name} must be as its document says.")
-    if 0 < samples < LEAST_SAMPLES:
-        raise GoalError(f"samples must be 0 or at least {LEAST_SAMPLES}; got {samples}.")
-    found = contributors(design, tolerances)
-    asked = tuple(quantities) or tolerances.quantities or default_quantities(design)
-    limits = tuple(_canonical(limit) for limit in tolerances.limits)
-    by_name = [limit.quantity for limit in limits if limit.quantity.partition("[")[0] in QUANTITIES]
-    outputs = wanted_outputs(design, [*asked, *by_name], tolerances.positions, accuracy)
-    drawn = draw(found, samples, seed, sampling)
+    asked = _asked(design, tolerances, quantities, samples, seed, sampling, accuracy)
+    found, outputs, limits, drawn = asked.found, asked.outputs, asked.limits, asked.drawn
+    if table is None:
+        _check_places(design, outputs)
     shifts = _shifts(design, outputs, table)
     names = (*outputs.names(design), *(() if shifts is None else shifts.names(outputs.places())))
-    for limit in limits:
-        if limit.quantity not in names:
-            raise GoalError(f"the limit {limit.text} names no output; there are {', '.join(names)}.")
+    _check_limits(limits, names)
 
     steps = error_steps(found)
     around = difference_points(steps)
@@ -146,6 +139,107 @@ def analyse(
         result = result.merge(_yields(limits, names, found, nominal, linear, sampled))
     about = {"seed": seed, "sampling": sampling, "accuracy": accuracy, "boards": len(boards)}
     return result.assign_attrs({**provenance(design), **about, **told})
+
+
+def check_analysis(
+    design: Design,
+    tolerances: Tolerances,
+    *,
+    quantities: Sequence[str] = (),
+    samples: int = 64,
+    seed: int = 0,
+    sampling: Sampling = "sobol",
+    accuracy: Accuracy = "screen",
+    with_table: bool = False,
+) -> None:
+    """Refuse what `analyse` would, as far as it shows without a table and without a board: in milliseconds.
+
+    Parameters
+    ----------
+    design, tolerances, quantities, samples, seed, sampling, accuracy
+        As in `analyse`.
+    with_table : bool
+        Whether there is a table already. Without, positions must lie in the one that is to be computed.
+
+    Raises
+    ------
+    GoalError
+        An unknown quantity or coil, a limit that names no output, samples or a seed that are not allowed, or no error
+        with a spread.
+    LocalizeError
+        A position outside the table that is to be computed, or fewer states than unknowns.
+    ValueError
+        A design that is not what its document says.
+
+    Examples
+    --------
+    >>> from coilarray import load_design
+    >>> from coilarray.tolerance import load_tolerances
+    >>> check_analysis(load_design("starter"), load_tolerances(), samples=8)
+    """
+    asked = _asked(design, tolerances, quantities, samples, seed, sampling, accuracy)
+    places = asked.outputs.places()
+    shifts = [f"shift_{parameter}_mm[{place}]" for place in places for parameter in PARAMETERS]
+    _check_limits(asked.limits, (*asked.outputs.names(design), *shifts))
+    if not with_table:
+        _check_places(design, asked.outputs)
+
+
+@dataclass(frozen=True, eq=False)
+class _Asked:
+    """What an analysis is to compute, checked as far as it can be without computing."""
+
+    found: Sequence[Contributor]
+    outputs: Outputs
+    limits: tuple[Limit, ...]
+    drawn: FloatArray
+
+
+def _asked(
+    design: Design,
+    tolerances: Tolerances,
+    quantities: Sequence[str],
+    samples: int,
+    seed: int,
+    sampling: Sampling,
+    accuracy: Accuracy,
+) -> _Asked:
+    if build_design(design.document, design.name).digest != design.digest:
+        raise ValueError(f"the design {design.name} must be as its document says.")
+    if 0 < samples < LEAST_SAMPLES:
+        raise GoalError(f"samples must be 0 or at least {LEAST_SAMPLES}; got {samples}.")
+    found = contributors(design, tolerances)
+    asked = tuple(quantities) or tolerances.quantities or default_quantities(design)
+    limits = tuple(_canonical(limit) for limit in tolerances.limits)
+    by_name = [limit.quantity for limit in limits if limit.quantity.partition("[")[0] in QUANTITIES]
+    outputs = wanted_outputs(design, [*asked, *by_name], tolerances.positions, accuracy)
+    return _Asked(found, outputs, limits, draw(found, samples, seed, sampling))
+
+
+def _check_limits(limits: Sequence[Limit], names: Sequence[str]) -> None:
+    for limit in limits:
+        if limit.quantity not in names:
+            raise GoalError(f"the limit {limit.text} names no output; there are {', '.join(names)}.")
+
+
+def _check_places(design: Design, outputs: Outputs) -> None:
+    """Refuse positions that do not lie in the table that is to be computed, and too few states for it."""
+    at = outputs.positions
+    if at is None:
+        return
+    depths, x, y = table_grid(design)
+    for name, values, grid in (("x", at.x, x), ("y", at.y, y), ("depth", (at.depth,), depths)):
+        low, high = grid[0] * 1e3, grid[-1] * 1e3
+        for value in values:
+            if not grid[0] <= value <= grid[-1]:
+                raise LocalizeError(
+                    f"{name} must be {low:g} to {high:g} mm, in the table of {design.name}; got {value * 1e3:g}."
+                )
+    states = [state.name for state in design.circuit.plan]
+    if len(states) < len(PARAMETERS):
+        raise LocalizeError(
+            f"{len(PARAMETERS)} unknowns need at least as many states; the scan has {', '.join(states)}."
+        )
 
 
 def _canonical(limit: Limit) -> Limit:

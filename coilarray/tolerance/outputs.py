@@ -12,7 +12,7 @@ import numpy as np
 from coilarray.design import Design, build_design
 from coilarray.errors import GoalError
 from coilarray.inductance import Accuracy
-from coilarray.quantities import Evaluation, canonical, request
+from coilarray.quantities import Evaluation, Request, request
 from coilarray.tolerance.perturb import perturb
 from coilarray.tolerance.tolerances import Positions
 
@@ -96,14 +96,17 @@ def wanted_outputs(
     Raises
     ------
     GoalError
-        A quantity that there is not, or positions of a design that says nothing of an indentation.
+        A quantity or its coil that there is not, or positions of a design that says nothing of an indentation.
     """
     if positions is not None and design.indentation is None:
         raise GoalError(f"positions need [indenter] and [indentation], which the design {design.name} does not have.")
-    names = tuple(dict.fromkeys(canonical(one) for one in quantities))
-    if not names and positions is None:
+    requests = {one.key: one for one in map(request, quantities)}
+    if not requests and positions is None:
         raise GoalError("at least one quantity or position must be asked for.")
-    return Outputs(names, positions, accuracy)
+    nominal = Evaluation(design, accuracy)
+    for coil in (coil for one in requests.values() for coil in _coils(one)):
+        nominal.coil(coil)
+    return Outputs(tuple(requests), positions, accuracy)
 
 
 def evaluate_board(item: Mapping[str, Any]) -> dict[str, float]:
@@ -137,6 +140,12 @@ def evaluate_board(item: Mapping[str, Any]) -> dict[str, float]:
     response = evaluation.response(np.array([positions.depth]), np.array(positions.x), np.array(positions.y))
     names = Outputs((), positions).names(board)
     return {**values, **dict(zip(names, response.delta.values[0].ravel().tolist(), strict=True))}
+
+
+def _coils(one: Request) -> list[str]:
+    """Names of the coils that a quantity asks for."""
+    named = [one.options[option] for option in ("coil", "coils") if option in one.options]
+    return [str(name) for value in named for name in ((value,) if isinstance(value, str | float) else value)]
 
 
 def _mm(length: float) -> str:

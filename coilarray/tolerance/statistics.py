@@ -70,14 +70,15 @@ def kept(limits: Sequence[Limit], names: Sequence[str], values: FloatArray) -> B
 
 @dataclass(frozen=True)
 class Yield:
-    """Share of boards that are good.
+    """Share of boards that are good; one that cannot be made is not.
 
     Parameters
     ----------
     share : float
         Of the drawn boards.
     low, high : float
-        Wilson's interval, which holds the true share with 95 %.
+        Wilson's interval. Of independent boards it holds the true share with 95 %; boards of Sobol points are not
+        independent, and come only near that.
     """
 
     share: float
