@@ -246,7 +246,7 @@ def _board(paths: Sequence[Conductor], slab: Slab, accuracy: Accuracy) -> _Board
     shape_of = []
     for path, origin in zip(paths, origins, strict=True):
         shape = _shape(path, origin, accuracy)
-        table = np.concatenate([part.ravel() for part in (shape.vertices, shape.across, shape.up)])
+        table = np.concatenate([part.ravel() for part in (shape.vertices, shape.across, shape.up, shape.weights)])
         key = np.round(table / (_SAME_SHAPE * span.max())).astype(np.int64).tobytes()
         if key not in known:
             known[key] = len(shapes)
