@@ -14,33 +14,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+from command_line import runner
 
 from coilarray import couple_design, load_design
 from coilarray.cli.main import main
 from coilarray.viz import rendering_problem
 
+run, refused = runner()
+
 
 @pytest.fixture(autouse=True)
 def _in_a_folder_of_its_own(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-
-
-def run(capsys, *arguments):
-    code = main(arguments)
-    captured = capsys.readouterr()
-    return code, captured.out, captured.err
-
-
-def refused(capsys, *arguments):
-    """Run and return the one line of the error."""
-    code, out, err = run(capsys, *arguments)
-    assert code == 2
-    assert out == ""
-    assert "Traceback" not in err
-    lines = err.splitlines()
-    assert len(lines) == 1, err
-    assert lines[0].startswith("coilarray: error: ")
-    return lines[0]
 
 
 def test_help_names_every_command(capsys):

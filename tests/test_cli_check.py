@@ -8,24 +8,20 @@ import re
 from pathlib import Path
 
 import pytest
+from command_line import runner
 
 from coilarray import fabs, load_design
-from coilarray.cli.main import main
 from coilarray.designs import read
 from coilarray.fab_schema import load_profile
 from coilarray.geometry import check_rules
 from coilarray.report.tables import Column
 
+run, _ = runner("check")
+
 
 @pytest.fixture(autouse=True)
 def _in_a_folder_of_its_own(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-
-
-def run(capsys, *arguments):
-    code = main(("check", *arguments))
-    captured = capsys.readouterr()
-    return code, captured.out, captured.err
 
 
 def rows_of(out):

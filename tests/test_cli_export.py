@@ -13,9 +13,12 @@ from xml.etree import ElementTree as ET
 import ezdxf
 import pytest
 import trimesh
+from command_line import runner
 
 from coilarray import load_design
 from coilarray.cli.main import main
+
+run, refused = runner("export")
 
 FORMATS = ("kicad", "gerber", "dxf", "svg", "step", "stl", "glb")
 NAMES = {to: f"starter.{to}" for to in FORMATS} | {"kicad": "starter-kicad", "gerber": "starter-gerber.zip"}
@@ -58,21 +61,6 @@ placements = [
 @pytest.fixture(autouse=True)
 def _in_a_folder_of_its_own(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-
-
-def run(capsys, *arguments):
-    code = main(["export", *arguments])
-    captured = capsys.readouterr()
-    return code, captured.out, captured.err
-
-
-def refused(capsys, *arguments):
-    """Run and return the one line of the error."""
-    code, out, err = run(capsys, *arguments)
-    assert (code, out) == (2, "")
-    (line,) = err.splitlines()
-    assert line.startswith("coilarray: error: ")
-    return line
 
 
 def broken_design():

@@ -9,11 +9,14 @@ import numpy as np
 import pytest
 from board_text import array_text, board, pads, path, segment, square_spiral, via
 from boards import FOUR_LAYERS, LEADS, VIA
+from command_line import runner
 
 from coilarray import load_design
 from coilarray.cli.main import main
 from coilarray.geometry import CoilArray, Placement, Spiral, spiral_coil
 from coilarray.inductance import inductance_matrix
+
+run, refused = runner("import")
 
 SPIRAL = square_spiral()
 
@@ -21,22 +24,6 @@ SPIRAL = square_spiral()
 @pytest.fixture(autouse=True)
 def _in_a_folder_of_its_own(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-
-
-def run(capsys, *arguments):
-    code = main(["import", *arguments])
-    captured = capsys.readouterr()
-    return code, captured.out, captured.err
-
-
-def refused(capsys, *arguments):
-    """Run and return the one line of the error."""
-    code, out, err = run(capsys, *arguments)
-    assert (code, out) == (2, "")
-    assert "Traceback" not in err
-    (line,) = err.splitlines()
-    assert line.startswith("coilarray: error: ")
-    return line
 
 
 @pytest.fixture

@@ -11,11 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+from command_line import runner
 
 from coilarray import load_design
 from coilarray.cli.main import main
 from coilarray.designs import read
 from coilarray.elastomer.contact import indent
+
+run, refused = runner("indent")
 
 
 @pytest.fixture(autouse=True)
@@ -37,22 +40,6 @@ def answer():
     with contextlib.redirect_stdout(printed):
         assert main(["indent", "starter", "--json"]) == 0
     return json.loads(printed.getvalue())
-
-
-def run(capsys, *arguments):
-    code = main(["indent", *arguments])
-    captured = capsys.readouterr()
-    return code, captured.out, captured.err
-
-
-def refused(capsys, *arguments):
-    """Run and return the one line of the error."""
-    code, out, err = run(capsys, *arguments)
-    assert code == 2
-    assert out == ""
-    (line,) = err.splitlines()
-    assert line.startswith("coilarray: error: ")
-    return line
 
 
 def test_help_has_an_example(capsys):

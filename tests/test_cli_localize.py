@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+from command_line import runner
 from localize_boards import FIELD, ROW, bells, board
 
 import coilarray.calibration
@@ -27,6 +28,8 @@ from coilarray.localize.published import published_map, published_model, table_a
 from coilarray.report.localize_tables import location_record
 from coilarray.response import response_map
 from coilarray.storage import save_dataset
+
+run, refused = runner()
 
 NAMES = [f"coil{k + 1}" for k in range(len(FIELD))]
 POINT = (3e-3, 2e-3, 1e-3)
@@ -45,22 +48,6 @@ def maps(tmp_path_factory):
 @pytest.fixture(autouse=True)
 def _in_a_folder_of_its_own(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-
-
-def run(capsys, *arguments):
-    code = main([str(one) for one in arguments])
-    captured = capsys.readouterr()
-    return code, captured.out, captured.err
-
-
-def refused(capsys, *arguments):
-    """Run and return the one line of the error."""
-    code, out, err = run(capsys, *arguments)
-    assert code == 2
-    assert out == ""
-    (line,) = err.splitlines()
-    assert line.startswith("coilarray: error: ")
-    return line
 
 
 def reading(point=POINT, centres=FIELD):

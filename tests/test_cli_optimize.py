@@ -7,10 +7,12 @@ import json
 from pathlib import Path
 
 import pytest
+from command_line import runner
 
 from coilarray import load_design
-from coilarray.cli.main import main
 from coilarray.quantities import QUANTITIES, evaluate
+
+run, _ = runner("optimize")
 
 # quantities of shapes alone are cheap
 GOAL = """
@@ -44,12 +46,6 @@ def _in_a_folder_of_its_own(tmp_path, monkeypatch):
     monkeypatch.setattr("coilarray.report.optimization._CHEAP", ("geometry",))  # circuits take long
     monkeypatch.setattr("coilarray.report.optimization._DPI", 40)
     Path("goal.toml").write_text(GOAL, encoding="utf-8")
-
-
-def run(capsys, *arguments):
-    code = main(("optimize", *arguments))
-    captured = capsys.readouterr()
-    return code, captured.out, captured.err
 
 
 def test_the_whole_of_it(capsys):

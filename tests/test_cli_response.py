@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+from command_line import runner
 
 import coilarray.response
 from coilarray import load_design
@@ -18,6 +19,8 @@ from coilarray.cli.main import main
 from coilarray.designs import read
 from coilarray.impedance import design_network
 from coilarray.response import Imperfections, response_map
+
+run, refused = runner("response")
 
 X = [0.0, 5e-3]
 GRID = ("--x-mm", "0,5", "--y-mm", "0", "--depth-mm", "0.3")
@@ -53,22 +56,6 @@ def written(tmp_path_factory):
         code = main(["response", *SMALL, "--json", "--out", str(folder / "r.nc"), "--plot", str(folder / "r.svg")])
     assert code == 0
     return folder, json.loads(printed.getvalue())
-
-
-def run(capsys, *arguments):
-    code = main(["response", *arguments])
-    captured = capsys.readouterr()
-    return code, captured.out, captured.err
-
-
-def refused(capsys, *arguments):
-    """Run and return the one line of the error."""
-    code, out, err = run(capsys, *arguments)
-    assert code == 2
-    assert out == ""
-    (line,) = err.splitlines()
-    assert line.startswith("coilarray: error: ")
-    return line
 
 
 def delta_of(path):

@@ -14,11 +14,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+from command_line import runner
 
 from coilarray import load_design
 from coilarray.cli.main import main
 from coilarray.sweep import Axis, plan_sweep, run_sweep
 from coilarray.workers import workers
+
+run, _ = runner("sweep", "starter")
 
 PATIENCE = 120.0  # s for what takes a few where nobody else computes
 PITCHES = (12.0, 14.0, 16.0)
@@ -38,12 +41,6 @@ def expected():
     plan = plan_sweep(load_design("starter"), [Axis("array.pitch_mm", PITCHES)], ["span_mm", "board_area_mm2"])
     with workers() as pool:
         return run_sweep(plan, pool)
-
-
-def run(capsys, *arguments):
-    code = main(["sweep", "starter", *arguments])
-    captured = capsys.readouterr()
-    return code, captured.out, captured.err
 
 
 def kept(folder="cache"):

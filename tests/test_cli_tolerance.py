@@ -10,13 +10,15 @@ import numpy as np
 import pytest
 import tomli_w
 import xarray as xr
+from command_line import runner
 from tolerance_boards import loops
 
 from coilarray import load_design
-from coilarray.cli.main import main
 from coilarray.response import response_map
 from coilarray.storage import save_dataset
 from coilarray.tolerance import analyse, load_tolerances
+
+run, refused = runner("tolerance")
 
 K, L = "k[upper,lower]", "inductance_uH[upper]"
 FILE = """
@@ -38,22 +40,6 @@ def _in_a_folder_of_its_own(tmp_path, monkeypatch):
     monkeypatch.setenv("COILARRAY_CACHE", str(tmp_path / "cache"))
     Path("loops.toml").write_text(tomli_w.dumps(dict(loops().document)), encoding="utf-8")
     Path("fab.toml").write_text(FILE, encoding="utf-8")
-
-
-def run(capsys, *arguments):
-    code = main(["tolerance", *arguments])
-    captured = capsys.readouterr()
-    return code, captured.out, captured.err
-
-
-def refused(capsys, *arguments):
-    """Run and return the one line of the error."""
-    code, out, err = run(capsys, *arguments)
-    assert code == 2
-    assert out == ""
-    (line,) = err.splitlines()
-    assert line.startswith("coilarray: error: ")
-    return line
 
 
 def computed(capsys, *arguments):
