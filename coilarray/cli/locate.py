@@ -10,14 +10,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from coilarray.cli.maps import check_file, depth_in_metres, is_map, one_map, read_map
+from coilarray.cli.maps import check_file, depth_in_metres, is_map, kept_table, one_map, read_map
 from coilarray.cli.readings import Reading, line_readings, read_readings
-from coilarray.cli.shared import AllowViolations, AsJson, open_design, print_json, print_table, progress_bar
+from coilarray.cli.shared import AllowViolations, AsJson, open_design, print_json, print_table
 from coilarray.errors import LocalizeError
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from coilarray.localize.ellipse_model import EllipseModel
     from coilarray.localize.forward import ForwardModel
 
@@ -148,25 +146,7 @@ def _forward_model(source: str | None, table: Path | None, allow_violations: boo
 
     if is_map(source):
         return forward_model(read_map(Path(str(source))))
-    return forward_model(_table(source, table, allow_violations))
-
-
-def _table(source: str | None, kept: Path | None, allow_violations: bool) -> xr.Dataset:
-    """Read the table of a design where it has been kept, else compute it."""
-    from coilarray.localize.forward import table_for
-    from coilarray.storage import save_dataset
-
-    design = open_design(source, allow_violations=allow_violations)
-    if kept is not None and kept.exists():
-        response = read_map(kept)
-        if response.attrs.get("design_hash") != design.digest:
-            raise LocalizeError(f"{kept} is the table of another design than {design.name}; remove it or name another.")
-        return response
-    with progress_bar(f"table of {design.name}") as progress:
-        response = table_for(design, progress=progress)
-    if kept is not None:
-        save_dataset(response, kept)
-    return response
+    return forward_model(kept_table(open_design(source, allow_violations=allow_violations), table))
 
 
 def _ellipse_model(source: str | None, depth: float | None, allow_violations: bool) -> EllipseModel:

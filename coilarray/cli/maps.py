@@ -13,6 +13,8 @@ from coilarray.errors import LocalizeError, OutputError
 if TYPE_CHECKING:
     import xarray as xr
 
+    from coilarray.design import Design
+
 PICTURES = (".png", ".svg", ".pdf")
 
 
@@ -105,3 +107,26 @@ def one_map(source: str | None, depth: float | None, *, allow_violations: bool) 
     depths = design.indentation.depths[:1] if depth is None else [depth]
     with progress_bar("response") as progress:
         return response_map(design, depths=depths, progress=progress), 0
+
+
+def kept_table(design: Design, kept: Path | None) -> xr.Dataset:
+    """Read the table of a design for positions where it has been kept, else compute it, and keep it where wanted.
+
+    Raises
+    ------
+    LocalizeError
+        A file that is the table of another design.
+    """
+    from coilarray.localize.forward import table_for
+    from coilarray.storage import save_dataset
+
+    if kept is not None and kept.exists():
+        response = read_map(kept)
+        if response.attrs.get("design_hash") != design.digest:
+            raise LocalizeError(f"{kept} is the table of another design than {design.name}; remove it or name another.")
+        return response
+    with progress_bar(f"table of {design.name}") as progress:
+        response = table_for(design, progress=progress)
+    if kept is not None:
+        save_dataset(response, kept)
+    return response

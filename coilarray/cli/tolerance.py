@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from coilarray.cli.maps import PICTURES, check_file, depth_in_metres, read_map
+from coilarray.cli.maps import PICTURES, check_file, depth_in_metres, kept_table
 from coilarray.cli.shared import (
     AllowViolations,
     AsJson,
@@ -18,7 +18,7 @@ from coilarray.cli.shared import (
     print_table,
     progress_bar,
 )
-from coilarray.errors import ClusterError, GoalError, LocalizeError
+from coilarray.errors import ClusterError, GoalError
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -142,7 +142,7 @@ def tolerance(
     try:
         with open_workers(count, cluster) as pool, ExitStack() as bars:
             # long, so that it comes after all that may be refused; its bar ends before that of the boards begins
-            known = None if positions is None else _table(opened, table)
+            known = None if positions is None else kept_table(opened, table)
             show = bars.enter_context(progress_bar("boards"))
 
             def progress(now: int, total: int) -> None:
@@ -214,23 +214,6 @@ def _positions(
         base.depth if depth is None else depth,
         base.noise if noise is None else noise,
     )
-
-
-def _table(design: Design, kept: Path | None) -> xr.Dataset:
-    """Read the table of the nominal board where it has been kept, else compute it."""
-    from coilarray.localize.forward import table_for
-    from coilarray.storage import save_dataset
-
-    if kept is not None and kept.exists():
-        response = read_map(kept)
-        if response.attrs.get("design_hash") != design.digest:
-            raise LocalizeError(f"{kept} is the table of another design than {design.name}; remove it or name another.")
-        return response
-    with progress_bar(f"table of {design.name}") as progress:
-        response = table_for(design, progress=progress)
-    if kept is not None:
-        save_dataset(response, kept)
-    return response
 
 
 def _write(result: xr.Dataset, out: Path) -> None:
