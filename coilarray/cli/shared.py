@@ -24,7 +24,10 @@ AllowViolations = Annotated[
     bool, typer.Option("--allow-violations", help="Go on with a design that breaks a fabrication rule.")
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the numbers as JSON in SI units, and nothing else.")]
-
+Workers = Annotated[int | None, typer.Option("--workers", help="Local processes of one thread; one a core by default.")]
+Cluster = Annotated[
+    str | None, typer.Option("--cluster", help="Dask scheduler, tcp://host:port, whose workers compute instead.")
+]
 
 _MOST_LENGTHS, _LONGEST_MM = 1000, 100_000.0
 _PIPE_WIDTH = 1000  # characters; output that is read by a program is never cut

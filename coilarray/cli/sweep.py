@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from coilarray.cli.maps import PICTURES, check_file
-from coilarray.cli.shared import AsJson, DesignArgument, print_json, print_table, progress_bar
+from coilarray.cli.shared import AsJson, Cluster, DesignArgument, Workers, print_json, print_table, progress_bar
 from coilarray.errors import ClusterError
 
 if TYPE_CHECKING:
@@ -34,12 +34,8 @@ def sweep(
     accuracy: Annotated[
         Literal["full", "screen"], typer.Option("--accuracy", help="Of the inductances; screen is much faster.")
     ] = "full",
-    workers: Annotated[
-        int | None, typer.Option("--workers", help="Local processes of one thread; one a core by default.")
-    ] = None,
-    cluster: Annotated[
-        str | None, typer.Option("--cluster", help="Dask scheduler, tcp://host:port, whose workers compute instead.")
-    ] = None,
+    workers: Workers = None,
+    cluster: Cluster = None,
     cache: Annotated[
         Path | None, typer.Option("--cache", help="Folder of points already computed; the user's cache by default.")
     ] = None,

@@ -11,7 +11,9 @@ from coilarray.cli.maps import PICTURES, check_file, depth_in_metres, kept_table
 from coilarray.cli.shared import (
     AllowViolations,
     AsJson,
+    Cluster,
     DesignArgument,
+    Workers,
     lengths,
     open_design,
     print_json,
@@ -67,12 +69,8 @@ def tolerance(
     accuracy: Annotated[
         Literal["full", "screen"], typer.Option("--accuracy", help="Of the inductances; screen is much faster.")
     ] = "screen",
-    workers: Annotated[
-        int | None, typer.Option("--workers", help="Local processes of one thread; one a core by default.")
-    ] = None,
-    cluster: Annotated[
-        str | None, typer.Option("--cluster", help="Dask scheduler, tcp://host:port, whose workers compute instead.")
-    ] = None,
+    workers: Workers = None,
+    cluster: Cluster = None,
     cache: Annotated[
         Path | None, typer.Option("--cache", help="Folder of boards already computed; the user's cache by default.")
     ] = None,
