@@ -107,6 +107,20 @@ def test_near_the_wire(distance):
     np.testing.assert_allclose(vector_potential(segment, point), A, rtol=0, atol=rel * np.abs(A).max())
 
 
+def test_vector_potential_at_any_distance():
+    # the logarithm's argument runs through all its powers of two: A = µ0 I/4π · 2 atanh(|d|/(|u| + |v|))
+    points = np.random.default_rng(1).normal(size=(300, 3)) * np.logspace(-7, 7, 300)[:, None] + [0.4, 0, 0]
+    with mpmath.workdps(40):
+        exact = []
+        for x, y, z in points.tolist():
+            x, y, z = mpmath.mpf(x), mpmath.mpf(y), mpmath.mpf(z)
+            both = mpmath.sqrt(x**2 + y**2 + z**2) + mpmath.sqrt((x - 1) ** 2 + y**2 + z**2)
+            exact.append(float(2 * mpmath.atanh(1 / both)) * MU_0 / (4 * np.pi))
+    A = vector_potential([[[0, 0, 0], [1, 0, 0]]], points)
+    # 2e-14: some twenty roundings, near and far
+    np.testing.assert_allclose(A[:, 0], exact, rtol=2e-14)
+
+
 def test_on_the_wire_a_segment_adds_nothing():
     wire = np.array([[0, 0, 0], [1, 0, 0]], dtype=float)
     points = np.array([[0, 0, 0], [0.5, 0, 0], [1, 0, 0], [0.5, 1e-14, 0]])

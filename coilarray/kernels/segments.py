@@ -23,6 +23,7 @@ IntArray = npt.NDArray[np.int64]
 
 ON_WIRE = 1e-12
 """A point nearer to a segment than this fraction of its length counts as on it; the segment then adds nothing."""
+_LN_2 = math.log(2.0)
 
 
 @kernel
@@ -85,6 +86,24 @@ def add_magnetic_field(
 
 
 @kernel
+def _log_of_ratio(top: float, bottom: float, ratio: float) -> float:
+    """Give ln(top/bottom) without a branch, so that many are computed at once; `ratio` is tanh of half of it.
+
+    With top/bottom = 2^k m, m near one, it is k ln 2 + 2 atanh((m − 1)/(m + 1)). Where k = 0 the argument of atanh is
+    `ratio`, known without the rounding of m − 1: far from a segment it keeps its relative accuracy.
+    """
+    # the difference of two floating-point numbers' bits is near that of their logarithms to base 2, times 2^52
+    k = (np.float64(top).view(np.int64) - np.float64(bottom).view(np.int64) + (1 << 51)) >> 52
+    scaled = bottom * np.int64((k + 1023) << 52).view(np.float64)
+    q = ratio if k == 0 else (top - scaled) / (top + scaled)
+    q2 = q * q  # at most 0.042: twelve terms of the series leave 1e-17
+    series = 1.0 / 23.0
+    for m in range(10, -1, -1):
+        series = series * q2 + 1.0 / (2 * m + 1)
+    return 2.0 * q * series + _LN_2 * k
+
+
+@kernel
 def add_vector_potential(
     x: FloatArray,
     y: FloatArray,
@@ -97,11 +116,7 @@ def add_vector_potential(
     az: FloatArray,
     norm: FloatArray,
 ) -> None:
-    """Add the A of polylines at a block of points; arguments as in `add_magnetic_field`.
-
-    Far away the logarithm is a series in q = |d|/(|u| + |v|), ln((1 + q)/(1 − q)) = 2 (q + q³/3 + …), which keeps
-    its relative accuracy where the logarithm's argument tends to one.
-    """
+    """Add the A of polylines at a block of points; arguments as in `add_magnetic_field`."""
     n = x.shape[0]
     for c in range(starts.shape[0] - 1):
         weight = weights[c]
@@ -128,25 +143,21 @@ def add_vector_potential(
                 a = norm[i]
                 b = math.sqrt(vx * vx + vy * vy + vz * vz)
                 norm[i] = b
+                ab = a * b
+                dot = ux * vx + uy * vy + uz * vz
+                cx = dy * uz - dz * uy
+                cy = dz * ux - dx * uz
+                cz = dx * uy - dy * ux
+                c2 = cx * cx + cy * cy + cz * cz
+                beside = dot < 0.0
+                off = (c2 > on_wire2) | (dot > 0.0)
                 total = a + b
-                if total > 5.0 * length:
-                    q = length / total
-                    q2 = q * q
-                    series = 1.0 / 21.0
-                    for k in range(9, -1, -1):
-                        series = series * q2 + 1.0 / (2 * k + 1)
-                    log = 2.0 * q * series
-                else:
-                    dot = ux * vx + uy * vy + uz * vz
-                    cx = dy * uz - dz * uy
-                    cy = dz * ux - dx * uz
-                    cz = dx * uy - dy * ux
-                    c2 = cx * cx + cy * cy + cz * cz
-                    if c2 <= on_wire2 and dot <= 0.0:
-                        continue
-                    gap = c2 / (a * b - dot) if dot < 0.0 else a * b + dot  # ((|u| + |v|)² − |d|²)/2
-                    log = math.log((total + length) * (total + length) / (2.0 * gap))
-                factor = scale * log
+                ends = total + length
+                # the argument of the logarithm; (|u| + |v|)² − |d|² = 2 (|u||v| + u·v)
+                top = ends * ends * (ab - dot if beside else 1.0)
+                bottom = 2.0 * (c2 if beside else ab + dot)
+                factor = scale * _log_of_ratio(top, bottom if off else 1.0, length / total)
+                factor = factor if off else 0.0
                 ax[i] += factor * dx
                 ay[i] += factor * dy
                 az[i] += factor * dz
