@@ -43,6 +43,10 @@ class ClusterError(CoilarrayError):
     """Workers that do not answer or were lost for good: which address or process, and what to do."""
 
 
+class HardwareError(CoilarrayError):
+    """A port, wiring, setting or recording that cannot be used, or a board that fails: which one, and what was met."""
+
+
 class OutputError(CoilarrayError):
     """A result that cannot be written: the path and the reason."""
 

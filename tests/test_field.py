@@ -112,8 +112,8 @@ def test_vector_potential_at_any_distance():
     points = np.random.default_rng(1).normal(size=(300, 3)) * np.logspace(-7, 7, 300)[:, None] + [0.4, 0, 0]
     with mpmath.workdps(40):
         exact = []
-        for x, y, z in points.tolist():
-            x, y, z = mpmath.mpf(x), mpmath.mpf(y), mpmath.mpf(z)
+        for point in points.tolist():
+            x, y, z = map(mpmath.mpf, point)
             both = mpmath.sqrt(x**2 + y**2 + z**2) + mpmath.sqrt((x - 1) ** 2 + y**2 + z**2)
             exact.append(float(2 * mpmath.atanh(1 / both)) * MU_0 / (4 * np.pi))
     A = vector_potential([[[0, 0, 0], [1, 0, 0]]], points)
