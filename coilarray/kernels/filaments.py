@@ -12,11 +12,12 @@ import numpy as np
 import numpy.typing as npt
 
 from coilarray.kernels.compiled import kernel
+from coilarray.kernels.segments import log_of_ratio
 
 FloatArray = npt.NDArray[np.float64]
 Point = tuple[float, float, float]
 
-PARALLEL_SIN2 = 1e-8
+PARALLEL_SIN2 = 1e-10
 """Below this sin² of the angle the skew form loses digits like 1e-16/sin and the panel rule takes over."""
 COLLINEAR = 1e-13
 """Distance between parallel lines, as a fraction of the lengths, below which they count as one line."""
@@ -26,24 +27,32 @@ _NODES, _WEIGHTS = np.ascontiguousarray(_GAUSS_12[0]), np.ascontiguousarray(_GAU
 
 
 @kernel
-def _second_integral(z: float, rho: float) -> float:
-    """Give z asinh(z/ρ) − √(z² + ρ²), the second antiderivative of 1/√(z² + ρ²); for ρ = 0 less what cancels."""
-    if rho > 0.0:
-        return z * math.asinh(z / rho) - math.sqrt(z * z + rho * rho)
-    if z == 0.0:
-        return 0.0
-    return abs(z) * math.log(abs(z)) - abs(z)
+def _second_integral(z: float, rho2: float) -> float:
+    """Give z asinh(z/ρ) − √(z² + ρ²) for z ≥ 0 and ρ > 0: the second antiderivative of 1/√(z² + ρ²), even in z."""
+    r = math.sqrt(z * z + rho2)
+    return 0.5 * z * log_of_ratio((r + z) * (r + z), rho2, z / r) - r
+
+
+@kernel
+def _second_integral_on_the_line(z: float) -> float:
+    """The same for ρ → 0, less what cancels."""
+    return abs(z) * math.log(abs(z)) - abs(z) if z != 0.0 else 0.0
 
 
 @kernel
 def parallel_filaments(rho: float, offset: float, length_1: float, length_2: float) -> float:
     """∬ dz dz'/R of two filaments along z, [0, length_1] and [offset, offset + length_2], a distance `rho` apart."""
+    z0, z1, z2, z3 = offset + length_2, offset, offset + length_2 - length_1, offset - length_1
+    if rho == 0.0:
+        return (
+            _second_integral_on_the_line(z0) - _second_integral_on_the_line(z1)
+            - _second_integral_on_the_line(z2) + _second_integral_on_the_line(z3)
+        )  # fmt: skip
+    rho2 = rho * rho
     return (
-        _second_integral(offset + length_2, rho)
-        - _second_integral(offset, rho)
-        - _second_integral(offset + length_2 - length_1, rho)
-        + _second_integral(offset - length_1, rho)
-    )
+        _second_integral(abs(z0), rho2) - _second_integral(abs(z1), rho2)
+        - _second_integral(abs(z2), rho2) + _second_integral(abs(z3), rho2)
+    )  # fmt: skip
 
 
 @kernel
@@ -52,7 +61,7 @@ def _line_potential(r1: float, r2: float, length: float) -> float:
     total = r1 + r2
     gap = total - length
     smallest = 1e-16 * total
-    return math.log((total + length) / (gap if gap > smallest else smallest))
+    return log_of_ratio(total + length, gap if gap > smallest else smallest, length / total)
 
 
 @kernel
@@ -110,6 +119,12 @@ def _panels(p0: Point, p1: Point, length_1: float, q0: Point, v: Point, length_2
 
 
 @kernel
+def _angle_between(x1: float, y1: float, x2: float, y2: float) -> float:
+    """Give atan2(y1, x1) − atan2(y2, x2) for x1, x2 > 0, where the difference is less than π."""
+    return math.atan2(y1 * x2 - y2 * x1, x1 * x2 + y1 * y2)
+
+
+@kernel
 def filament_pair(
     p0x: float, p0y: float, p0z: float, ux: float, uy: float, uz: float, length_1: float,
     q0x: float, q0y: float, q0z: float, vx: float, vy: float, vz: float, length_2: float,
@@ -154,11 +169,8 @@ def filament_pair(
     if height > COLLINEAR * (length_1 + length_2):
         h2c = height * height * cosine
         hs = height * sine
-        angle = (
-            math.atan2(h2c + a2 * b2 * sine2, hs * r22)
-            - math.atan2(h2c + a2 * b1 * sine2, hs * r21)
-            - math.atan2(h2c + a1 * b2 * sine2, hs * r12)
-            + math.atan2(h2c + a1 * b1 * sine2, hs * r11)
+        angle = _angle_between(hs * r22, h2c + a2 * b2 * sine2, hs * r21, h2c + a2 * b1 * sine2) - _angle_between(
+            hs * r12, h2c + a1 * b2 * sine2, hs * r11, h2c + a1 * b1 * sine2
         )
         total -= height / sine * angle
     return cosine * total

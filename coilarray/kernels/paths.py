@@ -21,6 +21,7 @@ import numpy.typing as npt
 
 from coilarray.kernels.bars import parallel_bars
 from coilarray.kernels.compiled import kernel
+from coilarray.kernels.far_pairs import APART, CAPACITY, MOST_NODES, add_nodes, batch_sum, least_distances, node_count
 from coilarray.kernels.filaments import filament_pair, filament_pair_far
 
 FloatArray = npt.NDArray[np.float64]
@@ -38,8 +39,11 @@ TOUCHING = 0.5
 PARALLEL_SIN2 = 4e-4
 """Bars below this sin² of the angle share their lateral direction (turns of a spiral are tilted by 3e-3)."""
 _LOG_TOLERANCE = -16.1  # ln 1e-7: error of the rules across the cross-section, relative to the pair's variation
+_LOG_TOLERANCE_ANGLED = -13.8  # ln 1e-6: the same for bars at an angle, whose errors change sign from pair to pair
 _LOG_TOLERANCE_THICKNESS = -11.5  # ln 1e-5: the thickness changes a pair by about 1 %
 _LOG_TOLERANCE_FILAMENTS = -25.3  # ln 1e-11: error of the rules along distant thin filaments, exact otherwise
+_LEAST, _LEAST_FILAMENTS = least_distances(_LOG_TOLERANCE), least_distances(_LOG_TOLERANCE_FILAMENTS)
+_INNER = 0.5 / math.sqrt(3.0)  # of a width: the two nodes of a Gauss rule across it
 
 
 def _gauss_tables() -> tuple[FloatArray, FloatArray]:
@@ -49,7 +53,25 @@ def _gauss_tables() -> tuple[FloatArray, FloatArray]:
     return nodes, weights
 
 
+def _triangle_tables() -> tuple[FloatArray, FloatArray]:
+    """Gauss rules on [−1, 1] for the density 1 − |x|, by Stieltjes' recurrence and Golub & Welsch (1969)."""
+    half, weight = np.polynomial.legendre.leggauss(2 * MAX_NODES)  # exact for what the recurrence integrates
+    x = np.concatenate((0.5 * (half - 1.0), 0.5 * (half + 1.0)))
+    density = np.tile(0.5 * weight, 2) * (1.0 - np.abs(x))
+    betas, before, now = [], np.zeros_like(x), np.ones_like(x)
+    for _ in range(MAX_NODES):
+        before, now = now, x * now - (betas[-1] if betas else 0.0) * before
+        betas.append(float(density @ now**2 / (density @ before**2)))
+    nodes, weights = np.zeros((MAX_NODES + 1, MAX_NODES)), np.zeros((MAX_NODES + 1, MAX_NODES))
+    for n in range(1, MAX_NODES + 1):
+        off = np.sqrt(betas[: n - 1])
+        values, vectors = np.linalg.eigh(np.diag(off, 1) + np.diag(off, -1))
+        nodes[n, :n], weights[n, :n] = values, vectors[0] ** 2
+    return nodes, weights
+
+
 _NODES, _WEIGHTS = _gauss_tables()
+_TRIANGLE_NODES, _TRIANGLE_WEIGHTS = _triangle_tables()
 
 
 @kernel
@@ -86,8 +108,7 @@ def _parallel_rule(
 ) -> int:  # fmt: skip
     """Offsets of (nearly) parallel bars of equal size, the nearest places (gx, gy, gz) apart; 0 where they touch.
 
-    The lateral offset of two filaments has a triangular density on [−width, width], and so across the thickness:
-    a Gauss rule on each half.
+    The lateral offset of two filaments has a triangular density on [−width, width], and so across the thickness.
     """
     width, thickness = a[10], a[11]
     nx, ny, nz = a[7], a[8], a[9]
@@ -95,28 +116,24 @@ def _parallel_rule(
     lateral = abs(gx * nx + gy * ny + gz * nz)
     normal = abs(gx * mx + gy * my + gz * mz)
     axial = abs(gx * a[3] + gy * a[4] + gz * a[5])
-    # the nearest singularities of the half rules on [0, width] and [0, thickness]
-    log_w = _log_bernstein((lateral - 0.5 * width) / (0.5 * width), math.hypot(normal, axial) / (0.5 * width))
+    # the nearest singularities, in the plane of the complex offset
+    log_w = _log_bernstein(lateral / width, math.hypot(normal, axial) / width)
     beside = math.hypot(max(lateral - width, 0.0), axial)
-    log_t = _log_bernstein((normal - 0.5 * thickness) / (0.5 * thickness), beside / (0.5 * thickness))
+    log_t = _log_bernstein(normal / thickness, beside / thickness)
     if 2.0 * MAX_NODES * log_w < -_LOG_TOLERANCE or 2.0 * MAX_NODES * log_t < -_LOG_TOLERANCE_THICKNESS:
         return 0
     n_w = min(math.ceil(-_LOG_TOLERANCE / (2.0 * log_w)) + extra, MAX_NODES)
     n_t = min(math.ceil(-_LOG_TOLERANCE_THICKNESS / (2.0 * log_t)) + extra, MAX_NODES)
     count = 0
     for k in range(n_w):
-        x = 0.5 * (1.0 + _NODES[n_w, k])
+        sx = width * _TRIANGLE_NODES[n_w, k]
         for m in range(n_t):
-            z = 0.5 * (1.0 + _NODES[n_t, m])
-            weight = _WEIGHTS[n_w, k] * (1.0 - x) * _WEIGHTS[n_t, m] * (1.0 - z)
-            for quadrant in range(4):
-                sx = width * x * (1.0 if quadrant < 2 else -1.0)
-                sz = thickness * z * (1.0 if quadrant % 2 == 0 else -1.0)
-                rule[count, 0] = weight
-                rule[count, 1] = sx * nx + sz * mx
-                rule[count, 2] = sx * ny + sz * my
-                rule[count, 3] = sx * nz + sz * mz
-                count += 1
+            sz = thickness * _TRIANGLE_NODES[n_t, m]
+            rule[count, 0] = _TRIANGLE_WEIGHTS[n_w, k] * _TRIANGLE_WEIGHTS[n_t, m]
+            rule[count, 1] = sx * nx + sz * mx
+            rule[count, 2] = sx * ny + sz * my
+            rule[count, 3] = sx * nz + sz * mz
+            count += 1
     return count
 
 
@@ -146,7 +163,7 @@ def _angled_rule(a: FloatArray, b: FloatArray, distance: float, extra: int, rule
     """
     size = max(a[10], b[10])
     log_rho = max(_log_bernstein(1.0 + 2.0 * distance / size, 0.0), 1e-3)  # zero where the bars cross
-    n = min(math.ceil(-_LOG_TOLERANCE / (2.0 * log_rho)) + extra, MAX_NODES)
+    n = min(math.ceil(-_LOG_TOLERANCE_ANGLED / (2.0 * log_rho)) + extra, MAX_NODES)
     half = math.sqrt((a[11] * a[11] + b[11] * b[11]) / 12.0) if distance < THICK * size else 0.0
     mx, my, mz = a[4] * a[9] - a[5] * a[8], a[5] * a[7] - a[3] * a[9], a[3] * a[8] - a[4] * a[7]
     count = 0
@@ -290,17 +307,89 @@ def bar_pair(a: FloatArray, b: FloatArray, shift: FloatArray, reach: float, extr
 
 
 @kernel
+def _collect(
+    a: FloatArray, b: FloatArray, shift: FloatArray, reach: float, extra: int, count: int, batch: FloatArray
+) -> int:
+    """Collect the nodes of a pair of bars that lie apart, see `coilarray.kernels.far_pairs`; −1 where they do not.
+
+    The mean over the cross-sections is that of two lateral offsets of each bar, or of two in all where they are
+    parallel, as in `bar_pair` at this distance.
+    """
+    dx, dy, dz = b[0] + shift[0] - a[0], b[1] + shift[1] - a[1], b[2] + shift[2] - a[2]
+    mx = dx + 0.5 * (b[6] * b[3] - a[6] * a[3])
+    my = dy + 0.5 * (b[6] * b[4] - a[6] * a[4])
+    mz = dz + 0.5 * (b[6] * b[5] - a[6] * a[5])
+    size = max(a[10], b[10], a[11], b[11])
+    distance = math.sqrt(mx * mx + my * my + mz * mz) - 0.5 * (a[6] + b[6])
+    if distance < max(b[6], reach * size):
+        gx, gy, gz = closest_offset(dx, dy, dz, a, b)
+        distance = math.sqrt(gx * gx + gy * gy + gz * gz)
+        if distance < APART * size or distance < 0.01 * b[6] or distance < 0.01 * a[6]:
+            return -1
+    nodes = node_count(distance, b[6], _LEAST_FILAMENTS if size == 0.0 else _LEAST) + extra
+    if nodes > MOST_NODES:
+        return -1
+    cosine = a[3] * b[3] + a[4] * b[4] + a[5] * b[5]
+    if distance >= reach * size:
+        return add_nodes(count, b, dx, dy, dz, cosine, nodes, batch)
+    if 1.0 - cosine * cosine < PARALLEL_SIN2 and a[10] == b[10] and a[11] == b[11]:
+        if distance < NODE_PAIR * size:
+            return -1
+        variance = (a[10] * a[10] - a[11] * a[11]) / 6.0
+        step = math.sqrt(abs(variance))
+        nx, ny, nz = a[7], a[8], a[9]
+        if variance < 0.0:
+            nx, ny, nz = a[4] * a[9] - a[5] * a[8], a[5] * a[7] - a[3] * a[9], a[3] * a[8] - a[4] * a[7]
+        for side in range(2):
+            q = step if side == 0 else -step
+            count = add_nodes(count, b, dx + q * nx, dy + q * ny, dz + q * nz, 0.5 * cosine, nodes, batch)
+        return count
+    p, q = _INNER * a[10], _INNER * b[10]
+    for side in range(4):
+        s = p if side < 2 else -p
+        t = q if side % 2 == 0 else -q
+        count = add_nodes(
+            count, b, dx + t * b[7] - s * a[7], dy + t * b[8] - s * a[8], dz + t * b[9] - s * a[9],
+            0.25 * cosine, nodes, batch,
+        )  # fmt: skip
+    return count
+
+
+@kernel
+def _row_sum(
+    a: FloatArray,
+    second: FloatArray,
+    first: int,
+    shift: FloatArray,
+    reach: float,
+    extra: int,
+    rule: FloatArray,
+    batch: FloatArray,
+) -> float:
+    """Sum of the pairs of a row `a` with the rows of `second` from `first` on."""
+    near, far, count = 0.0, 0.0, 0
+    for j in range(first, second.shape[0]):
+        collected = _collect(a, second[j], shift, reach, extra, count, batch)
+        if collected < 0:
+            near += bar_pair(a, second[j], shift, reach, extra, rule)
+            continue
+        count = collected
+        if count > CAPACITY - 4 * MOST_NODES - 8:
+            far += batch_sum(a, count, batch)
+            count = 0
+    return near + far + batch_sum(a, count, batch)
+
+
+@kernel
 def mutual_sum(
     first: FloatArray, second: FloatArray, shift: FloatArray, start: int, stop: int, reach: float, extra: int
 ) -> float:
     """Sum of `bar_pair` over rows start:stop of `first` and all rows of `second` moved by `shift`."""
     rule = np.empty((RULE_SIZE, 4))
+    batch = np.empty((4, CAPACITY))
     total = 0.0
     for i in range(start, stop):
-        row = 0.0
-        for j in range(second.shape[0]):
-            row += bar_pair(first[i], second[j], shift, reach, extra, rule)
-        total += row
+        total += _row_sum(first[i], second, 0, shift, reach, extra, rule, batch)
     return total
 
 
@@ -309,10 +398,8 @@ def own_mutual_sum(path: FloatArray, start: int, stop: int, reach: float, extra:
     """Twice the sum of `bar_pair` over the pairs i < j of one path with start ≤ i < stop."""
     shift = np.zeros(3)
     rule = np.empty((RULE_SIZE, 4))
+    batch = np.empty((4, CAPACITY))
     total = 0.0
     for i in range(start, stop):
-        row = 0.0
-        for j in range(i + 1, path.shape[0]):
-            row += bar_pair(path[i], path[j], shift, reach, extra, rule)
-        total += row
+        total += _row_sum(path[i], path, i + 1, shift, reach, extra, rule, batch)
     return 2.0 * total

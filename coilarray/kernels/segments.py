@@ -86,7 +86,7 @@ def add_magnetic_field(
 
 
 @kernel
-def _log_of_ratio(top: float, bottom: float, ratio: float) -> float:
+def log_of_ratio(top: float, bottom: float, ratio: float) -> float:
     """Give ln(top/bottom) without a branch, so that many are computed at once; `ratio` is tanh of half of it.
 
     With top/bottom = 2^k m, m near one, it is k ln 2 + 2 atanh((m − 1)/(m + 1)). Where k = 0 the argument of atanh is
@@ -156,7 +156,7 @@ def add_vector_potential(
                 # the argument of the logarithm; (|u| + |v|)² − |d|² = 2 (|u||v| + u·v)
                 top = ends * ends * (ab - dot if beside else 1.0)
                 bottom = 2.0 * (c2 if beside else ab + dot)
-                factor = scale * _log_of_ratio(top, bottom if off else 1.0, length / total)
+                factor = scale * log_of_ratio(top, bottom if off else 1.0, length / total)
                 factor = factor if off else 0.0
                 ax[i] += factor * dx
                 ay[i] += factor * dy
