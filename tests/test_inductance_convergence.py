@@ -8,8 +8,8 @@ import pytest
 from coilarray import load_design, rectangular_bars
 from coilarray.constants import MU_0
 from coilarray.geometry import Conductor, Spiral
-from coilarray.inductance import MUTUAL_REACH, OWN_REACH, _segment_table
 from coilarray.kernels.paths import RULE_SIZE, bar_pair, mutual_sum, own_mutual_sum
+from coilarray.path_sums import MUTUAL_REACH, OWN_REACH, segment_table
 
 # W/G 0.1 mm and 0.15 mm, one and two layers, straight sides and arcs
 SPIRALS = {
@@ -25,7 +25,7 @@ def _table(spiral, layers):
     for k, z in enumerate(layers):
         line = spiral.centre_line(k)
         lines.append(np.column_stack((line, np.full(len(line), z))))
-    return _segment_table(Conductor(np.vstack(lines), spiral.trace_width, 35e-6))
+    return segment_table(Conductor(np.vstack(lines), spiral.trace_width, 35e-6))
 
 
 @pytest.mark.parametrize("name", SPIRALS)
@@ -44,7 +44,7 @@ def test_pair_converges_geometrically(gap):
     # neighbouring turns, the gap in widths, against the exact bars
     width, thickness, length = 0.15e-3, 35e-6, 10e-3
     pitch = (1 + gap) * width
-    row = _segment_table(Conductor([[0, 0, 0], [length, 0, 0]], width, thickness))[0]
+    row = segment_table(Conductor([[0, 0, 0], [length, 0, 0]], width, thickness))[0]
     exact = rectangular_bars((length, width, thickness), (length, width, thickness), (0, pitch, 0)) * 4 * np.pi / MU_0
     shift, rule = np.array([0, pitch, 0]), np.empty((RULE_SIZE, 4))
     errors = [abs(bar_pair(row, row, shift, OWN_REACH, extra, rule) / exact - 1) for extra in range(3)]
@@ -56,7 +56,7 @@ def test_pair_converges_geometrically(gap):
 
 def test_mutual_nodes_and_reach():
     paths = load_design("gast2020").array.conductors()
-    tables = [_segment_table(path) for path in paths[:3]]
+    tables = [segment_table(path) for path in paths[:3]]
     own = own_mutual_sum(tables[0], 0, len(tables[0]), OWN_REACH, 0)
     for b in (1, 2):
         shift = paths[b].vertices[0] - paths[0].vertices[0]

@@ -10,8 +10,9 @@ from coilarray.coupling import design_inductance
 from coilarray.elastomer.flat_layer import layer_inductance
 from coilarray.geometry import PlatedHole, Spiral, Stackup, path_coil, spiral_coil
 from coilarray.geometry.array import CoilArray, Placement
-from coilarray.inductance import _segment_table, standing_for_all
+from coilarray.inductance import standing_for_all
 from coilarray.kernels.turns import find_series, series_rules
+from coilarray.path_sums import segment_table
 
 VIA = PlatedHole(0.2e-3, 0.45e-3)
 BOARD = Stackup(("L1", "L2", "L3", "L4"), (35e-6,) * 4, (0.2e-3,) * 3, (4.5,) * 3)
@@ -83,7 +84,7 @@ def test_without_turns_every_segment_counts():
 
 def test_series_cover_every_segment_once():
     for conductor in load_design("gast2020").array.conductors()[:2]:
-        table = _segment_table(conductor)
+        table = segment_table(conductor)
         series = find_series(table)
         rows = np.concatenate([first + step * np.arange(n) for first, step, n in series])
         np.testing.assert_array_equal(np.sort(rows), np.arange(len(table)))
@@ -103,7 +104,7 @@ def test_uneven_turns_are_no_series():
     line = np.cumsum(rng.uniform(1e-3, 2e-3, (40, 2)), axis=0)
     coil = path_coil([line], 0.1e-3, 0.1e-3, VIA)
     conductor = CoilArray(BOARD, (Placement("A", coil, ("L1",), 0, 0),)).conductors()[0]
-    assert (find_series(_segment_table(conductor))[:, 2] == 1).all()
+    assert (find_series(segment_table(conductor))[:, 2] == 1).all()
 
 
 @pytest.mark.parametrize("n", [1, 2, 5, 6, 7, 12, 30, 101])

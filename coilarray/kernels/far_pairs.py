@@ -45,7 +45,7 @@ def least_distances(log_tolerance: float) -> FloatArray:
 
 @kernel
 def node_count(distance: float, length: float, least: FloatArray) -> int:
-    """Nodes along a segment at a distance; `least` is one of `least_distances`. MOST_NODES + 1 where they are too few."""
+    """Nodes along a segment at a distance by `least_distances`; MOST_NODES + 1 where they are too few."""
     for n in range(2, MOST_NODES + 1):
         if distance >= least[n] * length:
             return n

@@ -35,7 +35,7 @@ def _second_integral(z: float, rho2: float) -> float:
 
 @kernel
 def _second_integral_on_the_line(z: float) -> float:
-    """The same for ρ → 0, less what cancels."""
+    """Give the same for ρ → 0, less what cancels."""
     return abs(z) * math.log(abs(z)) - abs(z) if z != 0.0 else 0.0
 
 
