@@ -93,7 +93,7 @@ def nodes_needed(first: Boxes, second: Boxes, shifts: FloatArray) -> IntArray:
     above = np.arcsinh(gap[:, 2][:, None] / lengths)
     with np.errstate(divide="ignore"):
         count = np.ceil(-_LOG_TOLERANCE / np.maximum(beside, above))
-    apart = (gap > 0).any(axis=1)[:, None]
+    apart = gap.max(axis=1)[:, None] > 0
     count = np.where((sizes <= none) & apart, 1.0, np.maximum(count, 2.0))
     return np.asarray(np.minimum(count, MOST_NODES + 1.0), dtype=np.int64)
 

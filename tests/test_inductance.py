@@ -11,8 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from coilarray import coupling_matrix, inductance_matrix, load_design, mutual_inductance, self_inductance
-from coilarray import path_sums
+from coilarray import coupling_matrix, inductance_matrix, load_design, mutual_inductance, path_sums, self_inductance
 from coilarray.constants import MU_0
 from coilarray.errors import GeometryError
 from coilarray.geometry import Conductor, Spiral

@@ -90,4 +90,7 @@ def batch_sum(a: FloatArray, count: int, batch: FloatArray) -> float:
     for i in range(0, padded, _LANES):
         for k in range(_LANES):
             lanes[k] += weight[i + k]
-    return lanes.sum()
+    value = 0.0
+    for k in range(_LANES):
+        value += lanes[k]
+    return value

@@ -58,7 +58,8 @@ def _triangle_tables() -> tuple[FloatArray, FloatArray]:
     half, weight = np.polynomial.legendre.leggauss(2 * MAX_NODES)  # exact for what the recurrence integrates
     x = np.concatenate((0.5 * (half - 1.0), 0.5 * (half + 1.0)))
     density = np.tile(0.5 * weight, 2) * (1.0 - np.abs(x))
-    betas, before, now = [], np.zeros_like(x), np.ones_like(x)
+    betas: list[float] = []
+    before, now = np.zeros_like(x), np.ones_like(x)
     for _ in range(MAX_NODES):
         before, now = now, x * now - (betas[-1] if betas else 0.0) * before
         betas.append(float(density @ now**2 / (density @ before**2)))
