@@ -10,7 +10,7 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from coilarray.circuit import active_coil, impedance_matrix, resonance
+    from coilarray.circuit import active_coil, every_active_coil, impedance_matrix, resonance
     from coilarray.coupling import couple, couple_design
     from coilarray.design import Design, load_design, parse_design
     from coilarray.elastomer.contact import indent
@@ -53,6 +53,7 @@ __all__ = [
     "dc_resistance",
     "dent_inductance",
     "dent_of",
+    "every_active_coil",
     "grid_points",
     "guth_gold_modulus",
     "impedance_matrix",
@@ -77,7 +78,7 @@ __all__ = [
 ]
 
 _HOME = {
-    "circuit": ("active_coil", "impedance_matrix", "resonance"),
+    "circuit": ("active_coil", "every_active_coil", "impedance_matrix", "resonance"),
     "coupling": ("couple", "couple_design"),
     "design": ("Design", "load_design", "parse_design"),
     "elastomer.contact": ("indent",),

@@ -89,6 +89,35 @@ class ActiveCoil(PortImpedance):
     contributions: FloatArray
 
 
+@dataclass(frozen=True, eq=False)
+class EveryActiveCoil:
+    """What each coil sees while it is the active one.
+
+    Parameters
+    ----------
+    frequency : float
+        In Hz.
+    impedances : ndarray of complex, shape (n,)
+        Of each active coil with its passive neighbours, in Ω.
+    currents : ndarray of complex, shape (n, n)
+        In coil p per ampere of the active coil a, entry (p, a).
+    """
+
+    frequency: float
+    impedances: ComplexArray
+    currents: ComplexArray
+
+    @property
+    def effective_inductance(self) -> FloatArray:
+        """L_eff = Im Z/ω in H, shape (n,)."""
+        return np.asarray(self.impedances.imag / (2 * math.pi * self.frequency))
+
+    @property
+    def effective_resistance(self) -> FloatArray:
+        """R_eff = Re Z in Ω, shape (n,)."""
+        return np.asarray(self.impedances.real)
+
+
 def impedance_matrix(inductance: npt.ArrayLike, resistance: npt.ArrayLike, frequency: float) -> ComplexArray:
     """Impedance matrix of the coils, Z = R + jωL.
 
@@ -167,6 +196,45 @@ def active_coil(
     shorted = _checked_shorts(len(L), active, terminations, short_resistance)
     _check_frequency(frequency)
     return _solve(L, R, active, shorted, short_resistance, frequency)
+
+
+def every_active_coil(
+    inductance: npt.ArrayLike, resistance: npt.ArrayLike, frequency: float, short_resistance: float = 0.0
+) -> EveryActiveCoil:
+    """Solve the array for each coil active in turn, all others shorted to ground: one factorisation for all of them.
+
+    Parameters
+    ----------
+    inductance, resistance, frequency, short_resistance
+        As in `active_coil`.
+
+    Returns
+    -------
+    EveryActiveCoil
+
+    Raises
+    ------
+    NetworkError
+        As `active_coil`.
+
+    Notes
+    -----
+    With the resistance r of a short in series with every coil, also the active one, the admittance matrix of the
+    ports is Y = (R + r + jωL)⁻¹. A port with all others shorted shows 1/Y_aa, of which r is the active coil's own, and
+    the currents are Y_pa/Y_aa.
+
+    Examples
+    --------
+    >>> result = every_active_coil([[2e-6, 1e-6], [1e-6, 4e-6]], 0.0, 1e6)
+    >>> np.round(result.effective_inductance * 1e6, 6)  # L (1 − k²)
+    array([1.75, 3.5 ])
+    """
+    L, R = checked_network(inductance, resistance)
+    _checked_shorts(len(L), 0, None, short_resistance)
+    _check_frequency(frequency)
+    admittance = np.linalg.inv(_impedance(L, R + short_resistance, frequency))
+    own = np.diag(admittance)
+    return EveryActiveCoil(frequency, 1 / own - short_resistance, admittance / own)
 
 
 def resonance(

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from coilarray import active_coil, couple, impedance_matrix, resonance
+from coilarray import active_coil, couple, every_active_coil, impedance_matrix, resonance
 
 pytestmark = pytest.mark.nojit
 
@@ -55,6 +55,20 @@ def test_identities(n, seed, resistance, short):
     # Kirchhoff in every passive loop
     voltages = 1j * OMEGA * L @ state.currents + (resistance + short) * state.currents
     assert np.abs(voltages[1:]).max() <= 1e-12 * np.abs(voltages[0])
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.integers(1, 7), st.integers(0, 10**6), st.floats(0, 50), st.floats(0, 50))
+def test_every_active_coil_is_each_one_alone(n, seed, resistance, short):
+    L = random_matrix(n, seed)
+    every = every_active_coil(L, resistance, F, short)
+    for a in range(n):
+        alone = active_coil(L, resistance, a, F, short_resistance=short)
+        # two ways through matrices of condition up to 1e3; the resistance of the short is taken off again
+        assert every.impedances[a] == pytest.approx(alone.impedance, rel=1e-11)
+        assert every.effective_inductance[a] == pytest.approx(alone.effective_inductance, rel=1e-11)
+        np.testing.assert_allclose(every.currents[:, a], alone.currents, rtol=0, atol=1e-11)
+    assert (every.effective_resistance >= resistance * (1 - 1e-11) - 1e-9).all()
 
 
 def test_ideal_shorts_of_many_coils():
@@ -162,6 +176,9 @@ def test_resonance_of_strongly_coupled_coils(k):
         (lambda: impedance_matrix([[1e-6]], 0, -1.0), "frequency must be positive and finite; got -1"),
         (lambda: resonance([[1e-6]], 0, 0, -1e-12), "capacitance must be positive and finite"),
         (lambda: resonance([[1e-6]], 0, 3, 1e-12), "the active coil must be 0 to 0; got 3"),
+        (lambda: every_active_coil([[1, 2], [2, 1]], 0, F), "must be positive definite"),
+        (lambda: every_active_coil([[1e-6]], 0, 0.0), "frequency must be positive and finite; got 0"),
+        (lambda: every_active_coil([[1e-6]], 0, F, -1.0), "short_resistance must be finite"),
         (lambda: couple(["a", "b"], [[1e-6]], 0, 1e-12), "2 names need an inductance matrix"),
     ],
 )
