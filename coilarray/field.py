@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +17,8 @@ from coilarray.kernels.segments import add_magnetic_field, add_vector_potential
 
 FloatArray = npt.NDArray[np.float64]
 
+Backend = Literal["cpu", "cuda"]
+
 # 512 points of seven arrays fit a 32 KiB first-level cache
 _BLOCK = 512
 # blocks a task: enough work to outweigh the hand-over to a thread
@@ -22,7 +26,12 @@ _BLOCKS_A_TASK = 16
 
 
 def magnetic_field(
-    source: Source, points: npt.ArrayLike, currents: npt.ArrayLike = 1.0, progress: Progress | None = None
+    source: Source,
+    points: npt.ArrayLike,
+    currents: npt.ArrayLike = 1.0,
+    progress: Progress | None = None,
+    *,
+    backend: Backend = "cpu",
 ) -> FloatArray:
     """Magnetic flux density B of current paths in free space.
 
@@ -36,6 +45,8 @@ def magnetic_field(
         In A, in the direction of the paths.
     progress : callable, optional
         Called with (done, total) as the work goes on.
+    backend : {"cpu", "cuda"}
+        Where to compute: all cores of the processor, or an NVIDIA GPU through numba.cuda.
 
     Returns
     -------
@@ -45,7 +56,9 @@ def magnetic_field(
     Raises
     ------
     GeometryError
-        Points or currents of another shape, or that are not finite.
+        Points or currents of another shape, or that are not finite; another backend.
+    MissingDependencyError
+        ``"cuda"`` where there is no GPU that numba can use.
 
     Notes
     -----
@@ -59,7 +72,14 @@ def magnetic_field(
     >>> bool(abs(B[2] / (MU_0 / 2) - 1) < 1e-4)
     True
     """
-    return _evaluate(add_magnetic_field, source, points, currents, progress)
+    paths = _paths(source, points, currents)
+    if backend == "cuda":
+        from coilarray.kernels.cuda_segments import magnetic_field_on_gpu
+
+        return magnetic_field_on_gpu(paths.points, paths.vertices, paths.starts, paths.weights).reshape(paths.shape)
+    if backend != "cpu":
+        raise GeometryError(f"backend must be one of {', '.join(get_args(Backend))}; got {backend!r}.")
+    return _on_processor(add_magnetic_field, paths, progress)
 
 
 def vector_potential(
@@ -87,7 +107,7 @@ def vector_potential(
     The potential of a thin filament is infinite on it. A point nearer to a segment than 1e-12 of its length gets
     nothing from that segment.
     """
-    return _evaluate(add_vector_potential, source, points, currents, progress)
+    return _on_processor(add_vector_potential, _paths(source, points, currents), progress)
 
 
 def grid_points(x: npt.ArrayLike, y: npt.ArrayLike, z: npt.ArrayLike) -> FloatArray:
@@ -107,13 +127,18 @@ def grid_points(x: npt.ArrayLike, y: npt.ArrayLike, z: npt.ArrayLike) -> FloatAr
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
 
 
-def _evaluate(
-    kernel: Callable[..., None],
-    source: Source,
-    points: npt.ArrayLike,
-    currents: npt.ArrayLike,
-    progress: Progress | None,
-) -> FloatArray:
+@dataclass(frozen=True, eq=False)
+class _Paths:
+    """The polylines that carry a current, as the kernels take them, and the points (n, 3), once of another shape."""
+
+    vertices: FloatArray
+    starts: npt.NDArray[np.int64]
+    weights: FloatArray
+    points: FloatArray
+    shape: tuple[int, ...]
+
+
+def _paths(source: Source, points: npt.ArrayLike, currents: npt.ArrayLike) -> _Paths:
     conductors = as_conductors(source)
     where = np.asarray(points, dtype=np.float64)
     if where.ndim == 0 or where.shape[-1] != 3:
@@ -129,21 +154,24 @@ def _evaluate(
     if not np.isfinite(current).all():
         raise GeometryError("currents must be finite; at least one is not.")
     used = [c for c in range(len(conductors)) if current[c] != 0]
-    field = np.zeros((where.size // 3, 3))
-    if not used or not field.size:
-        return field.reshape(where.shape)
-    vertices = np.concatenate([conductors[c].vertices for c in used])
+    vertices = np.concatenate([np.zeros((0, 3)), *(conductors[c].vertices for c in used)])
     starts = np.cumsum([0, *(len(conductors[c].vertices) for c in used)])
     weights = MU_0 / (4 * np.pi) * current[used]
-    flat = where.reshape(-1, 3)
+    return _Paths(vertices, starts, weights, where.reshape(-1, 3), where.shape)
+
+
+def _on_processor(kernel: Callable[..., None], paths: _Paths, progress: Progress | None) -> FloatArray:
+    field = np.zeros_like(paths.points)
+    if not len(paths.weights) or not field.size:
+        return field.reshape(paths.shape)
 
     def work(task: tuple[int, int]) -> None:
         for start, stop in ranges(task[1] - task[0], _BLOCK):
             rows = slice(task[0] + start, task[0] + stop)
-            x, y, z = np.ascontiguousarray(flat[rows].T)
+            x, y, z = np.ascontiguousarray(paths.points[rows].T)
             out = np.zeros((3, len(x)))
-            kernel(x, y, z, vertices, starts, weights, out[0], out[1], out[2], np.empty(len(x)))
+            kernel(x, y, z, paths.vertices, paths.starts, paths.weights, out[0], out[1], out[2], np.empty(len(x)))
             field[rows] = out.T
 
-    run_blocks(work, ranges(len(flat), _BLOCK * _BLOCKS_A_TASK), progress)
-    return field.reshape(where.shape)
+    run_blocks(work, ranges(len(field), _BLOCK * _BLOCKS_A_TASK), progress)
+    return field.reshape(paths.shape)
