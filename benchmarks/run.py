@@ -21,6 +21,7 @@ from pathlib import Path
 import accuracy
 import elastomer
 import localize
+import peers
 import speed
 import sweep
 
@@ -53,6 +54,7 @@ def main() -> None:
     """Measure, print, keep."""
     accuracies = [*accuracy.measure(), *elastomer.accuracies()]
     speeds = [*speed.measure(), *elastomer.speeds(), *localize.figures(), *sweep.figures()]
+    speeds += [*peers.kernels(), *peers.large_arrays()]
     tables = {"accuracy": _accuracy_table(accuracies), "speed": _speed_table(speeds)}
     for table in tables.values():
         print(table, end="\n\n")

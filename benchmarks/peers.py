@@ -1,0 +1,142 @@
+"""Field of straight segments against installed peers, and arrays of many coils: ratios in one run."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from speed import Speed
+
+from coilarray import inductance_matrix, load_design, magnetic_field, vector_potential
+from coilarray.geometry import Conductor
+
+FloatArray = npt.NDArray[np.float64]
+
+_REPEATS = 7
+
+
+def _paired(ours: Callable[[], object], theirs: Callable[[], object], repeats: int = _REPEATS) -> tuple[float, float]:
+    """Median time of each in s, run in turn so that both meet the same machine."""
+    times: tuple[list[float], list[float]] = ([], [])
+    for call in (ours, theirs):
+        call()
+    for _ in range(repeats):
+        for call, kept in zip((ours, theirs), times, strict=True):
+            start = time.perf_counter()
+            call()
+            kept.append(time.perf_counter() - start)
+    first, second = (float(np.median(kept)) for kept in times)
+    return first, second
+
+
+def _peer(what: str, pairs: int, times: tuple[float, float], difference: float, name: str, least: float) -> Speed:
+    ours, theirs = times
+    note = f"{name} {pairs / theirs / 1e6:.0f} M pairs/s; the results differ by {difference:.0e}"
+    return Speed(f"{what} against {name}", theirs / ours, "×", note, f"≥ {least:g} ×", theirs / ours >= least)
+
+
+def kernels() -> Iterator[Speed]:
+    """B and A of the six coils at random points above them."""
+    points = np.random.default_rng(0).uniform([-0.04, -0.012, 0.002], [0.04, 0.012, 0.01], (20_000, 3))
+    conductors = load_design("gast2020").array.conductors()
+    yield _against_cfsem("B, exact", magnetic_field, "flux_density_linear_filament", conductors, points)
+    yield _against_cfsem("A, exact", vector_potential, "vector_potential_linear_filament", conductors, points)
+    yield _against_simsopt(conductors, points)
+
+
+def _segments(conductors: tuple[Conductor, ...]) -> tuple[FloatArray, FloatArray]:
+    starts = np.concatenate([conductor.vertices[:-1] for conductor in conductors])
+    return starts, np.concatenate([np.diff(conductor.vertices, axis=0) for conductor in conductors])
+
+
+def _against_cfsem(
+    what: str, ours: Callable[..., FloatArray], name: str, conductors: tuple[Conductor, ...], points: FloatArray
+) -> Speed:
+    try:
+        import cfsem
+    except ImportError:
+        return Speed(f"{what} against cfsem (not installed)", 0.0, "×")
+    starts, steps = _segments(conductors)
+    at, begin, along = (tuple(np.ascontiguousarray(axis) for axis in array.T) for array in (points, starts, steps))
+
+    def theirs() -> FloatArray:
+        return np.array(getattr(cfsem, name)(at, begin, along, np.ones(len(starts)), par=True)).T
+
+    exact = ours(conductors, points)
+    difference = float(np.abs(theirs() - exact).max() / np.abs(exact).max())
+    times = _paired(lambda: ours(conductors, points), theirs)
+    return _peer(what, len(starts) * len(points), times, difference, "cfsem", 3.0)
+
+
+def _against_simsopt(conductors: tuple[Conductor, ...], points: FloatArray) -> Speed:
+    """Its sum over the middles of the segments, which is far off where a point is near one."""
+    try:
+        import simsoptpp
+    except ImportError:
+        return Speed("B, exact, against simsopt (not installed)", 0.0, "×")
+    starts, steps = _segments(conductors)
+    middles, lines = [starts + 0.5 * steps], [steps * len(steps)]  # it takes the mean over the nodes
+
+    def theirs() -> FloatArray:
+        return np.asarray(simsoptpp.biot_savart_B(points, middles, lines, [1.0]))
+
+    exact = magnetic_field(conductors, points)
+    difference = float(np.abs(theirs() - exact).max() / np.abs(exact).max())
+    times = _paired(lambda: magnetic_field(conductors, points), theirs)
+    return _peer("B, exact,", len(starts) * len(points), times, difference, "simsopt's midpoints", 1.3)
+
+
+_LATTICE = """
+import resource, sys, time
+import numpy as np
+sys.path.insert(0, {folder!r})
+from coilarray import every_active_coil, inductance_matrix
+from peers import lattice
+coils = lattice(32)
+inductance_matrix(coils[:2])
+start = time.perf_counter()
+L = inductance_matrix(coils)
+taken = time.perf_counter() - start
+start = time.perf_counter()
+every_active_coil(L, 20.0, 2e6, 5.0)
+print(taken, time.perf_counter() - start, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+"""
+
+
+def lattice(rows: int, spread: float = 0.0) -> list[Conductor]:
+    """Coils of the gast2020 board on a triangular lattice, each moved at random by up to `spread` m."""
+    winding = load_design("gast2020").array.conductors()[0]
+    moves = np.random.default_rng(1).uniform(-spread, spread, (rows, rows, 2))
+    pitch = 13.28e-3
+    coils = []
+    for r in range(rows):
+        for c in range(rows):
+            x, y = (c + 0.5 * (r % 2)) * pitch + moves[r, c, 0], r * pitch * np.sqrt(0.75) + moves[r, c, 1]
+            z = -0.5e-3 * ((r + 2 * (c + r // 2)) % 3)  # three pairs of layers: neighbours never share copper
+            vertices = winding.vertices + np.array([x, y, z])
+            coils.append(Conductor(vertices, winding.widths, winding.thicknesses, winding.areas))
+    return coils
+
+
+def large_arrays() -> Iterator[Speed]:
+    """Matrix and grounded neighbours of 1024 coils, and how the time of irregular placements grows."""
+    code = _LATTICE.format(folder=str(Path(__file__).parent))
+    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    matrix, grounded, memory = map(float, done.stdout.split())
+    yield Speed("L matrix of 1024 coils on a lattice", matrix, "s", "", "≤ 20 s", matrix <= 20)
+    yield Speed("peak memory of it", memory, "MB", "", "≤ 1500 MB", memory <= 1500)
+    yield Speed("effective inductance of every one of 1024 coils, all others grounded", grounded, "s")
+    counts, times = (49, 100, 196, 400), []
+    for count in counts:
+        coils = lattice(round(count**0.5), spread=0.5e-3)
+        start = time.perf_counter()
+        inductance_matrix(coils)
+        times.append(time.perf_counter() - start)
+    growth = float(np.polyfit(np.log(counts), np.log(times), 1)[0])
+    note = ", ".join(f"{count} coils {taken:.1f} s" for count, taken in zip(counts, times, strict=True))
+    yield Speed("irregular placements: time grows as n to the power", growth, "", note, "≤ 1.3", growth <= 1.3)
