@@ -9,7 +9,7 @@ from typing import Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from coilarray.blocks import Progress, ranges, run_blocks
+from coilarray.blocks import Progress, cores, ranges, run_blocks
 from coilarray.conductors import Source, as_conductors
 from coilarray.constants import MU_0
 from coilarray.errors import GeometryError
@@ -21,8 +21,8 @@ Backend = Literal["cpu", "cuda"]
 
 # 512 points of seven arrays fit a 32 KiB first-level cache
 _BLOCK = 512
-# blocks a task: enough work to outweigh the hand-over to a thread
-_BLOCKS_A_TASK = 16
+# blocks a task: enough work to outweigh the hand-over to a thread; fewer where a core would get too few tasks
+_BLOCKS_A_TASK, _TASKS_A_CORE = 16, 4
 
 
 def magnetic_field(
@@ -173,5 +173,6 @@ def _on_processor(kernel: Callable[..., None], paths: _Paths, progress: Progress
             kernel(x, y, z, paths.vertices, paths.starts, paths.weights, out[0], out[1], out[2], np.empty(len(x)))
             field[rows] = out.T
 
-    run_blocks(work, ranges(len(field), _BLOCK * _BLOCKS_A_TASK), progress)
+    blocks = -(-len(field) // (_BLOCK * _TASKS_A_CORE * cores()))
+    run_blocks(work, ranges(len(field), _BLOCK * min(blocks, _BLOCKS_A_TASK)), progress)
     return field.reshape(paths.shape)
