@@ -232,8 +232,8 @@ def every_active_coil(
     L, R = checked_network(inductance, resistance)
     _checked_shorts(len(L), 0, None, short_resistance)
     _check_frequency(frequency)
-    admittance = np.linalg.inv(_impedance(L, R + short_resistance, frequency))
-    own = np.diag(admittance)
+    admittance = np.asarray(np.linalg.inv(_impedance(L, R + short_resistance, frequency)), dtype=np.complex128)
+    own = admittance.diagonal()
     return EveryActiveCoil(frequency, 1 / own - short_resistance, admittance / own)
 
 

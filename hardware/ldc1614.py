@@ -1,6 +1,6 @@
 """LDC1614 inductance-to-digital converter: code, sensor frequency and inductance.
 
-Equations 3 and 6 of the data sheet, Texas Instruments SNOSCY9A.
+Equations 1, 3 and 6 of the data sheet, Texas Instruments SNOSCY9A.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import math
 CODE_BITS = 28
 """Width of a conversion result."""
 _FULL_SCALE = 1 << CODE_BITS
+_DELAY = 5e-9  # s, of the converter's drive
 
 
 def code_to_frequency(code: int, reference: float, *, divider: int = 1, offset: int = 0) -> float:
@@ -67,8 +68,8 @@ def frequency_to_code(frequency: float, reference: float, *, divider: int = 1, o
     return code
 
 
-def inductance_from_frequency(frequency: float, capacitance: float) -> float:
-    """Inductance of a lossless tank, L = 1/((2πf)² C).
+def inductance_from_frequency(frequency: float, capacitance: float, quality_factor: float = math.inf) -> float:
+    """Inductance of a tank that oscillates at a frequency; without losses L = 1/((2πf)² C).
 
     Parameters
     ----------
@@ -76,6 +77,8 @@ def inductance_from_frequency(frequency: float, capacitance: float) -> float:
         In Hz.
     capacitance : float
         All capacitance across the coil in F, the converter's input pins included.
+    quality_factor : float
+        Of the tank, R_p √(C/L); by default no losses.
 
     Returns
     -------
@@ -85,22 +88,85 @@ def inductance_from_frequency(frequency: float, capacitance: float) -> float:
     Raises
     ------
     ValueError
-        A value that is not positive and finite.
+        A frequency or capacitance that is not positive and finite, a quality factor that is not above 1, or a frequency
+        that no inductance has with these losses and the converter's delay.
+
+    Notes
+    -----
+    Equation 1: f = √(1 − 1/Q² − 5 ns/(Q √(LC))) / (2π √(LC)). With u = √(LC) and Ω = 2πf it is the cubic
+    Ω² u³ − (1 − 1/Q²) u + 5 ns/Q = 0, of which the largest root is the inductance of a real sensor; at the others the
+    delay would be a large part of the period.
 
     Examples
     --------
     >>> round(inductance_from_frequency(2e6, 120e-12) * 1e6, 2)
     52.77
+    >>> round(inductance_from_frequency(2e6, 120e-12, 20.0) * 1e6, 2)
+    52.47
     """
     for name, value in (("frequency", frequency), ("capacitance", capacitance)):
-        if not (math.isfinite(value) and value > 0):
-            raise ValueError(f"{name} must be positive and finite; got {value}.")
-    return 1 / ((2 * math.pi * frequency) ** 2 * capacitance)
+        _check_positive(name, value)
+    damping = _damping(quality_factor)
+    p, q = (value / (2 * math.pi * frequency) ** 2 for value in (damping, _DELAY / quality_factor))
+    cosine = 1.5 * q / p * math.sqrt(3 / p)
+    if cosine > 1:
+        raise ValueError(f"no inductance oscillates at {frequency} Hz with a quality factor of {quality_factor}.")
+    return (2 * math.sqrt(p / 3) * math.cos(math.acos(-cosine) / 3)) ** 2 / capacitance
+
+
+def frequency_from_inductance(inductance: float, capacitance: float, quality_factor: float = math.inf) -> float:
+    """Frequency at which a tank oscillates, equation 1; the inverse of `inductance_from_frequency`.
+
+    Parameters
+    ----------
+    inductance : float
+        In H.
+    capacitance : float
+        All capacitance across the coil in F, the converter's input pins included.
+    quality_factor : float
+        Of the tank; by default no losses.
+
+    Returns
+    -------
+    float
+        In Hz.
+
+    Raises
+    ------
+    ValueError
+        An inductance or capacitance that is not positive and finite, a quality factor that is not above 1, or a tank
+        whose period the converter's delay rules.
+
+    Examples
+    --------
+    >>> f = frequency_from_inductance(52.8e-6, 120e-12)
+    >>> round((frequency_from_inductance(52.8e-6, 120e-12, 20.0) / f - 1) * 100, 2)
+    -0.28
+    """
+    for name, value in (("inductance", inductance), ("capacitance", capacitance)):
+        _check_positive(name, value)
+    period = math.sqrt(inductance * capacitance)  # by 2π
+    damping, delay = _damping(quality_factor), _DELAY / (quality_factor * period)
+    if 1.5 * delay > damping:  # from here on a smaller inductance would oscillate more slowly
+        raise ValueError(
+            f"{inductance} H, {capacitance} F and quality factor {quality_factor} are too fast and too lossy."
+        )
+    return math.sqrt(damping - delay) / (2 * math.pi * period)
+
+
+def _damping(quality_factor: float) -> float:
+    if not quality_factor > 1:
+        raise ValueError(f"quality_factor must be above 1; got {quality_factor}.")
+    return 1 - 1 / quality_factor**2
+
+
+def _check_positive(name: str, value: float) -> None:
+    if not (math.isfinite(value) and value > 0):
+        raise ValueError(f"{name} must be positive and finite; got {value}.")
 
 
 def _check(reference: float, divider: int, offset: int) -> None:
-    if not (math.isfinite(reference) and reference > 0):
-        raise ValueError(f"reference must be positive and finite; got {reference} Hz.")
+    _check_positive("reference", reference)
     if not 1 <= divider <= 15:
         raise ValueError(f"divider must be 1 to 15; got {divider}.")
     if not 0 <= offset <= 0xFFFF:

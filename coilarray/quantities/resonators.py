@@ -8,12 +8,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from coilarray.hardware.ldc1614_limits import check_channel
+from coilarray.hardware.ldc1614_limits import DRIVE_WINDOW, check_channel
 from coilarray.quantities.couplings import COIL
 from coilarray.quantities.evaluation import Evaluation
 from coilarray.quantities.quantity import Option, Quantity, read_name
-
-_DRIVE_LIMIT = "R_p (Ω)"  # as `check_channel` names the window of table 42
 
 
 def effective_inductance(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
@@ -43,7 +41,7 @@ def drive_margin(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
     names = ("frequency", "parallel_resistance", "loaded_quality_factor", "state_self_resonance")
     margins = []
     for state in zip(*(evaluation.scan[name].values.tolist() for name in names), strict=True):
-        window = next(limit for limit in check_channel(*state) if limit.name == _DRIVE_LIMIT)
+        window = next(limit for limit in check_channel(*state) if limit.name == DRIVE_WINDOW)
         margins.append(min(window.value / window.low - 1, 1 - window.value / window.high))
     return min(margins)
 

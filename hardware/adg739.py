@@ -1,0 +1,108 @@
+"""ADG739: eight switches, one bit each, and the bytes of a daisy chain of them.
+
+The data sheet's order of the bits was not read for this part, so it is an argument with the assumed order as default; a
+self-test that closes one switch after the other must confirm it. Drivers of sibling parts close switches of the same
+number in A and B with the words 0x11 and 0x88, which speaks for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from coilarray.errors import HardwareError
+
+SWITCHES = ("S1A", "S2A", "S3A", "S4A", "S1B", "S2B", "S3B", "S4B")
+"""Names of the switches from bit 0 to bit 7, as assumed. S1A joins the pins S1A and DA, S1B the pins S1B and DB."""
+ALL_OPEN = 0x00
+"""Word that opens every switch; also the state after power-on."""
+
+
+def switch_word(closed: Iterable[str], bits: Sequence[str] = SWITCHES) -> int:
+    """Word that closes these switches and opens all others.
+
+    Parameters
+    ----------
+    closed : iterable of str
+        Names of switches.
+    bits : sequence of str
+        Names of the eight switches from bit 0 to bit 7.
+
+    Raises
+    ------
+    HardwareError
+        A name that is none of the switches, or bits that are not the eight switches.
+
+    Examples
+    --------
+    >>> hex(switch_word(["S1A", "S1B"]))
+    '0x11'
+    """
+    order = check_bits(bits)
+    word = ALL_OPEN
+    for name in closed:
+        if name not in order:
+            raise HardwareError(f"a switch must be one of {', '.join(order)}; got {name!r}.")
+        word |= 1 << order.index(name)
+    return word
+
+
+def closed_switches(word: int, bits: Sequence[str] = SWITCHES) -> tuple[str, ...]:
+    """Names of the switches that a word closes; the inverse of `switch_word`.
+
+    Raises
+    ------
+    HardwareError
+        A word that is not 0 to 255, or bits that are not the eight switches.
+
+    Examples
+    --------
+    >>> closed_switches(0x22)
+    ('S2A', 'S2B')
+    """
+    if not 0 <= word <= 0xFF:
+        raise HardwareError(f"the word of a switch must be 0 to 255; got {word}.")
+    return tuple(name for bit, name in enumerate(check_bits(bits)) if word >> bit & 1)
+
+
+def chain_bytes(words: Sequence[int]) -> bytes:
+    """Bytes to shift into a chain: the first goes through to the far end, so that the order turns round.
+
+    Parameters
+    ----------
+    words : sequence of int
+        One for each device, the one next to the computer first.
+
+    Raises
+    ------
+    HardwareError
+        No word, or one that is not 0 to 255.
+
+    Examples
+    --------
+    >>> chain_bytes([0x22, 0x11, 0x11]).hex()
+    '111122'
+    """
+    if not words:
+        raise HardwareError("a chain must have at least one device; got none.")
+    for word in words:
+        if not 0 <= word <= 0xFF:
+            raise HardwareError(f"the word of a switch must be 0 to 255; got {word}.")
+    return bytes(reversed(words))
+
+
+def chain_words(shifted: bytes) -> tuple[int, ...]:
+    """Words of the devices, the one next to the computer first; the inverse of `chain_bytes`."""
+    return tuple(reversed(shifted))
+
+
+def check_bits(bits: Sequence[str]) -> tuple[str, ...]:
+    """Return the eight names; refuse any other set of them.
+
+    Raises
+    ------
+    HardwareError
+        A switch that is missing, named twice or unknown.
+    """
+    if sorted(bits) != sorted(SWITCHES):
+        raise HardwareError(f"bits must name each of {', '.join(SWITCHES)} once; got {', '.join(bits) or 'none'}.")
+    return tuple(bits)
