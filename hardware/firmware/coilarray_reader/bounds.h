@@ -1,0 +1,13 @@
+// What the firmware holds at most; every buffer is of one of these sizes.
+#pragma once
+
+#include <stdint.h>
+
+namespace coilarray {
+
+constexpr uint8_t kMostStates = 32;     // a scan of all of them is still one line
+constexpr uint8_t kMostDevices = 16;    // 8 switches each; a switch names one of 63 terminals
+constexpr uint8_t kSwitches = 8;        // of a device
+constexpr uint16_t kLongestLine = 512;  // characters, checksum included, line feed not
+
+}  // namespace coilarray

@@ -1,0 +1,175 @@
+#include "scanner.h"
+
+#include <string.h>
+
+namespace coilarray {
+
+void Scanner::start(const ScanPlan& plan, uint32_t now) {
+    plan_ = &plan;
+    started_ = now;
+    index_ = 0;
+    memset(samples_, 0, sizeof(samples_));
+    outcome_ = Outcome::kGood;
+    phase_ = Phase::kSleepFirst;
+}
+
+void Scanner::forget_failures() {
+    memset(bus_failures_, 0, sizeof(bus_failures_));
+    memset(switch_failures_, 0, sizeof(switch_failures_));
+}
+
+void Scanner::step() {
+    const State& state = plan_->state[index_];
+    Sample& sample = samples_[index_];
+    switch (phase_) {
+        case Phase::kSleepFirst:  // switches move only while the converter sleeps
+            if (!converter_.asleep()) {
+                const Transfer result = converter_.sleep();
+                if (result != Transfer::kDone) {
+                    fail(static_cast<Fault>(result));
+                    phase_ = Phase::kGround;
+                    break;
+                }
+            }
+            phase_ = Phase::kOpen;
+            break;
+        case Phase::kOpen:
+            switched(switches_.open_all(plan_->devices), Phase::kSelect);
+            break;
+        case Phase::kSelect:
+            switched(switches_.send(state.words, plan_->devices), Phase::kDrive);
+            break;
+        case Phase::kDrive:
+            proceed(converter_.write(kDriveCurrent, state.drive), Phase::kWake);
+            break;
+        case Phase::kWake:
+            proceed(converter_.wake(), Phase::kLook);
+            woken_ = hal_.micros();
+            next_look_ = plan_->wait;
+            break;
+        case Phase::kLook:
+            look();
+            break;
+        case Phase::kMsb:  // first: it latches the other half
+            proceed(converter_.read(kDataMsb, sample.msb), Phase::kLsb);
+            break;
+        case Phase::kLsb:
+            proceed(converter_.read(kDataLsb, sample.lsb), Phase::kSleep);
+            break;
+        case Phase::kSleep:
+            proceed(converter_.sleep(), Phase::kGround);
+            phase_ = Phase::kGround;
+            break;
+        case Phase::kGround:
+            if (!switches_.send(plan_->safe, plan_->devices)) {
+                fail(Fault::kSwitchesDiffer);
+            }
+            next_state();
+            break;
+        case Phase::kVerify:
+            verify();
+            break;
+        case Phase::kIdle:
+        case Phase::kDone:
+            break;
+    }
+}
+
+void Scanner::look() {
+    const uint32_t since = elapsed(hal_.micros(), woken_);
+    if (since < next_look_) {
+        return;
+    }
+    Sample& sample = samples_[index_];
+    uint16_t status = 0;
+    const Transfer result = converter_.read(kStatus, status);
+    sample.status |= status;  // reading clears the errors, so those of an earlier look are kept
+    if (result != Transfer::kDone) {
+        proceed(result, Phase::kSleep);
+    } else if ((status & kDataReady) != 0) {
+        phase_ = Phase::kMsb;
+    } else if (since >= plan_->timeout) {
+        fail(Fault::kNoResult);
+        phase_ = Phase::kSleep;
+    } else {
+        const uint32_t again = since + kLookAgain;
+        next_look_ = again < plan_->timeout ? again : plan_->timeout;
+    }
+}
+
+void Scanner::next_state() {
+    ++index_;
+    phase_ = Phase::kSleepFirst;
+    if (index_ == plan_->states) {
+        index_ = 0;
+        phase_ = Phase::kVerify;
+    }
+}
+
+void Scanner::verify() {
+    uint16_t dividers = 0;
+    const Transfer result = converter_.read(kClockDividers, dividers);
+    const bool reset = result == Transfer::kDone && dividers != plan_->registers[kDividersIndex];
+    for (index_ = 0; index_ < plan_->states; ++index_) {
+        if (reset) {
+            samples_[index_].fault = Fault::kConverterReset;
+        } else if (result != Transfer::kDone) {
+            fail(static_cast<Fault>(result));  // a scan that cannot be verified is no measurement
+        }
+    }
+    index_ = 0;
+    judge();
+    if (reset) {
+        outcome_ = Outcome::kConverterReset;
+    }
+    phase_ = Phase::kDone;
+}
+
+void Scanner::judge() {
+    for (uint8_t i = 0; i < plan_->states; ++i) {
+        const Fault fault = samples_[i].fault;
+        const bool bus = fault == Fault::kNotAcknowledged || fault == Fault::kBusTimeout;
+        bus_failures_[i] = bus ? static_cast<uint8_t>(bus_failures_[i] + 1) : uint8_t{0};
+        const bool chain = fault == Fault::kSwitchesDiffer;
+        switch_failures_[i] = chain ? static_cast<uint8_t>(switch_failures_[i] + 1) : uint8_t{0};
+        if (bus_failures_[i] >= kFailures) {
+            outcome_ = Outcome::kBusFault;
+        } else if (switch_failures_[i] >= kFailures && outcome_ == Outcome::kGood) {
+            outcome_ = Outcome::kSwitchesDiffer;
+        }
+    }
+}
+
+void Scanner::proceed(Transfer result, Phase next) {
+    if (result == Transfer::kDone) {
+        phase_ = next;
+        return;
+    }
+    fail(static_cast<Fault>(result));
+    phase_ = Phase::kSleep;
+}
+
+void Scanner::switched(bool same, Phase next) {
+    phase_ = next;
+    if (!same) {
+        fail(Fault::kSwitchesDiffer);
+        phase_ = Phase::kGround;
+    }
+}
+
+void Scanner::fail(Fault fault) {
+    Sample& sample = samples_[index_];
+    if (sample.fault == Fault::kNone) {
+        sample.fault = fault;
+    }
+}
+
+uint32_t Scanner::idle_time(uint32_t now) const {
+    if (phase_ != Phase::kLook) {
+        return 0;
+    }
+    const uint32_t since = elapsed(now, woken_);
+    return since < next_look_ ? next_look_ - since : 0;
+}
+
+}  // namespace coilarray
