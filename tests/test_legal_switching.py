@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 
 import pytest
 from emulated_reader import quick_settings
@@ -27,15 +28,24 @@ def refuses(check, argument):
 @pytest.mark.parametrize(("wiring", "settings"), BOARDS)
 @given(data=st.data())
 def test_words_are_refused_where_the_wiring_refuses_them(wiring, settings, data):
-    # words near legal ones, so that both answers come often
-    near = data.draw(
-        st.sampled_from([state.words for state in settings.states] + [wiring.safe_words, wiring.open_words])
-    )
-    words = bytearray(near)
+    # words between two legal ones, with a few bits changed, so that both answers come often
+    legal = st.sampled_from([state.words for state in settings.states] + [wiring.safe_words, wiring.open_words])
+    words = bytearray(data.draw(st.sampled_from(pair)) for pair in zip(data.draw(legal), data.draw(legal), strict=True))
     for _ in range(data.draw(st.integers(0, 3))):
         words[data.draw(st.integers(0, len(words) - 1))] ^= 1 << data.draw(st.integers(0, 7))
     changed = dataclasses.replace(settings, states=(dataclasses.replace(settings.states[0], words=bytes(words)),))
     assert refuses(check_switching, changed) == refuses(wiring.check, bytes(words))
+
+
+@pytest.mark.parametrize(("wiring", "settings"), BOARDS)
+def test_two_coils_on_the_converter_are_refused(wiring, settings):
+    # a coil that is measured instead of grounded changes the same bits whatever the others do
+    changes = [bytes(a ^ b for a, b in zip(state.words, wiring.safe_words, strict=True)) for state in settings.states]
+    for first, second in itertools.combinations(changes, 2):
+        words = bytes(s ^ a ^ b for s, a, b in zip(wiring.safe_words, first, second, strict=True))
+        changed = dataclasses.replace(settings, states=(dataclasses.replace(settings.states[0], words=words),))
+        with pytest.raises(HardwareError, match="to INA at once"):
+            check_switching(changed)
 
 
 @pytest.mark.parametrize(("wiring", "settings"), BOARDS)

@@ -9,7 +9,10 @@ from collections.abc import Sequence
 import typer
 
 from coilarray.cli import (
+    board,
+    calibrate_board,
     check,
+    compare,
     distortion,
     export,
     field,
@@ -18,11 +21,14 @@ from coilarray.cli import (
     import_board,
     indent,
     init,
+    live,
     locate,
     matrix,
+    measure,
     optimize,
     report,
     response,
+    scan_info,
     sweep,
     tolerance,
     view,
@@ -59,6 +65,12 @@ app.command("tolerance")(tolerance.tolerance)
 app.command("export")(export.export)
 app.command("import")(import_board.import_board)
 app.command("view")(view.view)
+app.command("board")(board.board)
+app.command("measure")(measure.measure)
+app.command("scan-info")(scan_info.scan_info)
+app.command("calibrate-board")(calibrate_board.calibrate_board)
+app.command("compare")(compare.compare)
+app.command("live")(live.live)
 
 
 @app.callback(invoke_without_command=True)

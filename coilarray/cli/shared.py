@@ -91,6 +91,13 @@ def print_table(
     headers: Sequence[str], rows: Sequence[Sequence[str]], title: str = "", marked: Sequence[int] = ()
 ) -> None:
     """Print a table of text, numbers to the right; rows whose index is in `marked` are red."""
+    typer.echo(table_text(headers, rows, title, marked))
+
+
+def table_text(
+    headers: Sequence[str], rows: Sequence[Sequence[str]], title: str = "", marked: Sequence[int] = ()
+) -> str:
+    """Return what `print_table` prints."""
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
@@ -106,7 +113,7 @@ def print_table(
         console.width = _PIPE_WIDTH
     with console.capture() as captured:
         console.print(table)
-    typer.echo("\n".join(line.rstrip() for line in captured.get().splitlines()))
+    return "\n".join(line.rstrip() for line in captured.get().splitlines())
 
 
 def _is_number(text: str) -> bool:

@@ -1,0 +1,264 @@
+"""Options that every command with a board shares, and how it speaks of an emulated one."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from coilarray.errors import HardwareError
+
+if TYPE_CHECKING:
+    from coilarray.blocks import Progress
+    from coilarray.design import Design
+    from coilarray.hardware.board import Board
+    from coilarray.hardware.scan_settings import ScanSettings
+
+EMULATOR = "emulator"
+MARK = "[emulator] "
+"""Begins every line that a person reads of an emulated board."""
+
+Port = Annotated[
+    str,
+    typer.Option(
+        "--port",
+        help="Board: /dev/ttyACM0, COM5 or usb:SERIALNUMBER (microcontroller), i2c:1[:0x2A][,spi:0.0] (Linux), "
+        "ftdi://...; the emulator by default.",
+    ),
+]
+WiringName = Annotated[
+    str | None, typer.Option("--wiring", help="Wiring file (TOML) or name of a bundled one; six_coils by default.")
+]
+Rate = Annotated[
+    float | None, typer.Option("--rate", help="Scans per second; the converter's full resolution by default.")
+]
+ClockMHz = Annotated[
+    float | None,
+    typer.Option("--clock-MHz", help="Clock of the converter; 43.4 by default, which is typical of its own."),
+]
+ExternalClock = Annotated[
+    bool, typer.Option("--external-clock", help="The clock comes from the pin CLKIN; needs --clock-MHz.")
+]
+Drive = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--drive", help="IDRIVE, 0 to 31, of all coils, or as COIL=CODE; may be repeated. From the design by default."
+    ),
+]
+Coils = Annotated[
+    list[str] | None,
+    typer.Option("--coil", help="Measure only this state of the scan; may be repeated. All by default."),
+]
+Emulate = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--emulate",
+        help="What the emulator does; may be repeated: seed=1, noise=1e-7 (relative, of a frequency), drift=0.01 "
+        "(K/s), press=X,Y,DEPTH (mm), path=FILE.csv (columns time_s, x_mm, y_mm, depth_mm).",
+    ),
+]
+
+_PATH_COLUMNS = ["time_s", "x_mm", "y_mm", "depth_mm"]
+_LARGEST_SEED = 2**63
+_LONGEST_PATH = 1_000_000  # lines
+
+
+@dataclass(frozen=True)
+class BoardOptions:
+    """What the options above say; checked.
+
+    Parameters
+    ----------
+    port, wiring, rate, clock_MHz, external_clock, drive, coils, emulate
+        As the options.
+
+    Raises
+    ------
+    HardwareError
+        A value that cannot be: which option, and what is allowed.
+    """
+
+    port: str = EMULATOR
+    wiring: str | None = None
+    rate: float | None = None
+    clock_MHz: float | None = None  # noqa: N815 - as the option
+    external_clock: bool = False
+    drive: Sequence[str] | None = None
+    coils: Sequence[str] | None = None
+    emulate: Sequence[str] | None = None
+    emulation: dict[str, Any] = field(init=False)
+    drives: dict[str, int] | int | None = field(init=False)
+
+    def __post_init__(self) -> None:
+        for option, value in (("--rate", self.rate), ("--clock-MHz", self.clock_MHz)):
+            if value is not None and not (math.isfinite(value) and value > 0):
+                raise HardwareError(f"{option} must be positive and finite; got {value:g}.")
+        if self.external_clock and self.clock_MHz is None:
+            raise HardwareError("--external-clock needs --clock-MHz.")
+        if self.emulate and self.port != EMULATOR:
+            raise HardwareError(f"--emulate is for the emulator; the board at {self.port} is a real one.")
+        object.__setattr__(self, "emulation", _emulation(self.emulate or ()))
+        object.__setattr__(self, "drives", _drives(self.drive or ()))
+
+
+@contextmanager
+def opened_board(
+    options: BoardOptions, design: Design, *, real_time: bool, progress: Progress | None = None
+) -> Iterator[tuple[Board, ScanSettings]]:
+    """Open the board of the options and configure it for the coils of a design, for the length of a ``with`` block.
+
+    Parameters
+    ----------
+    options : BoardOptions
+        Of the command line.
+    design : Design
+        Of the board.
+    real_time : bool
+        Whether the emulator takes the time that a board would; else its time is virtual.
+    progress : callable, optional
+        Called with (done, total) while the emulator computes what indentations do, once for a design.
+
+    Yields
+    ------
+    board : Board
+        Whichever way the block is left, its coils are grounded then.
+    settings : ScanSettings
+        What it was configured with.
+
+    Raises
+    ------
+    HardwareError
+        As `coilarray.hardware.board.open_board`, `coilarray.hardware.design_settings` and `Reader.configure`.
+    """
+    from coilarray.hardware.board import open_board
+    from coilarray.hardware.buses import ComputerClock
+    from coilarray.hardware.design_settings import design_settings
+    from coilarray.hardware.wiring import load_wiring
+
+    wiring = load_wiring(options.wiring)
+    settings = design_settings(
+        design,
+        wiring,
+        states=options.coils,
+        rate=options.rate,
+        clock=None if options.clock_MHz is None else options.clock_MHz * 1e6,
+        external_clock=options.external_clock,
+        drives=options.drives,
+    )
+    emulation = dict(options.emulation)
+    if options.port == EMULATOR and real_time:
+        clock = emulation["clock"] = ComputerClock()
+        start = clock.now()
+        if "path" in emulation:
+            emulation["path"] = [(start + time, *place) for time, *place in emulation["path"]]
+    if options.port == EMULATOR and progress is not None:
+        emulation["progress"] = progress
+    with open_board(options.port, design=design, wiring=wiring, **emulation) as board:
+        board.reader.configure(settings)
+        yield board, settings
+
+
+def marked(text: str, *, emulated: bool) -> str:
+    """Return text for people, every line of it marked where it is of an emulated board.
+
+    Examples
+    --------
+    >>> marked("6 states", emulated=True)
+    '[emulator] 6 states'
+    """
+    return "\n".join(f"{MARK}{line}".rstrip() for line in text.splitlines()) if emulated else text
+
+
+def _drives(texts: Sequence[str]) -> dict[str, int] | int | None:
+    codes: dict[str, int] = {}
+    for text in texts:
+        coil, equals, code = text.rpartition("=")
+        if not (code.isdecimal() and code.isascii() and int(code) <= 31 and bool(coil) == bool(equals)):
+            raise HardwareError(f"--drive must be 0 to 31, or COIL=CODE; got {text!r}.")
+        if coil in codes:
+            raise HardwareError(f"--drive must name a coil once; got {text!r} again.")
+        codes[coil] = int(code)
+    if "" not in codes:
+        return codes or None
+    if len(codes) > 1:
+        raise HardwareError("--drive must be one number for all coils, or COIL=CODE for each; got both.")
+    return codes[""]
+
+
+def _emulation(texts: Sequence[str]) -> dict[str, Any]:
+    """Options of the emulated board."""
+    given: dict[str, Any] = {}
+    for text in texts:
+        key, equals, value = text.partition("=")
+        reader = _EMULATED.get(key)
+        if reader is None or not equals:
+            raise HardwareError(f"--emulate must be KEY=VALUE with the key {', '.join(_EMULATED)}; got {text!r}.")
+        name, emulated = reader(value)
+        if name in given:
+            raise HardwareError(f"--emulate must say {key} once, and press or path; got {text!r} too.")
+        given[name] = emulated
+    return given
+
+
+def _seed(text: str) -> tuple[str, object]:
+    if not (text.isdecimal() and text.isascii() and int(text) < _LARGEST_SEED):
+        raise HardwareError(f"--emulate seed must be a whole number, not negative; got {text!r}.")
+    return "seed", int(text)
+
+
+def _noise(text: str) -> tuple[str, object]:
+    (noise,) = _numbers("noise", text, 1)
+    if noise < 0:
+        raise HardwareError(f"--emulate noise must not be negative; got {text!r}.")
+    return "noise", noise
+
+
+def _drift(text: str) -> tuple[str, object]:
+    from coilarray.hardware.emulator import Drift
+
+    (rate,) = _numbers("drift", text, 1)
+    return "drift", Drift(rate=rate)
+
+
+def _press(text: str) -> tuple[str, object]:
+    x, y, depth = _numbers("press", text, 3)
+    if depth < 0:
+        raise HardwareError(f"--emulate press must not have a negative depth; got {text!r}.")
+    return "path", [(0.0, x * 1e-3, y * 1e-3, depth * 1e-3)]
+
+
+def _path(text: str) -> tuple[str, object]:
+    path = Path(text)
+    try:
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, ValueError) as error:
+        raise HardwareError(f"cannot read {text}: {getattr(error, 'strerror', None) or 'no UTF-8 text'}.") from None
+    if len(lines) > _LONGEST_PATH:
+        raise HardwareError(f"{text} must have at most {_LONGEST_PATH} lines; got {len(lines)}.")
+    try:
+        head, *rows = list(csv.reader(lines)) or [[]]
+        points = [[float(value) for value in row] for row in rows]
+    except (ValueError, csv.Error) as error:
+        raise HardwareError(f"cannot read {text}: {error}.") from None
+    if [name.strip() for name in head] != _PATH_COLUMNS or any(len(point) != len(_PATH_COLUMNS) for point in points):
+        raise HardwareError(f"{text} must have the columns {', '.join(_PATH_COLUMNS)}.")
+    return "path", [(time, x * 1e-3, y * 1e-3, depth * 1e-3) for time, x, y, depth in points]
+
+
+_EMULATED = {"seed": _seed, "noise": _noise, "drift": _drift, "press": _press, "path": _path}
+
+
+def _numbers(key: str, text: str, count: int) -> list[float]:
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) != count or not all(math.isfinite(value) for value in values):
+        raise HardwareError(f"--emulate {key} must be {count} finite numbers; got {text!r}.")
+    return values

@@ -1,0 +1,184 @@
+"""``coilarray calibrate-board``."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from coilarray.cli.board_options import marked
+from coilarray.cli.maps import check_file
+from coilarray.cli.shared import AsJson, print_json, table_text
+from coilarray.errors import HardwareError
+
+if TYPE_CHECKING:
+    from coilarray.hardware.baseline_drift import Drift
+    from coilarray.hardware.channel_calibration import BoardCalibration, Channel
+
+_HOUR = 3600.0  # s
+
+
+def calibrate_board(
+    recording: Annotated[
+        Path, typer.Argument(metavar="RUN.sqlite", help="Recording of the board at rest, or of a campaign.")
+    ],
+    inductance_uh: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--inductance-uH",
+            help="Known inductance, as STATE=VALUE, or VALUE for all; may be repeated. It gives the capacitances.",
+        ),
+    ] = None,
+    inductance_error: Annotated[
+        float, typer.Option("--inductance-error", help="Its relative standard error, as 0.01.")
+    ] = 0.0,
+    simulated: Annotated[
+        bool,
+        typer.Option(
+            "--simulated",
+            help="Take the inductances that the simulation of the recorded design gives instead: measured and "
+            "simulated L then agree by construction, which is no test.",
+        ),
+    ] = False,
+    frequency_mhz: Annotated[
+        str | None,
+        typer.Option(
+            "--frequency-MHz", help="STATE=VALUE: a known frequency stood in place of its tank. It gives the clock."
+        ),
+    ] = None,
+    frequency_error: Annotated[
+        float, typer.Option("--frequency-error", help="Its relative standard error, as 1e-6.")
+    ] = 0.0,
+    drift_order: Annotated[
+        int | None,
+        typer.Option("--drift-order", help="Of the polynomial of the drift, 1 to 3; the lowest that will do."),
+    ] = None,
+    out: Annotated[Path, typer.Option("--out", "-o", help="File to write: .toml.")] = Path("board.toml"),
+    as_json: AsJson = False,
+) -> None:
+    """Find a board's own constants from a recording: clock, capacitance of every tank, drift.
+
+    δ depends on none of them but the drift; L does. The clock needs a known frequency, the capacitances known
+    inductances; the drift of L_0 comes from the scans at rest alone. Use the file with: coilarray compare --calibration
+
+    Example: coilarray calibrate-board run.sqlite --inductance-uH 52.7 --inductance-error 0.005 --out board.toml
+
+    Example: coilarray calibrate-board campaign.sqlite --simulated --out board.toml
+    """
+    check_file("--out", out, (".toml",))
+    given = _inductances(inductance_uh or ())
+    frequency = None if frequency_mhz is None else _pair("--frequency-MHz", frequency_mhz, 1e6)
+    if given and simulated:
+        raise HardwareError("--inductance-uH and --simulated cannot be given together.")
+    from coilarray.files import write_text
+    from coilarray.hardware.calibration_file import calibration_to_toml
+    from coilarray.hardware.channel_calibration import calibrate_board as calibrate
+    from coilarray.hardware.recording import open_recording
+
+    with open_recording(recording) as opened:
+        known = dict.fromkeys(opened.states, given[""]) if "" in given else given
+        result = calibrate(
+            opened,
+            inductances=known or None,
+            inductance_error=inductance_error,
+            from_design=simulated,
+            known_frequency=frequency,
+            frequency_error=frequency_error,
+            order=drift_order,
+            source=f"coilarray calibrate-board {recording.name}",
+            made=datetime.now(UTC).isoformat(timespec="seconds"),
+        )
+    write_text(out, calibration_to_toml(result))
+    if as_json:
+        print_json({**_data(result), "file": str(out)})
+        return
+    typer.echo(marked(f"{_text(result)}\nwrote {out}", emulated=result.emulated))
+
+
+def _inductances(texts: Sequence[str]) -> dict[str, float]:
+    """Inductances in H by state; that of all states by the empty name."""
+    found: dict[str, float] = {}
+    for text in texts:
+        state, value = _pair("--inductance-uH", text if "=" in text else f"={text}", 1e-6)
+        if state in found:
+            raise HardwareError(f"--inductance-uH must name a state once; got {text!r} again.")
+        found[state] = value
+    if "" in found and len(found) > 1:
+        raise HardwareError("--inductance-uH must be one value for all states, or STATE=VALUE for each; got both.")
+    return found
+
+
+def _pair(option: str, text: str, unit: float) -> tuple[str, float]:
+    state, equals, number = text.rpartition("=")
+    try:
+        value = float(number) if equals else math.nan
+    except ValueError:
+        value = math.nan
+    if not (math.isfinite(value) and value > 0):
+        raise HardwareError(f"{option} must be STATE=VALUE with a positive number; got {text.removeprefix('=')!r}.")
+    return state, value * unit
+
+
+def _data(result: BoardCalibration) -> dict[str, Any]:
+    return {
+        "emulated": result.emulated,
+        "board": result.board,
+        "clock_Hz": result.clock,
+        "clock_standard_error_Hz": result.clock_error,
+        "clock_from": result.clock_from,
+        "capacitances_from": result.inductances_from,
+        "channels": [
+            {
+                "state": channel.state,
+                "capacitance_F": channel.capacitance,
+                "standard_error_F": channel.standard_error,
+                "inductance_H": channel.inductance,
+            }
+            for channel in result.channels
+        ],
+        "drifts": [
+            {
+                "session": drift.session,
+                "state": drift.state,
+                "order": len(drift.coefficients),
+                "rate_per_s": drift.rate,
+                "rate_standard_error_per_s": drift.rate_error,
+                "scatter": drift.scatter,
+                "smooth": drift.smooth,
+            }
+            for drift in result.drifts
+        ],
+    }
+
+
+def _text(result: BoardCalibration) -> str:
+    error = "" if result.clock_error is None else f" ± {result.clock_error:.3g} Hz"
+    parts = [f"clock {result.clock:.8g} Hz{error}, from the {result.clock_from}"]
+    if result.channels:
+        parts.append(table_text(("state", "L (µH)", "C (pF)", "±"), [_channel_row(one) for one in result.channels]))
+    if result.inductances_from == "design":
+        parts.append("L is that of the simulation: that measured and simulated L agree is no test any more.")
+    if result.drifts:
+        headers = ("session", "state", "order", "drift of L_0 (10⁻⁶/h)", "±", "scatter (10⁻⁶)", "smooth")
+        parts.append(table_text(headers, [_drift_row(one) for one in result.drifts]))
+    return "\n".join(parts)
+
+
+def _channel_row(channel: Channel) -> tuple[str, ...]:
+    numbers = (channel.inductance * 1e6, channel.capacitance * 1e12)
+    return channel.state, *(f"{number:.4f}" for number in numbers), f"{channel.standard_error * 1e12:.2g}"
+
+
+def _drift_row(drift: Drift) -> tuple[str, ...]:
+    numbers = (drift.rate * _HOUR, drift.rate_error * _HOUR, drift.scatter)
+    return (
+        str(drift.session + 1),
+        drift.state,
+        str(len(drift.coefficients)),
+        *(f"{number * 1e6:.3f}".replace("-", "−") for number in numbers),
+        "yes" if drift.smooth else "no",
+    )

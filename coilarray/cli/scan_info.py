@@ -1,0 +1,146 @@
+"""``coilarray scan-info``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from coilarray.cli.board_options import marked
+from coilarray.cli.maps import check_file
+from coilarray.cli.shared import AsJson, print_json, table_text
+from coilarray.errors import HardwareError, OutputError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from coilarray.hardware.recording import Recording
+    from coilarray.hardware.recording_summary import RecordingSummary
+
+_FORMATS = ("nc", "csv")
+
+
+def scan_info(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Recording of `coilarray measure`.")],
+    to: Annotated[str | None, typer.Option("--to", help="Convert: nc (netCDF) or csv.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="File to write; RUN with the ending .nc or .csv by default.")
+    ] = None,
+    series: Annotated[
+        bool, typer.Option("--series", help="Convert every scan in the order of time, also of a campaign.")
+    ] = False,
+    baseline: Annotated[
+        int, typer.Option("--baseline", help="First scans that the δ of a time series counts from.")
+    ] = 10,
+    partial: Annotated[
+        bool, typer.Option("--partial", help="Convert a campaign that is not whole; what is missing is NaN.")
+    ] = False,
+    calibration: Annotated[
+        Path | None,
+        typer.Option("--calibration", help="Constants of the board, from coilarray calibrate-board, for a response."),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Show what is in a recording, and convert it.
+
+    A campaign becomes a response, as `coilarray response` writes it: netCDF, or a CSV with a line for every position
+    and state. Anything else becomes a time series: netCDF with all raw words, or a CSV of time_s and the δ of every
+    coil, which `coilarray locate` reads. The whole file is checked for damage.
+
+    Example: coilarray scan-info run.sqlite
+
+    Example: coilarray scan-info campaign.sqlite --to nc --out measured.nc
+    """
+    target = _target(run, to, out)
+    if baseline < 1:
+        raise HardwareError(f"--baseline must be at least 1; got {baseline}.")
+    from coilarray.hardware.recording import open_recording
+    from coilarray.hardware.recording_summary import summarize_recording
+
+    with open_recording(run) as recording:
+        recording.check()
+        summary = summarize_recording(recording)
+        if series or recording.campaign is None:
+            if calibration is not None:
+                raise HardwareError("--calibration is for the response of a campaign; δ of a time series needs none.")
+            wrote = None if target is None else _write_series(recording, target, baseline)
+        else:
+            wrote = None if target is None else _write_response(recording, target, calibration, partial=partial)
+    if as_json:
+        print_json({**summary.to_record(), "wrote": None if target is None else str(target)})
+        return
+    print_summary(summary)
+    if wrote is not None:
+        typer.echo(marked(wrote, emulated=summary.emulated))
+
+
+def print_summary(summary: RecordingSummary) -> None:
+    """Print what is in a recording for people."""
+    lines = [f"{summary.file}: design {summary.design}, wiring {summary.wiring}, coilarray {summary.version}"]
+    lines += [
+        f"{session['started']}  {session['port']} ({session['board']}), settings {session['settings_hash']}: "
+        f"{session['scans']} scans"
+        for session in summary.sessions
+    ]
+    lost = f", {summary.lost} lost" if summary.lost else ""
+    lines.append(f"{summary.scans} scans of {len(summary.states)} states in {summary.seconds:.1f} s{lost}")
+    if summary.campaign is not None:
+        lines.append(f"campaign: {summary.positions} of {summary.campaign.size} positions are measured")
+    rows = [
+        (
+            state.name,
+            "–" if state.frequency is None else f"{state.frequency * 1e-6:.6f}",
+            "–" if state.inductance is None else f"{state.inductance * 1e6:.4f}",
+            "–" if state.noise is None else f"{state.noise:.1e}",
+            *(str(state.verdicts[verdict]) for verdict in ("good", "doubtful", "bad")),
+            ", ".join(f"{count} {reason}" for reason, count in state.reasons.most_common()),
+        )
+        for state in summary.states
+    ]
+    table = table_text(("state", "f in MHz", "L in µH", "noise of L", "good", "doubtful", "bad", "why"), rows)
+    typer.echo(marked("\n".join([*lines, table]), emulated=summary.emulated))
+
+
+def _target(run: Path, to: str | None, out: Path | None) -> Path | None:
+    """Return the file to write, with its format as its ending; None where nothing is converted."""
+    if to is not None and to not in _FORMATS:
+        raise OutputError(f"--to must be {' or '.join(_FORMATS)}; got {to!r}.")
+    if out is None:
+        out = None if to is None else run.with_suffix(f".{to}")
+    check_file("--out", out, [f".{to}"] if to else [f".{one}" for one in _FORMATS])
+    if out is not None and out.resolve() == run.resolve():
+        raise OutputError(f"--out must be another file than the recording {run}.")
+    return out
+
+
+def _write_response(recording: Recording, target: Path, calibration: Path | None, *, partial: bool) -> str:
+    """Write the response of a campaign; return a line for people."""
+    from coilarray.hardware.calibration_file import load_calibration
+    from coilarray.hardware.channel_calibration import calibrated_response
+    from coilarray.hardware.recorded_response import recorded_response, response_csv
+
+    if calibration is None:
+        response = recorded_response(recording, partial=partial)
+    else:
+        response = calibrated_response(recording, load_calibration(calibration), partial=partial)
+    return _write(response, response_csv, target, "the response")
+
+
+def _write_series(recording: Recording, target: Path, baseline: int) -> str:
+    """Write every scan; return a line for people."""
+    from coilarray.hardware.recorded_response import recorded_series, series_csv
+
+    return _write(recorded_series(recording, baseline=baseline), series_csv, target, "the time series")
+
+
+def _write(dataset: xr.Dataset, table: Callable[[xr.Dataset], str], target: Path, what: str) -> str:
+    from coilarray.files import write_text
+    from coilarray.storage import save_dataset
+
+    if target.suffix.lower() == ".nc":
+        save_dataset(dataset, target)
+    else:
+        write_text(target, table(dataset))
+    return f"wrote {target}: {what}, {' × '.join(str(n) for n in dataset.delta.shape)} values over {dataset.delta.dims}"

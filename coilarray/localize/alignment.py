@@ -1,0 +1,257 @@
+"""How one response map lies on another: the scale of δ and the shift in x and y that bring them together best.
+
+    measured(x, y) ≈ scale · other(x − shift_x, y − shift_y)
+
+by least squares over one and the same set of places for every shift that is tried, so that nothing is extrapolated and
+no place comes or goes while the shift is sought.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import least_squares
+
+from coilarray.errors import LocalizeError
+from coilarray.localize.forward import ForwardModel
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+
+LEAST_PLACES = 8
+"""Places that must be left for a shift to be sought; with fewer the scale alone is."""
+
+_ROUNDING = 1e-9  # of a table's extent: by so much a place may lie outside and still count as on the edge
+_FLAT = 1e-9  # of the other columns: a slope by an unknown that is none
+_CONDITION = 1e12  # of the equations, beyond which they tell nothing
+_AT_END = 1e-3  # of its range: the solver stays inside bounds and stops a little short of them
+_CLOSE = 1e-14  # relative: to where rounding ends it
+
+
+@dataclass(frozen=True, eq=False)
+class Alignment:
+    """What brings a map onto another.
+
+    Parameters
+    ----------
+    scale : float
+        Of the other's δ; NaN where the other map is flat.
+    shift : tuple of float
+        Of the other along x and y in m; NaN along an axis that was not sought, or whose standard deviation is greater
+        than the reach: the map does not tell it, and it is taken as 0.
+    scale_std, shift_std
+        Standard deviations by the noise that was given; NaN with the value.
+    used : ndarray of bool, shape (places,)
+        Which places took part.
+    at_limit : bool
+        True where a shift stands at the end of the range that was searched: the true one is beyond.
+    scatter : float
+        Of what remains, in δ: the root of its sum of squares over the degrees of freedom; NaN where there are none.
+    """
+
+    scale: float
+    shift: tuple[float, float]
+    scale_std: float
+    shift_std: tuple[float, float]
+    used: BoolArray
+    at_limit: bool
+    scatter: float
+
+
+def inside(model: ForwardModel, places: FloatArray, margin: tuple[float, float] = (0.0, 0.0)) -> BoolArray:
+    """Tell which places lie in a model's table, by a margin along x and y; rounding does not put a place outside.
+
+    Parameters
+    ----------
+    model : ForwardModel
+    places : ndarray, shape (n, 3)
+        x, y and depth in m; the depth counts where the model has more than one.
+    margin : tuple of float
+        Along x and y in m.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+    """
+    free = model.unknowns
+    room = np.array([*margin, 0.0])[:free]
+    slack = _ROUNDING * (model.upper - model.lower)[:free]
+    low, high = (model.lower[:free] + room - slack), (model.upper[:free] - room + slack)
+    return np.asarray(((places[:, :free] >= low) & (places[:, :free] <= high)).all(axis=1))
+
+
+def values_at(model: ForwardModel, places: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """δ of a model of one state, shape (n,), and its slopes along x and y in 1/m, shape (n, 2).
+
+    Parameters
+    ----------
+    model : ForwardModel
+        Of one state.
+    places : ndarray, shape (n, 3)
+        For which `inside` holds.
+    """
+    delta, jacobian = model.linear(np.clip(places, model.lower, model.upper))
+    return delta[:, 0], jacobian[:, 0, :2]
+
+
+def align(
+    model: ForwardModel,
+    places: npt.ArrayLike,
+    measured: npt.ArrayLike,
+    *,
+    reach: tuple[float, float],
+    noise: npt.ArrayLike | None = None,
+) -> Alignment:
+    """Find scale and shift of a model's map that bring it onto measured values.
+
+    Parameters
+    ----------
+    model : ForwardModel
+        Of the other map, of one state.
+    places : array_like, shape (n, 3)
+        x, y and depth in m.
+    measured : array_like, shape (n,)
+        δ there.
+    reach : tuple of float
+        Largest shift to either side along x and y in m. Only places stay that are in the model's table by it; where
+        they are fewer than 8, and along an axis whose reach is 0, no shift is sought.
+    noise : array_like, scalar or shape (n,), optional
+        Standard deviation of every measured δ; from the scatter of what remains by default.
+
+    Returns
+    -------
+    Alignment
+
+    Raises
+    ------
+    LocalizeError
+        A model of several states, shapes that differ, values that are not finite, a reach or noise that is negative.
+
+    Notes
+    -----
+    All places count the same. The standard deviations are those of that estimate under the given noise,
+    (JᵀJ)⁻¹ Jᵀ diag(σ²) J (JᵀJ)⁻¹; what else the maps differ in is no part of them.
+
+    Examples
+    --------
+    >>> import xarray as xr
+    >>> from coilarray.localize.forward import forward_model
+    >>> axis = np.linspace(-10e-3, 10e-3, 21)
+    >>> bell = lambda x, y: 1e-3 * np.exp(-(x**2 + y**2) / 8e-3**2)
+    >>> delta = bell(axis, axis[:, None])[None, :, :, None]
+    >>> coords = {"depth": [1e-3], "y": axis, "x": axis, "state": ["coil1"]}
+    >>> model = forward_model(xr.Dataset({"delta": (("depth", "y", "x", "state"), delta)}, coords))
+    >>> x, y = np.meshgrid(axis[5:-5], axis[5:-5])
+    >>> places = np.column_stack((x.ravel(), y.ravel(), np.full(x.size, 1e-3)))
+    >>> found = align(model, places, 1.25 * bell(places[:, 0] - 0.5e-3, places[:, 1]), reach=(2e-3, 2e-3))
+    >>> round(found.scale, 3), round(found.shift[0] * 1e3, 2)
+    (1.25, 0.5)
+    """
+    at, values = np.asarray(places, dtype=np.float64), np.asarray(measured, dtype=np.float64)
+    sigma = None if noise is None else np.asarray(noise, dtype=np.float64)
+    _check(model, at, values, reach, sigma)
+    used = inside(model, at, reach)
+    axes = [k for k in (0, 1) if reach[k] > 0]
+    if used.sum() < LEAST_PLACES:
+        used, axes = inside(model, at), []
+    at, values = at[used], values[used]
+    if not values_at(model, at)[0].any():
+        return Alignment(np.nan, (np.nan, np.nan), np.nan, (np.nan, np.nan), used, False, np.nan)
+    each = None if sigma is None else np.broadcast_to(sigma, used.shape)[used]
+    found = _solve(model, at, values, reach, axes, each)
+    while axes and not (found.deviations[1:] <= 1).all():  # NaN is not told either
+        axes = [axis for axis, told in zip(axes, found.deviations[1:] <= 1, strict=True) if told]
+        found = _solve(model, at, values, reach, axes, each)
+    shift, shift_std = np.full(2, np.nan), np.full(2, np.nan)
+    steps = np.asarray(reach)[axes]
+    shift[axes], shift_std[axes] = found.unknowns[1:] * steps, found.deviations[1:] * steps
+    return Alignment(
+        float(found.unknowns[0]),
+        (float(shift[0]), float(shift[1])),
+        float(found.deviations[0]),
+        (float(shift_std[0]), float(shift_std[1])),
+        used,
+        bool((np.abs(found.unknowns[1:]) > 1 - _AT_END).any()),
+        found.scatter,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Solution:
+    """Scale and shifts over their reach, with standard deviations; the scatter of what remains in δ."""
+
+    unknowns: FloatArray
+    deviations: FloatArray
+    scatter: float
+
+
+def _solve(
+    model: ForwardModel,
+    places: FloatArray,
+    values: FloatArray,
+    reach: tuple[float, float],
+    axes: Sequence[int],
+    sigma: FloatArray | None,
+) -> _Solution:
+    """Least squares of the scale and of the shifts along some axes."""
+    steps = np.asarray(reach)[list(axes)]
+    size = float(np.sqrt(np.mean(values**2))) or 1.0
+
+    def moved(unknowns: FloatArray) -> tuple[FloatArray, FloatArray]:
+        shifted = places.copy()
+        shifted[:, axes] -= unknowns[1:] * steps
+        return values_at(model, shifted)
+
+    def remains(unknowns: FloatArray) -> FloatArray:
+        return np.asarray((values - unknowns[0] * moved(unknowns)[0]) / size)
+
+    def slopes(unknowns: FloatArray) -> FloatArray:
+        delta, gradient = moved(unknowns)
+        return np.column_stack((-delta, unknowns[0] * gradient[:, axes] * steps)) / size
+
+    unmoved = values_at(model, places)[0]
+    solution = np.array([float(values @ unmoved) / float(unmoved @ unmoved), *np.zeros(len(axes))])
+    if axes:
+        limit = np.array([np.inf, *np.ones(len(axes))])
+        solution = least_squares(
+            remains, solution, slopes, bounds=(-limit, limit), xtol=_CLOSE, ftol=_CLOSE, gtol=_CLOSE
+        ).x
+    remaining = remains(solution)
+    freedom = len(values) - len(solution)
+    scatter = float(np.sqrt(remaining @ remaining / freedom)) * size if freedom else np.nan
+    noise = np.full(len(values), scatter) if sigma is None else sigma
+    return _Solution(solution, _deviations(slopes(solution), noise / size), scatter)
+
+
+def _deviations(jacobian: FloatArray, sigma: FloatArray) -> FloatArray:
+    """Give the standard deviations of the unknowns; NaN of those that the places do not tell."""
+    result = np.full(jacobian.shape[1], np.nan)
+    lengths = np.linalg.norm(jacobian, axis=0)
+    told = np.flatnonzero(lengths > _FLAT * lengths.max())
+    columns = jacobian[:, told] / lengths[told]
+    if len(sigma) < len(told) or np.linalg.cond(columns) > _CONDITION:
+        return result
+    gain = np.linalg.pinv(columns) / lengths[told, None]
+    result[told] = np.sqrt((gain**2 * sigma**2).sum(axis=1))
+    return result
+
+
+def _check(
+    model: ForwardModel, places: FloatArray, values: FloatArray, reach: tuple[float, float], sigma: FloatArray | None
+) -> None:
+    if len(model.states) != 1:
+        raise LocalizeError(f"a map is aligned by one state; the model has {', '.join(model.states)}.")
+    if places.ndim != 2 or places.shape[1] != 3 or values.shape != places.shape[:1]:
+        raise LocalizeError(f"places must have shape (n, 3) and measured (n,); got {places.shape} and {values.shape}.")
+    if not (np.isfinite(places).all() and np.isfinite(values).all()):
+        raise LocalizeError("places and measured values must be finite.")
+    if not (np.isfinite(reach).all() and min(reach) >= 0):
+        raise LocalizeError(f"reach must be two lengths in m that are not negative; got {reach}.")
+    if sigma is not None:
+        if sigma.shape not in ((), values.shape):
+            raise LocalizeError(f"noise must be one number or one a place; got shape {sigma.shape}.")
+        if not (np.isfinite(sigma) & (sigma >= 0)).all():
+            raise LocalizeError("noise must be finite and not negative.")

@@ -1,0 +1,109 @@
+"""x0, A and B over the levels of δ of one map, and how far noise of the readings moves them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from coilarray.errors import LocalizeError
+from coilarray.localize.ellipse import STEP, fit_ellipses
+
+FloatArray = npt.NDArray[np.float64]
+
+PARAMETERS = ("x0", "A", "B")
+"""In the order of the rows of `LevelCurves`."""
+
+_LEAST_SHARE = 0.5  # of the noisy maps: where fewer have a level, its scatter is not told
+
+
+@dataclass(frozen=True, eq=False)
+class LevelCurves:
+    """Ellipses of the levels of δ of one state at one depth.
+
+    Parameters
+    ----------
+    values, deviations : ndarray, shape (3, levels)
+        x0, A and B in m of the levels STEP, 2·STEP, …, and their standard deviations; NaN where a level has no ellipse,
+        deviations NaN too where no noise is known.
+    problem : str
+        Why there is no ellipse at all; empty where there are some.
+    """
+
+    values: FloatArray
+    deviations: FloatArray
+    problem: str = ""
+
+
+def level_curves(
+    response: xr.Dataset, noise: npt.ArrayLike | None = None, *, replicates: int = 16, seed: int = 0
+) -> LevelCurves:
+    """Fit the ellipses of a map, and of copies with noise for their standard deviations.
+
+    Parameters
+    ----------
+    response : xarray.Dataset
+        ``delta`` (depth, y, x, state) of one depth and one state.
+    noise : array_like, shape (y, x), optional
+        Standard deviation of δ.
+    replicates : int
+        Noisy copies; fewer than 2 give no standard deviations.
+    seed : int
+        Of the noise.
+
+    Returns
+    -------
+    LevelCurves
+
+    Notes
+    -----
+    `fit_ellipses` with its own settings. The copies add noise to a map that may have it already; its scatter is told
+    all the same as long as noise is small beside the width of a level.
+
+    Examples
+    --------
+    >>> from coilarray.localize.published import published_map
+    >>> curves = level_curves(published_map().sel(state=["coil2"]))
+    >>> curves.values.shape, curves.problem
+    ((3, 62), '')
+    """
+    if not np.isfinite(response.delta.values).all():
+        return _none("the map has gaps.")
+    try:
+        values = _fitted(response)
+    except LocalizeError as error:
+        return _none(str(error))
+    unknown = np.full_like(values, np.nan)
+    if noise is None or replicates < 2:
+        return LevelCurves(values, unknown)
+    sigma = xr.DataArray(np.asarray(noise, dtype=np.float64), dims=("y", "x"))
+    random = np.random.default_rng(seed)
+    runs = np.full((replicates, *values.shape), np.nan)
+    for run in runs:
+        try:
+            noisy = _fitted(response.assign(delta=response.delta + sigma * random.standard_normal(sigma.shape)))
+        except LocalizeError:  # noise took the hill away
+            continue
+        run[:, : noisy.shape[1]] = noisy[:, : values.shape[1]]
+    count = np.isfinite(runs).sum(axis=0)
+    told = np.isfinite(values) & (count >= max(2.0, _LEAST_SHARE * replicates))
+    mean = np.nansum(runs, axis=0) / np.maximum(count, 1)
+    scatter = np.sqrt(np.nansum((runs - mean) ** 2, axis=0) / np.maximum(count - 1, 1))
+    return LevelCurves(values, np.where(told, scatter, unknown))
+
+
+def level_axis(count: int) -> FloatArray:
+    """δ of so many levels."""
+    return np.asarray(STEP * np.arange(1, count + 1), dtype=np.float64)
+
+
+def _fitted(response: xr.Dataset) -> FloatArray:
+    """x0, A and B, shape (3, levels)."""
+    fits = fit_ellipses(response)
+    return np.array([fits[name].values[0] for name in PARAMETERS])
+
+
+def _none(problem: str) -> LevelCurves:
+    return LevelCurves(np.empty((3, 0)), np.empty((3, 0)), problem)

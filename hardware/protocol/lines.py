@@ -1,0 +1,121 @@
+"""Lines of printable characters under a checksum, and the machine that finds them in any bytes."""
+
+from __future__ import annotations
+
+import binascii
+from dataclasses import dataclass, replace
+
+MAX_LINE = 512
+"""Characters of a line with its checksum, without the line feed."""
+_PRINTABLE = bytes(range(0x20, 0x7F))
+_CHECKSUM = 5  # characters: an asterisk and four digits
+
+
+def seal(text: str) -> bytes:
+    r"""Line of a text: with its checksum (CRC-16/CCITT-FALSE) and the line feed.
+
+    Parameters
+    ----------
+    text : str
+        1 to 507 characters from 0x20 to 0x7E.
+
+    Raises
+    ------
+    ValueError
+        Another character, or too many.
+
+    Examples
+    --------
+    >>> seal(">00,STOP")
+    b'>00,STOP*3783\n'
+    """
+    data = text.encode("ascii", errors="replace") if text.isascii() else b""
+    if not 0 < len(data) <= MAX_LINE - _CHECKSUM or data.translate(None, _PRINTABLE):
+        raise ValueError(f"a line must be 1 to {MAX_LINE - _CHECKSUM} printable ASCII characters; got {text!r}.")
+    return b"%b*%04X\n" % (data, binascii.crc_hqx(data, 0xFFFF))
+
+
+def intact(line: bytes) -> bool:
+    """Whether a line ends in the checksum of what stands before it."""
+    return line[-_CHECKSUM:] == b"*%04X" % binascii.crc_hqx(line[:-_CHECKSUM], 0xFFFF)
+
+
+@dataclass(frozen=True)
+class LineCounts:
+    """What a parser met so far.
+
+    Parameters
+    ----------
+    good : int
+        Lines given out.
+    wrong_checksum, wrong_character, too_long : int
+        Lines dropped, each counted once.
+    """
+
+    good: int = 0
+    wrong_checksum: int = 0
+    wrong_character: int = 0
+    too_long: int = 0
+
+    @property
+    def dropped(self) -> int:
+        """Lines dropped for any reason."""
+        return self.wrong_checksum + self.wrong_character + self.too_long
+
+
+class LineParser:
+    r"""Bytes in, texts of intact lines out; keeps never more than one line.
+
+    Examples
+    --------
+    >>> parser = LineParser()
+    >>> parser.feed(b"noise\n>00,STOP*37")
+    []
+    >>> parser.feed(b"83\r\n"), parser.counts.wrong_checksum
+    (['>00,STOP'], 1)
+    """
+
+    def __init__(self) -> None:
+        self._begun = bytearray()  # of the line that has not ended yet
+        self._overrun = False  # this line is already too long: its bytes are no longer kept
+        self._counts = LineCounts()
+
+    @property
+    def counts(self) -> LineCounts:
+        """What was met so far."""
+        return self._counts
+
+    def feed(self, data: bytes) -> list[str]:
+        """Take bytes in pieces of any size and return the texts of the lines that end in them, checksums taken off."""
+        *ended, rest = data.split(b"\n")
+        texts = []
+        for piece in ended:
+            self._keep(piece)
+            text = self._end()
+            if text is not None:
+                texts.append(text)
+        self._keep(rest)
+        return texts
+
+    def _keep(self, piece: bytes) -> None:
+        room = MAX_LINE + 1 - len(self._begun)  # one more for a carriage return
+        self._overrun = self._overrun or len(piece) > room
+        self._begun += piece[:room]
+
+    def _end(self) -> str | None:
+        line, overrun = bytes(self._begun).removesuffix(b"\r"), self._overrun
+        self._begun.clear()
+        self._overrun = False
+        counts = self._counts
+        if not line and not overrun:
+            return None
+        if overrun or len(line) > MAX_LINE:
+            self._counts = replace(counts, too_long=counts.too_long + 1)
+        elif line.translate(None, _PRINTABLE):
+            self._counts = replace(counts, wrong_character=counts.wrong_character + 1)
+        elif len(line) <= _CHECKSUM or not intact(line):
+            self._counts = replace(counts, wrong_checksum=counts.wrong_checksum + 1)
+        else:
+            self._counts = replace(counts, good=counts.good + 1)
+            return line[:-_CHECKSUM].decode("ascii")
+        return None

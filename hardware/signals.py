@@ -1,0 +1,55 @@
+"""Signals that would end the program: put off while a board is put to rest, and turned into an orderly way out."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from types import FrameType
+from typing import Any
+
+_ENDING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+_EXIT_CODE = 128  # and the number of the signal, as a shell reports it
+Handler = Callable[[int, FrameType | None], Any]
+
+
+@contextlib.contextmanager
+def held_signals() -> Iterator[None]:
+    """Put signals that end the program off until the block is left, which must be short; only in the main thread."""
+    came: list[int] = []
+    try:
+        with _handled(lambda number, _: came.append(number), instead_of_any=True):
+            yield
+    finally:
+        for number in came:
+            signal.raise_signal(number)
+
+
+@contextlib.contextmanager
+def orderly_termination() -> Iterator[None]:
+    """Leave the block by SystemExit where the system would end the program at once: SIGTERM, or a closed terminal."""
+
+    def leave(number: int, _: FrameType | None) -> None:
+        raise SystemExit(_EXIT_CODE + number)
+
+    with _handled(leave, instead_of_any=False):
+        yield
+
+
+@contextlib.contextmanager
+def _handled(handler: Handler, *, instead_of_any: bool) -> Iterator[None]:
+    """Handle signals within the block: those that have any handler of Python, or those that have none."""
+    before: dict[int, Any] = {}
+    try:
+        if threading.current_thread() is threading.main_thread():
+            for number in _ENDING:
+                present = signal.getsignal(number)
+                # None is a handler that Python cannot put back; what is ignored stays ignored, as nohup wants it
+                if present == signal.SIG_DFL or (instead_of_any and present not in (None, signal.SIG_IGN)):
+                    before[number] = present
+                    signal.signal(number, handler)
+        yield
+    finally:
+        for number, present in before.items():
+            signal.signal(number, present)

@@ -1,0 +1,229 @@
+"""Flat figures of a comparison of two responses: what remains between them, reading against reading, and x0 of both."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.collections import QuadMesh
+from matplotlib.figure import Figure
+from matplotlib.patches import Polygon
+
+from coilarray.viz.palette import BLUE, COILS, INK, VERMILLION, cycled
+from coilarray.viz.plots import colour_bar, figure_size, new_axes, styled
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+FloatArray = npt.NDArray[np.float64]
+
+MOST_STATES = 6
+"""States that `comparison_figure` shows at most."""
+
+_MM = 1e3  # mm in a metre
+_SMALL, _SMALL_LABEL = 1e6, "δ (10⁻⁶)"  # residuals
+_LARGE = 1e3  # readings
+_GREY = "#909090"
+_FAINT = "#E4E4E4"
+_UNKNOWN = "#D0D0D0"  # where a map has no value
+_SIGMAS = 2.0  # of the band around x0
+_STAGES = {"before": "as simulated", "after": "scaled and shifted"}
+_WIDTHS = (1.0, 1.0, 0.6)  # of two maps and x0 beside each other
+_ROW = 13.0  # inches
+
+
+@styled
+def plot_residual(
+    comparison: xr.Dataset,
+    state: str,
+    depth: int = 0,
+    stage: Literal["before", "after"] = "after",
+    ax: Axes | None = None,
+    outlines: Sequence[npt.ArrayLike] = (),
+) -> Axes:
+    """Draw measured less simulated δ of one state over the position of the indenter, with the outlines of the coils.
+
+    Colours are symmetric about zero and those of both stages of a state; grey where nothing was compared.
+
+    Parameters
+    ----------
+    comparison : xarray.Dataset
+        As `coilarray.comparison.compare_responses` returns it; at least two x and two y.
+    state : str
+        Which state.
+    depth : int
+        Position of the depth in the dataset.
+    stage : {"before", "after"}
+        Simulated map as it is, or scaled and shifted onto the measured one.
+    ax : Axes, optional
+        Where to draw; in mm.
+    outlines : sequence of array_like, each of shape (m, 2)
+        Corners of the coils in m from the same origin as x and y, first point not repeated.
+
+    Raises
+    ------
+    ValueError
+        A state that the dataset does not have, or a map of a single row.
+    """
+    of = _of(comparison, state, depth)
+    if min(of.sizes["x"], of.sizes["y"]) < 2:
+        raise ValueError(f"a map must have at least two x and two y; got {of.sizes['x']} and {of.sizes['y']}.")
+    ax = ax or new_axes(*figure_size(float(np.ptp(of.x.values)), float(np.ptp(of.y.values))))
+    colour_bar(ax, _draw_residual(ax, of, stage, outlines), _SMALL_LABEL)
+    ax.set_title(f"Measured less simulated {state}, {_STAGES[stage]}")
+    return ax
+
+
+@styled
+def plot_readings(comparison: xr.Dataset, depth: int = 0, ax: Axes | None = None) -> Axes:
+    """Draw measured over simulated δ of every state, a dot a position, with the line of equality.
+
+    Parameters
+    ----------
+    comparison : xarray.Dataset
+        As in `plot_residual`.
+    depth : int
+        Position of the depth in the dataset.
+    ax : Axes, optional
+        Where to draw; 10⁻³ over 10⁻³.
+    """
+    at = comparison.isel(depth=depth)
+    ax = ax or new_axes(5.0, 4.5)
+    names = at.state.values.tolist()
+    ends = []
+    for k, (name, colour) in enumerate(cycled(COILS, names).items()):
+        measured, simulated = at.delta.sel(state=name).values.reshape(2, -1) * _LARGE
+        ax.plot(
+            simulated,
+            measured,
+            linestyle="",
+            marker="os^Dv*"[(k // len(COILS)) % 6],
+            markersize=3.0,
+            markerfacecolor="none",
+            color=colour,
+            label=f"{name}, scale {float(at.scale[k]):.3f} ± {float(at.scale_std[k]):.3f}".replace("-", "−"),
+        )
+        ends.append(simulated[np.isfinite(simulated)])
+    all_ends = np.concatenate(ends)
+    if all_ends.size:
+        span = np.array([all_ends.min(), all_ends.max()])
+        ax.plot(span, span, color=_GREY, linewidth=0.8, zorder=0)
+    ax.grid(color=_FAINT)
+    ax.set_xlabel("simulated δ (10⁻³)")
+    ax.set_ylabel("measured δ (10⁻³)")
+    ax.set_title(f"Readings, {_depth_text(comparison, depth)} deep")
+    ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), ncols=math.ceil(len(names) / 16))
+    return ax
+
+
+@styled
+def plot_centres(comparison: xr.Dataset, state: str, depth: int = 0, ax: Axes | None = None) -> Axes:
+    """Draw x0 of the ellipses of one state over δ, measured and simulated; a band of two standard deviations.
+
+    Parameters
+    ----------
+    comparison, state, depth
+        As in `plot_residual`.
+    ax : Axes, optional
+        Where to draw; mm over 10⁻³.
+
+    Raises
+    ------
+    ValueError
+        A state that the dataset does not have.
+    """
+    of = _of(comparison, state, depth)
+    ax = ax or new_axes(5.0, 3.5)
+    level = of.level.values * _LARGE
+    looks = {"measured": (VERMILLION, "o-"), "simulated": (BLUE, "s--")}
+    drawn = False
+    for source, (colour, look) in looks.items():
+        x0, deviation = (of[name].sel(source=source).values * _MM for name in ("x0", "x0_std"))
+        if np.isfinite(x0).any():
+            drawn = True
+            ax.plot(level, x0, look, color=colour, markersize=3.0, markerfacecolor="none", linewidth=1.0, label=source)
+            band = (x0 - _SIGMAS * deviation, x0 + _SIGMAS * deviation)
+            ax.fill_between(level, *band, color=colour, alpha=0.2, linewidth=0)
+    if "coil_x" in of.coords and state in of.coil.values:
+        centre = float(of.coil_x.sel(coil=state)) * _MM
+        ax.axhline(centre, color=_GREY, linewidth=0.8, linestyle=":", label="centre of the coil")
+    ax.grid(color=_FAINT)
+    ax.set_xlabel("δ (10⁻³)")
+    ax.set_ylabel("$x_0$ (mm)")
+    ax.set_title(f"$x_0$ of {state}")
+    if drawn:
+        ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    else:
+        ax.text(0.5, 0.5, "no ellipses", ha="center", va="center", transform=ax.transAxes)
+    return ax
+
+
+@styled
+def comparison_figure(comparison: xr.Dataset, depth: int = -1, outlines: Sequence[npt.ArrayLike] = ()) -> Figure:
+    """Draw a row for each state: what remains before and after scale and shift, and x0 of both.
+
+    A response along a single line, or at a single position, is drawn as `plot_readings` alone. Of more than
+    `MOST_STATES` states the first are shown.
+
+    Parameters
+    ----------
+    comparison, outlines
+        As in `plot_residual`, with any number of x and y.
+    depth : int
+        Position of the depth in the dataset; the deepest by default.
+    """
+    if min(comparison.sizes["x"], comparison.sizes["y"]) < 2:
+        figure = Figure(figsize=(7.0, 4.5))
+        plot_readings(comparison, depth, figure.add_subplot())
+        return figure
+    names = comparison.state.values.tolist()[:MOST_STATES]
+    aspect = float(np.ptp(comparison.y.values) / np.ptp(comparison.x.values))
+    height = max(1.9, _ROW / sum(_WIDTHS) * aspect + 0.9)
+    figure = Figure(figsize=(_ROW, height * len(names) + 0.5))
+    axes = figure.subplots(len(names), 3, squeeze=False, width_ratios=_WIDTHS)
+    for (left, right, curve), state in zip(axes, names, strict=True):
+        of = _of(comparison, state, depth)
+        for ax, stage in ((left, "before"), (right, "after")):
+            mesh = _draw_residual(ax, of, stage, outlines)
+            ax.set_title(f"{state}, {_STAGES[stage]}")
+        figure.colorbar(mesh, ax=[left, right], label=_SMALL_LABEL, fraction=0.03, pad=0.01)
+        right.set_ylabel("")
+        plot_centres(comparison, state, depth, curve)
+    note = f" ({len(names)} of {comparison.sizes['state']} states)" if len(names) < comparison.sizes["state"] else ""
+    title = f"Measured less simulated δ, {_depth_text(comparison, depth)} deep{note}"
+    figure.suptitle(title, x=0.01, ha="left", fontsize="large")
+    return figure
+
+
+def _of(comparison: xr.Dataset, state: str, depth: int) -> xr.Dataset:
+    names = comparison.state.values.tolist()
+    if state not in names:
+        raise ValueError(f"state must be one of {', '.join(names)}; got {state!r}.")
+    return comparison.isel(depth=depth).sel(state=state)
+
+
+def _draw_residual(ax: Axes, of: xr.Dataset, stage: str, outlines: Sequence[npt.ArrayLike]) -> QuadMesh:
+    """Fill axes in mm with what remains (y, x), the coils' outlines above it."""
+    both = np.stack([of[f"residual_{name}"].transpose("y", "x").values for name in _STAGES]) * _SMALL
+    limit = float(np.nanmax(np.abs(both), initial=0.0)) or 1.0
+    values = np.ma.masked_invalid(of[f"residual_{stage}"].transpose("y", "x").values * _SMALL)
+    mesh = ax.pcolormesh(of.x.values * _MM, of.y.values * _MM, values, cmap="RdBu_r", vmin=-limit, vmax=limit)
+    limits = ax.get_xlim(), ax.get_ylim()
+    for outline in outlines:
+        corners = np.asarray(outline, dtype=np.float64) * _MM
+        ax.add_patch(Polygon(corners, closed=True, facecolor="none", edgecolor=INK, linewidth=0.8))
+    ax.set_xlim(*limits[0])
+    ax.set_ylim(*limits[1])
+    ax.set_facecolor(_UNKNOWN)
+    ax.set_aspect("equal")
+    ax.set_xlabel("x (mm)")
+    ax.set_ylabel("y (mm)")
+    return mesh
+
+
+def _depth_text(comparison: xr.Dataset, depth: int) -> str:
+    return f"{float(comparison.depth[depth]) * _MM:g} mm"
