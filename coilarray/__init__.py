@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from coilarray.circuit import active_coil, every_active_coil, impedance_matrix, resonance
+    from coilarray.comparison import compare_responses
     from coilarray.coupling import couple, couple_design
     from coilarray.design import Design, load_design, parse_design
     from coilarray.elastomer.contact import indent
@@ -47,6 +48,7 @@ __all__ = [
     "RuleViolationError",
     "active_coil",
     "bruggeman_permeability",
+    "compare_responses",
     "couple",
     "couple_design",
     "coupling_matrix",
@@ -79,6 +81,7 @@ __all__ = [
 
 _HOME = {
     "circuit": ("active_coil", "every_active_coil", "impedance_matrix", "resonance"),
+    "comparison": ("compare_responses",),
     "coupling": ("couple", "couple_design"),
     "design": ("Design", "load_design", "parse_design"),
     "elastomer.contact": ("indent",),

@@ -128,13 +128,15 @@ class LiveTracker:
         self._base: dict[str, float] | None = None
         self._noise = math.nan
 
-    def take(self, scan: ScanReading, *, want_location: bool = True) -> LiveReading:
+    def take(self, scan: ScanReading, *, at_rest: bool = True, want_location: bool = True) -> LiveReading:
         """Read a scan.
 
         Parameters
         ----------
         scan : ScanReading
             The next one.
+        at_rest : bool
+            False keeps it out of the baseline: the indenter is known to press.
         want_location : bool
             False saves the work of locating.
 
@@ -143,7 +145,7 @@ class LiveTracker:
         LiveReading
         """
         self._count(scan)
-        if self._base is None:
+        if self._base is None and at_rest:
             self._measure_baseline(scan)
         base = self._base
         states = tuple(self._state(state, base) for state in scan.states)

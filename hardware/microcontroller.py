@@ -18,6 +18,7 @@ from coilarray.hardware.faults import (
     SwitchFault,
     VersionMismatch,
 )
+from coilarray.hardware.legal_switching import check_switching
 from coilarray.hardware.link import LinkCounts, LinkTimes, Wait
 from coilarray.hardware.protocol.commands import draft_commands
 from coilarray.hardware.protocol.messages import (
@@ -42,6 +43,8 @@ from coilarray.hardware.session import Session
 
 PROBED_BAUDS = (115200, 230400, 460800, 921600, 9600)
 """Rates that a board may have been built for, the most likely first."""
+LONGEST_INTERVAL = 2147.0
+"""Between two scans of a stream in s: half a wrap of the board's clock."""
 _LOOK_AGAIN = 0.1  # s between two looks for a port that is not back yet
 _MOST_UNSEEN = 1024  # messages after a deadline until a stream that sends anything but scans is given up
 
@@ -197,8 +200,12 @@ class MicrocontrollerReader:
         Raises
         ------
         HardwareError
-            More states or devices than the board takes, or any fault.
+            Settings that could join what must not be joined, or more states or devices than the board takes: nothing is
+            sent.
+        CommandRefused, BusFault
+            The board refuses them, or a chip does not take them; then it has no settings.
         """
+        check_switching(settings)
         greeting = self._session.greeting
         for what, count, most in (
             ("states", len(settings.states), greeting.most_states),
@@ -238,10 +245,9 @@ class MicrocontrollerReader:
 
     def scans(self, interval: float = 0.0) -> Iterator[RawScan]:
         """Scan without end, one each `interval` in s or as fast as it goes; closing the iterator stops the board."""
-        microseconds = round(interval * 1e6)
-        if not 0 <= microseconds < 1 << 32:
-            raise HardwareError(f"interval must be 0 to 4294 s; got {interval:g}.")
-        return self._run(self._configured(), microseconds)
+        if not 0 <= interval <= LONGEST_INTERVAL:
+            raise HardwareError(f"interval must be 0 to {LONGEST_INTERVAL:g} s; got {interval:g}.")
+        return self._run(self._configured(), round(interval * 1e6))
 
     def rest(self) -> None:
         """Ground all coils and put the converter to sleep."""

@@ -26,6 +26,7 @@ from coilarray.hardware.recording import GridPlace, RecordedSession, Recording
 from coilarray.hardware.recording_file import create_tables, is_blank, reading, require_recording
 from coilarray.hardware.scan_settings import ScanSettings
 from coilarray.hardware.scans import RawScan
+from coilarray.hardware.signals import held_signals
 
 _DURABLE = 1.0  # s
 _T = TypeVar("_T")
@@ -172,7 +173,7 @@ class Recorder:
             raise HardwareError(f"scan {scan.sequence} must have finite times; got {scan.time} and {scan.received} s.")
 
     def _write(self, write: Callable[[sqlite3.Connection], _T], *, durable: bool) -> _T:
-        with _writing(self.path):
+        with held_signals(), _writing(self.path):  # Ctrl-C comes before a write or after it
             if durable:
                 self._connection.execute("PRAGMA synchronous = FULL")
             try:
@@ -326,8 +327,8 @@ def _row(session: RecordedSession) -> dict[str, object]:
 
 
 def _transaction(connection: sqlite3.Connection, write: Callable[[sqlite3.Connection], _T]) -> _T:
-    connection.execute("BEGIN IMMEDIATE")
     try:
+        connection.execute("BEGIN IMMEDIATE")
         result = write(connection)
         connection.execute("COMMIT")
     except BaseException:

@@ -60,9 +60,9 @@ _SHOWN, _TOLD = 2, 10e-3  # positions in a line; standard deviation in m above w
 
 @dataclass(frozen=True)
 class _Source:
-    """Where readings come from; `begin` is called once the baseline is there."""
+    """Where readings come from, and whether nothing is known to press; `begin` is called once the baseline is there."""
 
-    readings: Iterator[ScanReading]
+    readings: Iterator[tuple[ScanReading, bool]]
     emulated: bool
     begin: Callable[[], None] = lambda: None
 
@@ -155,13 +155,14 @@ def _run(
 ) -> None:
     """Show scan after scan; with limits the processor rests between positions."""
     located, begun = -math.inf, False
-    for count, scan in enumerate(source.readings, start=1):
+    for count, (scan, at_rest) in enumerate(source.readings, start=1):
         pressed = keys().lower()
         if "q" in pressed:
             return
         if "z" in pressed:
             tracker.rezero()
-        reading = tracker.take(scan, want_location=not limited or time.monotonic() - located >= _LOCATE)
+        wanted = not limited or time.monotonic() - located >= _LOCATE
+        reading = tracker.take(scan, at_rest=at_rest, want_location=wanted)
         if reading.location is not None:
             located = time.monotonic()
         if not (begun or reading.waiting):
@@ -194,7 +195,7 @@ def _stream(options: BoardOptions, design: Design, *, quiet: bool) -> Iterator[_
 
         capacitance = design.circuit.switches.tank_capacitance
         scans = opened.enter_context(closing(cast("Generator[RawScan]", board.reader.scans())))
-        yield _Source((read_scan(scan, settings, capacitance) for scan in scans), board.emulated, begin)
+        yield _Source(((read_scan(scan, settings, capacitance), True) for scan in scans), board.emulated, begin)
 
 
 @contextmanager
@@ -206,7 +207,7 @@ def _replay(path: Path, design: str | None, speed: float) -> Iterator[tuple[Desi
 
     with open_recording(path) as recording:
 
-        def readings() -> Iterator[ScanReading]:
+        def readings() -> Iterator[tuple[ScanReading, bool]]:
             session, when = -1, 0.0
             with closing(cast("Generator[RecordedScan]", recording.scans())) as scans:
                 for one in scans:
@@ -214,9 +215,9 @@ def _replay(path: Path, design: str | None, speed: float) -> Iterator[tuple[Desi
                         time.sleep(min(max((one.scan.time - when) / speed, 0.0), _LONGEST_GAP))
                     session, when = one.session, one.scan.time
                     told = recording.sessions[session]
-                    yield read_scan(one.scan, told.settings, told.capacitances)
+                    yield read_scan(one.scan, told.settings, told.capacitances), not (one.depth or 0.0) > 0
 
-        with closing(cast("Generator[ScanReading]", readings())) as replayed:
+        with closing(cast("Generator[tuple[ScanReading, bool]]", readings())) as replayed:
             if design is None:
                 opened = build_design(recording.sessions[0].design_document, str(path))
             else:
@@ -336,7 +337,7 @@ def screen_lines(reading: LiveReading, scale: float) -> list[str]:
     lines.append(_place_text(reading))
     rate = "–" if reading.rate is None else f"{reading.rate:.2f}"
     noise = "" if reading.noise is None else f", noise of δ {reading.noise:.1e}"
-    lines.append(f"{rate} scans/s, {reading.lost} lost{noise}; z: zero, q: quit, Ctrl-C: interrupt")
+    lines.append(f"{rate} scans/s, {reading.lost} lost{noise}; z zero, q quit")
     return lines
 
 
@@ -353,7 +354,7 @@ def _bar(part: float) -> str:
     if eighths >= 0:
         full, rest = divmod(eighths, 8)
         return (" " * zero + "│" + "█" * full + _BLOCKS[rest]).ljust(_BAR + 2)
-    left = min(-(eighths // 8), zero)
+    left = min(round(-eighths / 8), zero)
     return (" " * (zero - left) + "█" * left + "│").ljust(_BAR + 2)
 
 
