@@ -299,12 +299,10 @@ def plotter():
 def test_a_scene_holds_board_sheets_and_indenter(board, plotter):
     dent_scene(board, SHEETS, dents(), Hemisphere(2.5e-3), plotter=plotter, centre=(-19.92e-3, 0.0))
     assert {"indenter", "sheet base", "sheet magnetic", "copper L1", "copper L3", "board"} <= set(plotter.actors)
-    legend = plotter.legend
-    texts = [legend.GetEntryString(k) for k in range(legend.GetNumberOfEntries())]
-    assert texts[:3] == ["hemisphere, 1 mm deep", "magnetic 2 mm", "base 6 mm"]
+    assert {"legend hemisphere, 1 mm deep", "legend magnetic 2 mm", "legend base 6 mm"} <= set(plotter.actors)
     # two and a half thicknesses of the stack on each side, cut to the board
     x_min, x_max, *_, z_max = plotter.bounds
-    assert (x_min, x_max) == pytest.approx((-39.92, 0.08), abs=1e-6)
+    assert (x_min, x_max) == pytest.approx((-39.92, 0.08), abs=1e-5)  # single precision
     assert z_max == pytest.approx(7 + 0.7 * 8)
 
 

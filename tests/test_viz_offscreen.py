@@ -11,6 +11,7 @@ import pytest
 
 from coilarray.viz import offscreen
 
+WORKS = offscreen._Answer(None, "vtkEGLRenderWindow")
 ASK = "from coilarray.viz import rendering_problem; print(rendering_problem())"
 
 
@@ -49,7 +50,7 @@ def test_a_machine_without_drivers_gets_one_line_that_names_the_packages():
 
 def test_threads_share_one_probe(fresh):
     probes = []
-    fresh.setattr(offscreen, "_run_probe", probes.append)  # returns None: rendering works
+    fresh.setattr(offscreen, "_run_probe", lambda environment: probes.append(environment) or WORKS)
     with ThreadPoolExecutor(8) as pool:
         assert set(pool.map(lambda _: offscreen.rendering_problem(), range(8))) == {None}
     assert len(probes) == 1
@@ -61,7 +62,8 @@ def test_without_a_screen_a_working_probe_chooses_egl_here_too(fresh, works, cho
     fresh.setenv("VTK_DEFAULT_OPENGL_WINDOW", "")  # so that the fixture takes back what the probe sets
     del os.environ["VTK_DEFAULT_OPENGL_WINDOW"]
     tried = []
-    fresh.setattr(offscreen, "_run_probe", lambda environment: tried.append(environment) or (None if works else "no"))
+    answer = WORKS if works else offscreen._Answer("no")
+    fresh.setattr(offscreen, "_run_probe", lambda environment: tried.append(environment) or answer)
     offscreen.rendering_problem()
     assert tried[0]["VTK_DEFAULT_OPENGL_WINDOW"] == "vtkEGLRenderWindow"
     assert os.environ.get("VTK_DEFAULT_OPENGL_WINDOW") == chosen
@@ -70,7 +72,7 @@ def test_without_a_screen_a_working_probe_chooses_egl_here_too(fresh, works, cho
 def test_the_choice_of_the_user_is_kept(fresh):
     fresh.setenv("VTK_DEFAULT_OPENGL_WINDOW", "vtkOSOpenGLRenderWindow")
     tried = []
-    fresh.setattr(offscreen, "_run_probe", tried.append)
+    fresh.setattr(offscreen, "_run_probe", lambda environment: tried.append(environment) or WORKS)
     offscreen.rendering_problem()
     assert tried[0]["VTK_DEFAULT_OPENGL_WINDOW"] == "vtkOSOpenGLRenderWindow"
 
@@ -86,7 +88,64 @@ def test_the_choice_of_the_user_is_kept(fresh):
 def test_every_way_a_probe_fails_is_told(fresh, probe, reason):
     fresh.setattr(offscreen, "_PROBE", probe)
     fresh.setattr(offscreen, "_TIMEOUT", 1.0)
-    assert reason in offscreen._run_probe(dict(os.environ))
+    assert reason in offscreen._run_probe(dict(os.environ)).problem
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only Linux has machines without a screen")
+@pytest.mark.parametrize(
+    ("display", "window", "chosen", "told"),
+    [
+        (None, "vtkEGLRenderWindow", None, "neither DISPLAY nor WAYLAND_DISPLAY is set"),
+        (":7", "vtkEGLRenderWindow", None, "DISPLAY=:7 does not answer"),
+        (":7", "vtkOSOpenGLRenderWindow", None, "DISPLAY=:7 does not answer"),
+        (
+            ":7",
+            "vtkEGLRenderWindow",
+            "vtkEGLRenderWindow",
+            "VTK_DEFAULT_OPENGL_WINDOW=vtkEGLRenderWindow renders without",
+        ),
+        (":7", "vtkXOpenGLRenderWindow", None, None),
+    ],
+)
+def test_a_window_needs_a_screen_that_answers(fresh, display, window, chosen, told):
+    fresh.setenv("VTK_DEFAULT_OPENGL_WINDOW", chosen or "")  # so that the fixture takes back what the probe sets
+    if chosen is None:
+        del os.environ["VTK_DEFAULT_OPENGL_WINDOW"]
+    if display is not None:
+        fresh.setenv("DISPLAY", display)
+    fresh.setattr(offscreen, "_run_probe", lambda environment: offscreen._Answer(None, window))
+    problem = offscreen.window_problem()
+    assert (told is None) == (problem is None)
+    assert told is None or told in problem
+    assert offscreen.window_problem() == problem
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only Linux has machines without a screen")
+def test_wayland_alone_has_no_window(fresh):
+    fresh.setenv("VTK_DEFAULT_OPENGL_WINDOW", "")
+    del os.environ["VTK_DEFAULT_OPENGL_WINDOW"]
+    fresh.setenv("WAYLAND_DISPLAY", "wayland-0")
+    fresh.setattr(offscreen, "_run_probe", lambda environment: offscreen._Answer(None, "vtkEGLRenderWindow"))
+    assert "there is no X server (DISPLAY is not set)" in offscreen.window_problem()
+
+
+@pytest.mark.skipif(offscreen.rendering_problem() is not None, reason="no 3-D rendering")
+def test_a_screen_that_does_not_answer_is_gone_round(fresh):
+    # VTK falls back to EGL with a warning each time, unless it is told to begin with it
+    code = """
+from coilarray.viz.offscreen import rendering_problem, window_problem
+assert rendering_problem() is None
+print(window_problem())
+import pyvista
+plotter = pyvista.Plotter(off_screen=True, window_size=(32, 32))
+plotter.add_mesh(pyvista.Sphere())
+plotter.screenshot(return_img=True)
+"""
+    environment = {**os.environ, "DISPLAY": ":4095"}
+    environment.pop("VTK_DEFAULT_OPENGL_WINDOW", None)
+    child = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
+    assert "DISPLAY=:4095 does not answer" in child.stdout
+    assert child.stderr == ""
 
 
 def test_importing_the_package_loads_neither_vtk_nor_matplotlib():

@@ -1,14 +1,18 @@
-"""Scenes: what stands in them, and that a picture shows something; without rendering, the one line that says so."""
+"""Scenes: what stands in them, where it is seen, and that a picture shows it; without rendering, the one line."""
 
 from __future__ import annotations
 
+import itertools
 import math
+import sys
+from typing import get_args
 
 import numpy as np
 import pytest
+import pyvista
 from matplotlib.image import imread
 
-from coilarray.errors import MissingDependencyError
+from coilarray.errors import GeometryError, MissingDependencyError, OutputError
 from coilarray.geometry import (
     CoilArray,
     Leads,
@@ -24,6 +28,11 @@ from coilarray.geometry import (
 )
 from coilarray.viz import board_scene, rendering_problem, save_board_picture, show_board
 from coilarray.viz.offscreen import NO_RENDERING
+from coilarray.viz.scenes import CoilColours, Part, Scale, Scene, Side, Text, draw, draw_parts, scene_of_board
+from coilarray.viz.scenes.board import copper_parts, recoloured, scene_of_lifted_board
+from coilarray.viz.scenes.camera import seen_from
+from coilarray.viz.scenes.draw import BAR_WIDTH, camera_of, legend_size, shown_units
+from coilarray.viz.scenes.scene import symmetric
 
 SHEETS = (Sheet("base", 6e-3), Sheet("magnetic", 2e-3, 2.7))
 
@@ -43,20 +52,22 @@ def plotter():
     problem = rendering_problem()
     if problem is not None:
         pytest.skip(problem)
-    import pyvista
-
     plotter = pyvista.Plotter(off_screen=True, window_size=(320, 180))
     yield plotter
     plotter.close()
+
+
+def legend_of(plotter):
+    """Texts of the legend from the top down."""
+    words = [actor for name, actor in plotter.actors.items() if name.startswith("legend ") and "sign" not in name]
+    return [word.GetInput() for word in sorted(words, key=lambda word: -word.GetPosition()[1])]
 
 
 def test_a_scene_holds_every_part(board, plotter):
     board_scene(board, SHEETS, plotter=plotter)
     expected = {"board", "barrels", "sheet base", "sheet magnetic", *(f"copper L{k}" for k in (1, 2, 3, 4))}
     assert expected <= set(plotter.actors)
-    legend = plotter.legend
-    texts = [legend.GetEntryString(k) for k in range(legend.GetNumberOfEntries())]
-    assert texts[:3] == ["magnetic 2 mm", "base 6 mm", "copper L1"]
+    assert legend_of(plotter)[:3] == ["magnetic 2 mm", "base 6 mm", "copper L1"]
 
 
 def test_sheets_can_be_left_out(board, plotter):
@@ -65,17 +76,141 @@ def test_sheets_can_be_left_out(board, plotter):
     assert plotter.bounds[5] < 1.0  # mm: nothing stands above the board
 
 
-def test_the_whole_scene_is_in_view(board, plotter):
-    board_scene(board, SHEETS, plotter=plotter)
+@pytest.mark.parametrize("side", get_args(Side))
+def test_the_whole_scene_is_in_view(board, plotter, side):
+    scene = scene_of_lifted_board(board, SHEETS)
+    draw(scene, plotter, side=side)
     plotter.render()
-    x_min, x_max, y_min, y_max, z_min, z_max = plotter.bounds
     renderer = plotter.renderer
-    for corner in [(x, y, z) for x in (x_min, x_max) for y in (y_min, y_max) for z in (z_min, z_max)]:
+    shown = []
+    for corner in corners(scene.bounds):
         renderer.SetWorldPoint(*corner, 1.0)
         renderer.WorldToDisplay()
         across, up, _ = renderer.GetDisplayPoint()
         assert 0 < across < 320
         assert 0 < up < 180
+        shown.append((across / 320, up / 180))
+    # VTK's own camera puts points where `seen_from` says
+    camera = camera_of(scene, (320, 180), side)
+    np.testing.assert_allclose(seen_from(camera, corners(scene.bounds), (320, 180)), shown, atol=1e-5)
+
+
+def test_bars_and_legend_have_their_room():
+    # as high as the picture, and without the legend wide enough to lie under it
+    mesh = pyvista.Box((0, 160, 0, 100, 0, 1))
+    mesh.point_data["v"] = np.arange(8.0)
+    group = "a long name of a group"
+    scene = Scene((Part("box", mesh, group, scale=Scale("v", "v", "V", 0, 7)),))
+    seen = seen_from(camera_of(scene, (1600, 900), "top"), corners(scene.bounds), (1600, 900))
+    assert seen[:, 0].max() < 1 - BAR_WIDTH
+    assert seen[:, 0].min() > legend_size(scene, (1600, 900))[0] > 0.1
+    bare = Scene((Part("box", mesh),))
+    seen = seen_from(camera_of(bare, (1600, 900), "top"), corners(bare.bounds), (1600, 900))
+    np.testing.assert_allclose(seen.min(axis=0) + seen.max(axis=0), 1.0)  # in the middle
+
+
+def corners(bounds):
+    return np.array(list(itertools.product(*np.reshape(bounds, (3, 2)))))
+
+
+# scenes are values
+
+
+def box(**placed):
+    return pyvista.Box((0.0, 1.0, 0.0, 1.0, 0.0, placed.get("top", 1.0)))
+
+
+def test_a_sum_of_scenes_has_all_of_both():
+    text = Text("word", (0.0, 0.0, 9.0))
+    first = Scene((Part("a", box(), "one", "#111111"),), notes=("same", "first"))
+    second = Scene((Part("b", box(top=5.0), "two", "#222222"), Part("c", box())), (text,), ("same",))
+    both = first + second
+    assert [part.name for part in both.parts] == ["a", "b", "c"]
+    assert both.groups == {"one": "#111111", "two": "#222222"}
+    assert both.notes == ("same", "first")
+    assert both.bounds == (0, 1, 0, 1, 0, 9)
+    with pytest.raises(ValueError, match="different names; both have a"):
+        both + first
+    with pytest.raises(ValueError, match="at least one part"):
+        _ = Scene().bounds
+
+
+def test_colours_of_a_scale():
+    linear = Scale("v", "v", "V", -1.0, 1.0, "coolwarm", missing="#123456")
+    low, middle, high, beyond, nothing = linear.colours_of([-1, 0, 1, 7, np.nan]).tolist()
+    assert nothing == [0x12, 0x34, 0x56]
+    assert beyond == high
+    assert low[2] > low[0]  # blue is below,
+    assert high[0] > high[2]  # red above
+    assert max(middle) - min(middle) < 5  # grey
+    decades = Scale("v", "v", "V", 1e-6, 1e-4, logarithmic=True)
+    equal = Scale("v", "v", "V", 0.0, 2.0)
+    np.testing.assert_array_equal(decades.colours_of([1e-6, 1e-5, 1e-4]), equal.colours_of([0, 1, 2]))
+
+
+def test_a_symmetric_scale():
+    assert (symmetric("v", "v", "", [0.1, -0.3, np.nan]).low, symmetric("v", "v", "", [0.1, -0.3]).high) == (-0.3, 0.3)
+    assert symmetric("v", "v", "", [np.nan]).high == symmetric("v", "v", "", [0.0]).high == 1.0
+
+
+@pytest.mark.parametrize(
+    ("scale", "factor", "title"),
+    [
+        (Scale("B", "B", "T", 1e-8, 2e-6), 1e6, "B (µT)"),
+        (Scale("I", "I", "A/A", -0.05, 0.05), 1e3, "I (mA/A)"),
+        (Scale("k", "k", "", -0.05, 0.05), 1.0, "k"),
+        (Scale("d", "δ", "", -8e-4, 8e-4), 1e6, "δ (10⁻⁶)"),
+    ],
+)
+def test_bars_have_units(scale, factor, title):
+    shown, text = shown_units(scale)
+    assert shown == pytest.approx(factor)
+    assert text == title
+
+
+def test_layers_can_be_chosen(board):
+    names = [part.name for part in scene_of_board(board, layers=["L2", "L3"]).parts]
+    assert [name for name in names if name.startswith("copper")] == ["copper L2", "copper L3"]
+    with pytest.raises(GeometryError, match="no copper layer 'L7'; there are L1, L2, L3, L4"):
+        scene_of_board(board, layers=["L7"])
+
+
+def test_coils_can_have_colours_of_their_own(board):
+    colours = CoilColours(np.array([-1.0, 1.0]), Scale("v (V)", "v", "V", -1, 1, "coolwarm"))
+    scene = scene_of_board(board, colours=colours)
+    for part in scene.parts:
+        if part.name.startswith("copper"):
+            np.testing.assert_array_equal(part.mesh.cell_data["v (V)"], colours.values[part.mesh.cell_data["coil"]])
+    assert scene.scales == (colours.scale,)
+    copper = copper_parts(board)
+    again = recoloured(copper, colours)
+    np.testing.assert_array_equal(again[0].mesh.cell_data["v (V)"], scene.parts[0].mesh.cell_data["v (V)"])
+    assert "v (V)" not in copper[0].mesh.cell_data
+
+
+def test_every_part_and_bar_is_drawn(board, plotter):
+    mesh = box()
+    mesh.cell_data["v"] = np.arange(6.0)
+    scene = scene_of_board(board) + Scene(
+        (Part("six", mesh, "sides", scale=Scale("v", "volts", "V", 0, 5)),), notes=("said",)
+    )
+    draw(scene, plotter)
+    assert {part.name for part in scene.parts} <= set(plotter.actors)
+    assert list(plotter.scalar_bars.keys()) == ["volts (V)"]
+    assert legend_of(plotter) == list(scene.groups)
+    # drawn again it replaces what has the same name
+    before = len(plotter.actors)
+    draw_parts(scene, plotter)
+    assert len(plotter.actors) == before
+
+
+def test_colours_of_a_part_are_those_of_its_scale(plotter):
+    mesh = pyvista.Plane(i_size=10, j_size=10, i_resolution=1, j_resolution=1)
+    mesh.cell_data["v"] = [0.25]
+    scale = Scale("v", "v", "V", 0, 1)
+    draw(Scene((Part("sheet", mesh, scale=scale, lit=False),)), plotter, side="top")
+    middle = plotter.screenshot(return_img=True)[90, 130]
+    assert np.abs(middle.astype(int) - scale.colours_of([0.25])[0]).max() <= 1  # rounding of 8 bits
 
 
 def test_a_picture_has_its_size_and_shows_copper(board, plotter, tmp_path):
@@ -88,6 +223,13 @@ def test_a_picture_has_its_size_and_shows_copper(board, plotter, tmp_path):
     assert (red > blue + 0.2).sum() > 50  # copper of the upper layers
     assert (picture.min(axis=-1) > 0.99).mean() > 0.1  # white paper around it
     assert [entry.name for entry in tmp_path.iterdir()] == ["board.png"]
+
+
+def test_pictures_of_impossible_sizes_are_refused(board, tmp_path):
+    for size in ((0, 100), (100, 100_000)):
+        with pytest.raises(OutputError, match="sides of 1 to 8192 pixels"):
+            save_board_picture(board, tmp_path / "board.png", size=size)
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_board_of_one_layer_has_no_laminate_and_is_drawn(plotter):
@@ -108,7 +250,9 @@ def test_without_rendering_a_picture_is_refused_in_one_line(board, tmp_path, mon
         show_board(board)
 
 
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only Linux has machines without a screen")
 def test_without_a_screen_no_window_is_opened(board, monkeypatch):
-    monkeypatch.setattr("coilarray.viz.scenes.has_screen", lambda: False)
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     with pytest.raises(MissingDependencyError, match="needs a screen"):
         show_board(board)

@@ -9,17 +9,39 @@ import importlib
 from typing import TYPE_CHECKING
 
 from coilarray.viz.datasets import (
+    arc_tubes,
     barrel_mesh,
     board_mesh,
     copper_mesh,
+    coupling_arcs,
     dented_sheet_meshes,
+    draped_outlines,
+    field_arrows,
     field_grid,
+    field_lines,
+    field_surfaces,
+    flux_density,
     indenter_mesh,
     path_lines,
+    response_surface,
     sheet_meshes,
+    uncertainty_ellipse,
 )
-from coilarray.viz.offscreen import rendering_problem
-from coilarray.viz.scenes import board_scene, dent_scene, save_board_picture, save_dent_picture, show_board
+from coilarray.viz.offscreen import rendering_problem, window_problem
+from coilarray.viz.scenes import (
+    Scene,
+    board_scene,
+    dent_scene,
+    draw,
+    save_board_picture,
+    save_dent_picture,
+    save_movie,
+    save_page,
+    save_picture,
+    save_vtk,
+    show,
+    show_board,
+)
 
 if TYPE_CHECKING:
     from coilarray.viz.indentation_plots import indentation_figure, plot_dent, plot_force_depth
@@ -47,15 +69,24 @@ if TYPE_CHECKING:
     from coilarray.viz.sweep_plots import plot_sweep
 
 __all__ = [
+    "Scene",
+    "arc_tubes",
     "barrel_mesh",
     "board_mesh",
     "board_scene",
     "copper_mesh",
+    "coupling_arcs",
     "dent_scene",
     "dented_sheet_meshes",
     "distortion_figure",
+    "draped_outlines",
+    "draw",
     "ellipse_parameter_figure",
+    "field_arrows",
     "field_grid",
+    "field_lines",
+    "field_surfaces",
+    "flux_density",
     "identifiability_figure",
     "indentation_figure",
     "indenter_mesh",
@@ -80,10 +111,18 @@ __all__ = [
     "plot_x_error",
     "rendering_problem",
     "response_figure",
+    "response_surface",
     "save_board_picture",
     "save_dent_picture",
+    "save_movie",
+    "save_page",
+    "save_picture",
+    "save_vtk",
     "sheet_meshes",
+    "show",
     "show_board",
+    "uncertainty_ellipse",
+    "window_problem",
 ]
 
 _HOME = {

@@ -8,19 +8,24 @@ import signal
 import subprocess
 import sys
 import threading
+from dataclasses import dataclass, replace
 
 NO_RENDERING = "COILARRAY_NO_RENDERING"
 """Environment variable: 1 makes `rendering_problem` answer as on a machine that cannot render."""
 
 _WINDOW = "VTK_DEFAULT_OPENGL_WINDOW"
 _OFF_SCREEN_WINDOW = "vtkEGLRenderWindow"
+_WITHOUT_SCREEN = ("EGL", "OSOpenGL", "OSMesa")  # in the names of VTK's render windows that no screen shows
 _TIMEOUT = 60.0  # s; a cold start from a slow disk takes ten
+_INSTEAD = "write a picture, film, page or VTK files instead"
 
 _PROBE = """
 import pyvista
 plotter = pyvista.Plotter(off_screen=True, window_size=(64, 64))
 plotter.add_mesh(pyvista.Sphere())
-raise SystemExit(0 if plotter.screenshot(return_img=True).std() > 0 else "the picture is blank")
+if plotter.screenshot(return_img=True).std() == 0:
+    raise SystemExit("the picture is blank")
+print(plotter.render_window.GetClassName())
 """
 
 _lock = threading.Lock()
@@ -31,8 +36,8 @@ def rendering_problem() -> str | None:
 
     The first call starts a child process that renders a sphere, which takes one to three seconds; later calls answer
     from memory. It may be called from any thread, so that the probe runs beside other work. Where there is no screen
-    and the user has not chosen otherwise, a successful probe also sets ``VTK_DEFAULT_OPENGL_WINDOW`` in this process,
-    so that VTK renders through EGL.
+    that answers and the user has not chosen otherwise, a successful probe also sets ``VTK_DEFAULT_OPENGL_WINDOW`` in
+    this process, so that VTK renders through EGL.
 
     Returns
     -------
@@ -42,32 +47,82 @@ def rendering_problem() -> str | None:
     """
     if os.environ.get(NO_RENDERING, "") not in ("", "0"):
         return f"3-D rendering is switched off by the environment variable {NO_RENDERING}; unset it to render."
+    return _answer().problem
+
+
+def window_problem() -> str | None:
+    """Say in one line why no window can be opened here, or None where one can.
+
+    Returns
+    -------
+    str or None
+        No screen, one that does not answer, or what `rendering_problem` says.
+    """
+    if not has_screen():
+        return f"a window needs a screen, and neither DISPLAY nor WAYLAND_DISPLAY is set; {_INSTEAD}."
+    problem = rendering_problem()
+    if problem is not None:
+        return problem
+    answer = _answer()
+    if not without_screen(answer.window):
+        return None
+    if answer.chosen == answer.window:
+        return f"a window needs a screen, and {_WINDOW}={answer.chosen} renders without one; unset it, or {_INSTEAD}."
+    return silent_screen()
+
+
+def silent_screen() -> str:
+    """Say in one line that the screen that is named does not answer."""
+    screen = os.environ.get("DISPLAY")
+    which = "there is no X server (DISPLAY is not set)" if screen is None else f"DISPLAY={screen} does not answer"
+    return f"a window needs a screen, and {which}; {_INSTEAD}."
+
+
+def without_screen(window: str) -> bool:
+    """Tell whether a class of VTK's render windows is one that no screen shows."""
+    return any(word in window for word in _WITHOUT_SCREEN)
+
+
+def has_screen() -> bool:
+    """Tell whether a screen is named: on Linux, whether ``DISPLAY`` or ``WAYLAND_DISPLAY`` is set."""
+    return not sys.platform.startswith("linux") or any(os.environ.get(k) for k in ("DISPLAY", "WAYLAND_DISPLAY"))
+
+
+@dataclass(frozen=True)
+class _Answer:
+    """What the probe found: a problem, or the class of the render window that VTK made; and what the user chose."""
+
+    problem: str | None
+    window: str = ""
+    chosen: str | None = None
+
+
+def _answer() -> _Answer:
     with _lock:  # functools.cache alone would let two threads probe at the same time
         return _probe()
 
 
-def has_screen() -> bool:
-    """Tell whether a window can be opened: on Linux, whether ``DISPLAY`` or ``WAYLAND_DISPLAY`` is set."""
-    return not sys.platform.startswith("linux") or any(os.environ.get(k) for k in ("DISPLAY", "WAYLAND_DISPLAY"))
-
-
 @functools.cache
-def _probe() -> str | None:
+def _probe() -> _Answer:
     choice = {} if has_screen() or _WINDOW in os.environ else {_WINDOW: _OFF_SCREEN_WINDOW}
-    reason = _run_probe({**os.environ, **choice})
-    if reason is None:
+    answer = _run_probe({**os.environ, **choice})
+    if answer.problem is None:
+        if answer.window == _OFF_SCREEN_WINDOW:
+            # also where a screen is named and does not answer: VTK would try it first and complain each time
+            choice = {} if _WINDOW in os.environ else {_WINDOW: _OFF_SCREEN_WINDOW}
+        chosen = os.environ.get(_WINDOW)
         os.environ.update(choice)
-        return None
+        return replace(answer, chosen=chosen)
     if sys.platform.startswith("linux"):
         # libgl1 and libxrender1 are needed by the wheels of VTK before 9.4 only
         packages = "libegl1 libgl1-mesa-dri libgl1 libxrender1"
         remedy = f"install the system packages {packages} (Debian, Ubuntu: apt-get install {packages})"
     else:
         remedy = "install or update the graphics driver"
-    return f"3-D rendering is not available here ({reason}); {remedy}."
+    return _Answer(f"3-D rendering is not available here ({answer.problem}); {remedy}.")
 
 
-def _run_probe(environment: dict[str, str]) -> str | None:
+def _run_probe(environment: dict[str, str]) -> _Answer:
     """Render a sphere in a child process; the reason in a few words where that fails."""
     try:
         child = subprocess.run(
@@ -81,12 +136,13 @@ def _run_probe(environment: dict[str, str]) -> str | None:
             check=False,
         )
     except subprocess.TimeoutExpired:
-        return f"a trial picture took more than {_TIMEOUT:g} s"
+        return _Answer(f"a trial picture took more than {_TIMEOUT:g} s")
     except OSError as error:
-        return f"no trial picture could be made: {error.strerror}"
+        return _Answer(f"no trial picture could be made: {error.strerror}")
     if child.returncode == 0:
-        return None
+        lines = child.stdout.split()
+        return _Answer(None, lines[-1] if lines else "")
     if child.returncode < 0:
-        return f"a trial picture ended with {signal.Signals(-child.returncode).name}"
+        return _Answer(f"a trial picture ended with {signal.Signals(-child.returncode).name}")
     lines = child.stderr.strip().splitlines()
-    return f"a trial picture failed: {lines[-1] if lines else f'exit code {child.returncode}'}"
+    return _Answer(f"a trial picture failed: {lines[-1] if lines else f'exit code {child.returncode}'}")

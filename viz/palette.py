@@ -1,8 +1,9 @@
-"""The colours of all pictures: Okabe and Ito's set, which people with any colour vision tell apart."""
+"""The colours of all pictures, for people with any colour vision: tests/test_plots_colours.py measures them."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TypedDict
 
 # Okabe & Ito (2008), "Color Universal Design", https://jfly.uni-koeln.de/color/; yellow is left out, being too faint
 # for thin lines on white.
@@ -16,11 +17,44 @@ INK = "#202020"  # text and rulers
 
 COILS = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY)
 LAYERS = (VERMILLION, ORANGE, BLUE, SKY, PURPLE, GREEN)  # neighbours alike, pairs of layers far apart
+KINDS = (*COILS, "#7A2E5A", "#3B2A6B", "#5A4A00")
+"""Where areas of more than six kinds lie beside each other: the coils' colours, then three dark ones."""
 LAMINATE = "#3F8F4F"
 BARREL = "#8C6D1F"
-SHEETS = ("#5F7391", "#8A4F9E", "#5B5B5B")
+SHEETS = ("#8FA3BF", "#7A3E8E", "#4A4A4A")  # light, dark, darker: told apart by lightness alone
+
+GREY = "#909090"  # lines to compare with
+PALE = "#B8B8B8"  # what is there without being meant
+FAINT = "#E4E4E4"  # grids
+SHADE = "#EDEDED"  # areas behind curves
+UNKNOWN = "#D0D0D0"  # where a map has no value
+
+SEQUENTIAL = "viridis"
+"""Map of values of one sign: perceptually uniform, and as dark to light as it is to any eye."""
+DIVERGING = "RdBu_r"
+"""Map of values of both signs about a white zero: Brewer's blue and red, which no colour blindness mixes up."""
+
+_LINES = ("-", "--", ":")
+
+
+class CurveLook(TypedDict):
+    """Keywords of a curve."""
+
+    color: str
+    linestyle: str
 
 
 def cycled(colours: Sequence[str], names: Sequence[str]) -> dict[str, str]:
     """Give each name a colour, beginning again with the first where there are more names than colours."""
     return {name: colours[k % len(colours)] for k, name in enumerate(names)}
+
+
+def curve_look(k: int) -> CurveLook:
+    """Colour and kind of line of curve k, so that colour alone never tells two neighbours apart; 18 are different.
+
+    Examples
+    --------
+    >>> curve_look(0), curve_look(6)["linestyle"]
+    ({'color': '#0072B2', 'linestyle': '-'}, '--')
+    """
+    return {"color": COILS[k % len(COILS)], "linestyle": _LINES[(k + k // len(COILS)) % len(_LINES)]}

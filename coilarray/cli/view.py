@@ -2,37 +2,307 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 import typer
 
-from coilarray.cli.shared import AllowViolations, DesignArgument, open_design
-from coilarray.errors import OutputError
+from coilarray.cli.maps import check_file, kept_table, read_map
+from coilarray.cli.readings import read_readings
+from coilarray.cli.shared import AllowViolations, DesignArgument, open_design, progress_bar
+from coilarray.errors import GeometryError, LocalizeError, OutputError
+
+if TYPE_CHECKING:
+    from coilarray.cli.readings import Reading
+    from coilarray.design import Design
+    from coilarray.viz.scenes import Scene, Side
+    from coilarray.viz.scenes.of_design import Item, View
+
+_SHOWN = "board,elastomer"
+_MOST_FRAMES = 1000
+_SMALLEST_MM, _LARGEST_MM, _LARGEST_MA = 1e-6, 1e5, 1e9
+_SIZE = re.compile(r"(\d{1,6})x(\d{1,6})")
 
 
 def view(
     design: DesignArgument = None,
-    screenshot: Annotated[
-        Path | None, typer.Option("--screenshot", help="Write a picture (.png) and open no window.")
+    show: Annotated[
+        str,
+        typer.Option(
+            "--show",
+            help="What is shown, as a list with commas: board, elastomer, dent, field (B on planes with arrows), lines "
+            "(of B), surfaces (of equal B), currents (of the passive coils), coupling, response, location.",
+        ),
+    ] = _SHOWN,
+    screenshot: Annotated[Path | None, typer.Option("--screenshot", help="Write a picture: .png.")] = None,
+    movie: Annotated[
+        Path | None,
+        typer.Option("--movie", help="Write a film of the indenter moving over the board: .gif or .mp4."),
     ] = None,
-    no_sheets: Annotated[bool, typer.Option("--no-sheets", help="Leave the elastomer out.")] = False,
+    html: Annotated[
+        Path | None, typer.Option("--html", help="Write a page to turn in a browser, without a network: .html.")
+    ] = None,
+    vtk: Annotated[
+        Path | None, typer.Option("--vtk", help="Write for ParaView: .vtm, or a folder with a file for each part.")
+    ] = None,
+    side: Annotated[str, typer.Option("--from", help="From where: oblique, top, front or right.")] = "oblique",
+    size: Annotated[
+        str | None, typer.Option("--size", help="Of picture and film in pixels; 1600x900 and 960x540 by default.")
+    ] = None,
+    layers: Annotated[
+        str | None, typer.Option("--layers", help="Copper layers shown, as L1,L3; all by default.")
+    ] = None,
+    coil: Annotated[str | None, typer.Option("--coil", help="The measured coil; the middle one by default.")] = None,
+    others_open: Annotated[bool, typer.Option("--others-open", help="All other coils open.")] = False,
+    current_mA: Annotated[float, typer.Option("--current-mA", help="In the measured coil, for the field.")] = 1.0,
+    spacing_mm: Annotated[
+        float | None,
+        typer.Option("--spacing-mm", help="Of the points of B; 0.5 on planes and 1 in a box by default."),
+    ] = None,
+    at_mm: Annotated[
+        tuple[float, float] | None,
+        typer.Option("--at-mm", help="x and y of the indenter from the map's origin; off the middle by default."),
+    ] = None,
+    depth_mm: Annotated[
+        float | None, typer.Option("--depth-mm", help="Of the indentation; the deepest of the design by default.")
+    ] = None,
+    response: Annotated[
+        Path | None, typer.Option("--response", help="Map to drape (.nc), computed or measured; else computed.")
+    ] = None,
+    reading: Annotated[
+        str | None,
+        typer.Option("--reading", help="δ to locate, as coil1=7.1e-4,...; that of the indenter by default."),
+    ] = None,
+    noise: Annotated[float, typer.Option("--noise", help="Standard deviation of δ, for the location.")] = 1e-5,
+    table: Annotated[
+        Path | None,
+        typer.Option("--table", help="Where the table for locations is kept (.nc): computed if it is not there."),
+    ] = None,
+    path_mm: Annotated[
+        str | None,
+        typer.Option("--path-mm", help='Way of the film, as "X,Y X,Y ..." from the map\'s origin; along x by default.'),
+    ] = None,
+    frames: Annotated[int, typer.Option("--frames", help="Pictures of the film.")] = 48,
+    rate: Annotated[float, typer.Option("--rate", help="Pictures of the film in a second.")] = 12.0,
     allow_violations: AllowViolations = False,
 ) -> None:
-    """Show the board in three dimensions.
+    """Show a design in three dimensions.
 
-    In a window, or as a picture with --screenshot.
+    In a window, or without one as a picture, film, page or files for ParaView. B is that of the coils in free space,
+    in phase with the current; every colour bar has its unit.
 
     Example: coilarray view gast2020 --screenshot board.png
+
+    Example: coilarray view gast2020 --show board,field,lines --coil coil3 --html field.html
+
+    Example: coilarray view gast2020 --movie touch.gif
     """
-    if screenshot is not None and screenshot.suffix.lower() != ".png":
-        raise OutputError(f"--screenshot must end in .png; got {screenshot}.")
-    from coilarray.viz import save_board_picture, show_board
+    seen_from = _side(side)
+    for option, path, suffixes in (
+        ("--screenshot", screenshot, (".png",)),
+        ("--movie", movie, (".gif", ".mp4")),
+        ("--html", html, (".html",)),
+        ("--table", table, (".nc",)),
+    ):
+        check_file(option, path, suffixes)
+    items = _items(show)
+    for option, given, needed in (
+        ("--response", response, "response"), ("--reading", reading, "location"), ("--table", table, "location"),
+    ):  # fmt: skip
+        if given is not None and needed not in items:
+            raise OutputError(f"{option} is for --show {needed}.")
+    if movie is None and path_mm is not None:
+        raise OutputError("--path-mm is for --movie.")
+    if not 2 <= frames <= _MOST_FRAMES:
+        raise OutputError(f"--frames must be 2 to {_MOST_FRAMES}; got {frames}.")
+    pixels = _pixels(size)
+    corners = None if path_mm is None else _way(path_mm)
+    depth = None if depth_mm is None else _length("--depth-mm", depth_mm)
+    spacing = None if spacing_mm is None else _length("--spacing-mm", spacing_mm)
+    current = _current(current_mA)
+    located = None if reading is None else _reading(reading)
+    draped = None if response is None else read_map(response)
+    from coilarray.viz.scenes.of_design import View
 
     opened = open_design(design, allow_violations=allow_violations)
-    sheets = () if no_sheets else opened.sheets
-    if screenshot is None:
-        show_board(opened.array, sheets)
-        return
-    save_board_picture(opened.array, screenshot, sheets)
-    typer.echo(f"wrote {screenshot}")
+    _check_outputs(screenshot, movie, html, vtk, pixels, rate)
+    if movie is None or any(path is not None for path in (screenshot, html, vtk)):
+        asked = View(
+            show=items,
+            layers=None if layers is None else tuple(name.strip() for name in layers.split(",")),
+            coil=coil,
+            others_open=others_open,
+            current=current,
+            spacing=spacing,
+            at=None if at_mm is None else (at_mm[0] * 1e-3, at_mm[1] * 1e-3),
+            depth=depth,
+            response=draped,
+            table=kept_table(opened, table) if "location" in items else None,
+            reading=located,
+            noise=noise,
+        )
+        _show(_scene(opened, asked), opened.name, seen_from, screenshot, html, vtk, pixels)
+    if movie is not None:
+        _film(opened, corners, frames, depth, movie, seen_from, pixels, rate)
+
+
+def _side(text: str) -> Side:
+    from coilarray.viz.scenes import Side
+
+    side: Side | None = next((one for one in get_args(Side) if one == text), None)
+    if side is None:
+        raise OutputError(f"--from must be {', '.join(get_args(Side))}; got {text!r}.")
+    return side
+
+
+def _items(text: str) -> tuple[Item, ...]:
+    from coilarray.viz.scenes.of_design import ITEMS
+
+    named = [name.strip() for name in text.split(",")]
+    for name in named:
+        if name not in ITEMS:
+            raise OutputError(f"--show must be of {', '.join(ITEMS)}; got {name!r}.")
+    return tuple(item for item in ITEMS if item in named)
+
+
+def _check_outputs(
+    screenshot: Path | None,
+    movie: Path | None,
+    html: Path | None,
+    vtk: Path | None,
+    pixels: dict[str, tuple[int, int]],
+    rate: float,
+) -> None:
+    """Refuse before a long computation what this machine cannot show after it."""
+    from coilarray.viz.scenes import check_movie, check_page, check_rendering, check_window
+
+    if html is not None:
+        check_page()
+    if screenshot is not None:
+        check_rendering(**pixels)
+    if movie is not None:
+        check_movie(movie, rate=rate, **pixels)
+    if screenshot is None and movie is None and html is None and vtk is None:
+        check_window()
+
+
+def _scene(design: Design, view: View) -> Scene:
+    """Compute a scene with a progress bar for each piece of work."""
+    from contextlib import ExitStack
+
+    from coilarray.viz.scenes.of_design import scene_of_design
+
+    with ExitStack() as bars:
+        current: list[ExitStack] = []
+
+        def track(text: str) -> Any:
+            if current:
+                current.pop().close()
+            current.append(bars.enter_context(ExitStack()))
+            return current[0].enter_context(progress_bar(text))
+
+        return scene_of_design(design, view, track)
+
+
+def _show(
+    scene: Scene,
+    name: str,
+    side: Side,
+    screenshot: Path | None,
+    html: Path | None,
+    vtk: Path | None,
+    pixels: dict[str, tuple[int, int]],
+) -> None:
+    from coilarray.viz.scenes import save_page, save_picture, save_vtk, show
+
+    for note in scene.notes:
+        typer.echo(note)
+    if screenshot is not None:
+        save_picture(scene, screenshot, side=side, **pixels)
+        typer.echo(f"wrote {screenshot}")
+    if html is not None:
+        save_page(scene, html, title=name, side=side)
+        typer.echo(f"wrote {html}")
+    if vtk is not None:
+        typer.echo(f"wrote {', '.join(str(path) for path in save_vtk(scene, vtk))}")
+    if screenshot is None and html is None and vtk is None:
+        show(scene, side=side)
+
+
+def _film(
+    design: Design,
+    corners: list[tuple[float, float]] | None,
+    frames: int,
+    depth: float | None,
+    path: Path,
+    side: Side,
+    pixels: dict[str, tuple[int, int]],
+    rate: float,
+) -> None:
+    from coilarray.viz.scenes import save_movie
+    from coilarray.viz.scenes.touch import touch_along
+
+    with progress_bar("response") as progress:
+        touch = touch_along(design, corners, count=frames, depth=depth, progress=progress)
+    with progress_bar("film") as progress:
+        done = 0
+
+        def counted() -> Any:
+            nonlocal done
+            for scene in touch.scenes():
+                yield scene
+                done += 1
+                progress(done, frames)
+
+        save_movie(touch.board(), counted(), path, side=side, rate=rate, **pixels)
+    typer.echo(f"wrote {path}: {frames} pictures, {frames / rate:.3g} s")
+
+
+def _pixels(text: str | None) -> dict[str, tuple[int, int]]:
+    """Width and height as the argument ``size``; none where nothing is said."""
+    if text is None:
+        return {}
+    match = _SIZE.fullmatch(text)
+    if match is None:
+        raise OutputError(f"--size must be as 1600x900; got {text!r}.")
+    return {"size": (int(match[1]), int(match[2]))}
+
+
+def _length(option: str, value_mm: float) -> float:
+    if not _SMALLEST_MM <= value_mm <= _LARGEST_MM:
+        raise GeometryError(f"{option} must be {_SMALLEST_MM:g} to {_LARGEST_MM:g}; got {value_mm:g}.")
+    return value_mm * 1e-3
+
+
+def _current(value_mA: float) -> float:
+    if not 0 < abs(value_mA) <= _LARGEST_MA:
+        raise GeometryError(f"--current-mA must be at most {_LARGEST_MA:g} and not 0; got {value_mA:g}.")
+    return value_mA * 1e-3
+
+
+def _way(text: str) -> list[tuple[float, float]]:
+    """Corners in m from X,Y X,Y ... in mm."""
+    try:
+        corners = [_point(part) for part in text.split()]
+    except ValueError:
+        corners = []
+    if len(corners) < 2 or not all(abs(value) <= _LARGEST_MM * 1e-3 for corner in corners for value in corner):
+        raise GeometryError(f'--path-mm must be two or more points in mm, as "-20,0 20,0"; got {text!r}.')
+    return corners
+
+
+def _point(text: str) -> tuple[float, float]:
+    x, y = (float(number) * 1e-3 for number in text.split(","))
+    return x, y
+
+
+def _reading(text: str) -> Reading:
+    """One reading, as δ by coil or the only one of a file."""
+    found = read_readings(text)
+    if len(found) != 1:
+        raise LocalizeError(f"--reading must be one reading; {text} has {len(found)}.")
+    (one,) = found
+    if isinstance(one, LocalizeError):
+        raise one
+    return one

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -23,25 +23,23 @@ from coilarray.geometry import Indenter
 from coilarray.localize.ellipse_model import EllipseModel
 from coilarray.report.position import MapPositions
 from coilarray.viz import (
-    plot_board,
-    plot_copper,
-    plot_currents,
     plot_dent,
-    plot_effective_inductance,
     plot_ellipse_parameters,
     plot_ellipses,
-    plot_field_lines,
-    plot_field_map,
     plot_force_depth,
-    plot_matrix,
     plot_response_profile,
-    plot_sweep,
     plot_x_error,
     rendering_problem,
     response_figure,
     save_board_picture,
     save_dent_picture,
 )
+from coilarray.viz.board_plots import plot_board, plot_copper
+from coilarray.viz.comparison_plots import comparison_figure, plot_readings
+from coilarray.viz.coupling_plots import plot_coupling, plot_currents, plot_effective_inductance, plot_inductance
+from coilarray.viz.field_plots import plot_field_lines, plot_field_map
+from coilarray.viz.frequency_plots import plot_frequency_sweep
+from coilarray.viz.response_plots import plot_bell_curve
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -90,32 +88,22 @@ def copper_pictures(design: Design) -> list[Picture]:
 
 def coupling_pictures(coupling: xr.Dataset) -> list[Picture]:
     """Heat maps of L and k, L open against L as terminated, and the passive currents."""
-    names = coupling.coil.values.tolist()
-    currents = (coupling.current_real + 1j * coupling.current_imag).values
     return [
         _draw(
             "inductance",
             "Inductance matrix: self-inductance on the diagonal, mutual inductance off it.",
-            lambda: plot_matrix(coupling.inductance.values, names, title="Inductance", unit="H", scale="diverging"),
+            lambda: plot_inductance(coupling),
         ),
-        _draw(
-            "coupling",
-            "Coupling coefficients k = M/√(L L).",
-            lambda: plot_matrix(
-                coupling.coupling.values, names, title="Coupling coefficient", scale="diverging", mask_diagonal=True
-            ),
-        ),
+        _draw("coupling", "Coupling coefficients k = M/√(L L).", lambda: plot_coupling(coupling)),
         _draw(
             "effective_inductance",
             "Inductance of each coil with all others open, and with the others as terminated.",
-            lambda: plot_effective_inductance(
-                names, coupling.open_inductance.values, coupling.effective_inductance.values
-            ),
+            lambda: plot_effective_inductance(coupling),
         ),
         _draw(
             "currents",
             "Current in each passive coil per ampere in the active one.",
-            lambda: plot_currents(names, currents.T),
+            lambda: plot_currents(coupling),
         ),
     ]
 
@@ -124,36 +112,22 @@ def field_pictures(
     design: Design, active: str, line: dict[str, xr.Dataset], plane: dict[str, xr.Dataset]
 ) -> list[Picture]:
     """B_z above the board: along a line through the active coil, and on the plane, one for each entry."""
-    place = design.array.placements[design.array.names.index(active)]
-    outline = _outline(design, active)
+    across = _outline(design, active)[:, 0]
     height = f"{design.field_height * 1e3:g} mm above the board"
-    first = next(iter(line.values()))
     pictures = [
         _draw(
             "field_line",
             f"B_z along x through {active}, {height}, in free space.",
-            lambda: plot_field_lines(
-                first.x.values,
-                {label: data.B.sel(component="z").values.ravel() for label, data in line.items()},
-                coil_centre=place.x,
-                coil_radius=float(outline[:, 0].max() - outline[:, 0].min()) / 2,
-            ),
+            lambda: plot_field_lines(line, coil=(float(across.min()), float(across.max()))),
         )
     ]
     outlines = [_outline(design, name) for name in design.array.names]
-    for k, (label, data) in enumerate(plane.items()):
+    for k, (label, field) in enumerate(plane.items()):
         pictures.append(
             _draw(
                 f"field_map_{k}",
                 f"B_z of {active} {height}, in free space, per ampere: {label}.",
-                lambda label=label, data=data: plot_field_map(  # type: ignore[misc]
-                    data.x.values,
-                    data.y.values,
-                    data.B.sel(component="z").values[:, :, 0],
-                    outlines=outlines,
-                    title=f"$B_z$ of {active}: {label}",
-                    unit="T/A",
-                ),
+                lambda field=field: plot_field_map(field, outlines=outlines),  # type: ignore[misc]
             )
         )
     return pictures
@@ -161,17 +135,16 @@ def field_pictures(
 
 def sweep_pictures(sweep: xr.Dataset) -> list[Picture]:
     """Apparent inductance and resistance of every state over frequency."""
-    names = sweep.state.values.tolist()
     return [
         _draw(
             "apparent_inductance",
             "Apparent inductance Im Z/ω of every state over frequency, tank capacitor left out.",
-            lambda: plot_sweep(sweep.frequency, sweep.apparent_inductance, names, quantity="L", unit="H", limited=True),
+            lambda: plot_frequency_sweep(sweep, "apparent_inductance"),
         ),
         _draw(
             "resistance",
             "Effective resistance Re Z of every state over frequency, tank capacitor left out.",
-            lambda: plot_sweep(sweep.frequency, sweep.impedance_real, names, quantity="R", unit="Ω", limited=True),
+            lambda: plot_frequency_sweep(sweep, "impedance_real"),
         ),
     ]
 
@@ -224,7 +197,15 @@ def response_pictures(design: Design, response: xr.Dataset) -> list[Picture]:
             lambda: plot_response_profile(response, depth=-1, along=along),
         )
     )
-    if response.sizes["depth"] > 1:
+    if response.sizes[along] > 1:
+        pictures.append(
+            _draw(
+                "response_depths",
+                f"δ of the coil in the middle of the map along {along} for each depth, with its width at half the peak.",
+                lambda: plot_bell_curve(response, along=along),
+            )
+        )
+    elif response.sizes["depth"] > 1:
         state = response.state.values.tolist()[(response.sizes["state"] - 1) // 2]
         pictures.append(
             _draw(
@@ -261,6 +242,24 @@ def position_pictures(
             lambda: plot_x_error(positions.error, outlines=map_outlines(design, response)),
         ),
     ]
+
+
+def comparison_pictures(comparison: xr.Dataset, outlines: Sequence[npt.ArrayLike] = ()) -> list[Picture]:
+    """Show what remains between two responses and x0 of both, state by state, and reading against reading."""
+    deepest = f"{float(comparison.depth[-1]) * 1e3:g} mm deep"
+    mapped = min(comparison.sizes["x"], comparison.sizes["y"]) > 1
+    maps = _draw(
+        "residuals",
+        f"Measured less simulated δ {deepest}, as simulated and scaled and shifted, grey where nothing was compared, "
+        "with the outlines of the coils; and x0 of the ellipses of both, a band of two standard deviations.",
+        lambda: comparison_figure(comparison, -1, outlines),
+    )
+    dots = _draw(
+        "readings",
+        f"Measured over simulated δ of every position, {deepest}; grey: equality.",
+        lambda: plot_readings(comparison, -1),
+    )
+    return [maps, dots] if mapped else [dots]
 
 
 def map_outlines(design: Design, response: xr.Dataset) -> list[FloatArray]:

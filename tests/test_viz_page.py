@@ -1,0 +1,196 @@
+"""The web page of a scene: what Chromium shows of it without a network is what the scene holds, where it holds it."""
+
+from __future__ import annotations
+
+import io
+import re
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import pyvista
+from PIL import Image
+
+from coilarray.errors import MissingDependencyError
+from coilarray.viz.offscreen import NO_RENDERING
+from coilarray.viz.scenes import Part, Scale, Scene, Text, save_page
+
+pytest.importorskip("trame_vtk", reason="trame-vtk is not installed")
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
+WIDTH, HEIGHT = 900, 600
+GREEN, RED, BLUE = [0, 158, 0], [213, 0, 0], [0, 0, 178]
+
+
+def flat(x_min, x_max, z=0.0):
+    return pyvista.Plane(center=((x_min + x_max) / 2, 5, z), i_size=x_max - x_min, j_size=10)
+
+
+def scene():
+    """A green plate, on its right half a red one, lines over both, and a plate coloured by a scale beside them."""
+    coloured = flat(22, 30)
+    coloured.cell_data["v (V)"] = np.full(coloured.n_cells, 2e-3)
+    scale = Scale("v (V)", "voltage", "V", 0.0, 4e-3, "coolwarm")
+    parts = (
+        Part("plate", flat(0, 20), "plate", "#009e00", lit=False),
+        Part("upper", flat(10, 20, 1.0), "upper <b>", "#d50000", lit=False),
+        Part("rod", pyvista.Line((2, 5, 1), (8, 5, 1)), "upper <b>", "#0000b2", line_width=18.0, lit=False),
+        Part("coloured", coloured, scale=scale, lit=False),
+    )
+    texts = (Text("left", (0.0, 0.0, 0.0)), Text("right & up", (20.0, 10.0, 1.0), 24.0, True, "upper <b>"))
+    return Scene(parts, texts, ("first note", "a < b"))
+
+
+@pytest.fixture(scope="module")
+def browser():
+    playwright = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
+    if CHROMIUM is None:
+        pytest.skip("Chromium is not installed")
+    with playwright.sync_playwright() as driver:
+        # the software renderer: test machines have no graphics card
+        arguments = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
+        chromium = driver.chromium.launch(executable_path=CHROMIUM, args=arguments)
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture(scope="module")
+def opened(browser, tmp_path_factory):
+    """The page in a browser without a network, and what it asked for and complained of."""
+    path = tmp_path_factory.mktemp("page") / "scene.html"
+    save_page(scene(), path, title="six <coils>", side="top")
+    context = browser.new_context(offline=True, viewport={"width": WIDTH, "height": HEIGHT})
+    page = context.new_page()
+    asked, complaints = [], []
+    page.on("request", lambda request: asked.append(request.url))
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    page.on("console", lambda said: complaints.append(said.text) if said.type in ("error", "warning") else None)
+    page.goto(path.as_uri())
+    page.wait_for_selector("body[data-ready=yes]", timeout=30_000)
+    yield page, asked, complaints, path
+    context.close()
+
+
+def pixels(page):
+    return np.asarray(Image.open(io.BytesIO(page.screenshot())).convert("RGB")).astype(int)
+
+
+def where(page, point):
+    """Column and row of a point in mm, from the camera of vtk.js; seen from above without perspective."""
+    x, y, _ = page.evaluate("scene.camera.getFocalPoint()")
+    millimetre = HEIGHT / 2 / page.evaluate("scene.camera.getParallelScale()")
+    return WIDTH / 2 + (point[0] - x) * millimetre, HEIGHT / 2 - (point[1] - y) * millimetre
+
+
+def colour_at(page, point):
+    column, row = where(page, point)
+    return pixels(page)[round(row), round(column)].tolist()
+
+
+def settled(page):
+    """Wait until what was asked for is drawn."""
+    page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+
+
+def test_it_asks_no_host_for_anything(opened):
+    _, asked, complaints, path = opened
+    assert asked == [path.as_uri()]
+    assert [one for one in complaints if "GPU stall" not in one] == []
+    text = path.read_text(encoding="utf-8")
+    assert "default-src 'none'" in text
+    # addresses that are left are comments of the library and never asked for
+    assert not re.search(r"""(src|href)\s*=\s*["']?https?:""", text)
+
+
+def test_every_mesh_is_where_it_belongs_in_its_colour(opened):
+    page, *_ = opened
+    for point, colour in (((3, 2), GREEN), ((15, 5), RED), ((5, 5), BLUE), ((5, 5.1), BLUE)):
+        assert np.abs(np.subtract(colour_at(page, point), colour)).max() <= 3, point
+    assert colour_at(page, (21, 5)) == [255, 255, 255]
+    middle = Scale("v", "v", "V", 0.0, 1.0, "coolwarm").colours_of([0.5])[0]
+    assert np.abs(np.subtract(colour_at(page, (26, 5)), middle)).max() <= 3
+    canvas = pixels(page)
+    assert (canvas.std(axis=2) > 20).mean() > 0.05  # the plates fill a seventh of what legend and bar leave
+
+
+def test_words_stand_over_their_places(opened):
+    page, *_ = opened
+    for text, point in (("left", (0, 0)), ("right & up", (20, 10))):
+        box = page.locator(".words span", has_text=text).bounding_box()
+        middle = (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+        np.testing.assert_allclose(middle, where(page, point), atol=1.0)
+    # and go with them
+    page.click("button[data-side=right]")
+    settled(page)
+    away = page.locator(".words span", has_text="left").bounding_box()
+    page.click("button[data-side=top]")
+    settled(page)
+    assert page.locator(".words span", has_text="left").bounding_box() != away
+
+
+def test_switches_hide_and_show_their_group(opened):
+    page, *_ = opened
+    box = page.get_by_label("upper <b>")
+    box.uncheck()
+    settled(page)
+    assert np.abs(np.subtract(colour_at(page, (15, 5)), GREEN)).max() <= 3
+    assert np.abs(np.subtract(colour_at(page, (5, 5)), GREEN)).max() <= 3
+    assert not page.locator(".words span", has_text="right & up").is_visible()
+    assert page.locator(".words span", has_text="left").is_visible()
+    box.check()
+    settled(page)
+    assert np.abs(np.subtract(colour_at(page, (15, 5)), RED)).max() <= 3
+    assert page.locator(".words span", has_text="right & up").is_visible()
+
+
+def test_legend_bar_and_notes_say_what_is_seen(opened):
+    page, *_ = opened
+    assert page.title() == "six <coils>"
+    assert page.locator(".panel h1").inner_text() == "six <coils>"
+    assert [one.strip() for one in page.locator(".panel label").all_inner_texts()] == ["plate", "upper <b>"]
+    swatch = page.locator(".panel i").nth(1).evaluate("(one) => getComputedStyle(one).backgroundColor")
+    assert swatch == "rgb(213, 0, 0)"
+    assert page.locator("figcaption").all_inner_texts() == ["voltage (mV)"]
+    assert page.locator(".bars b").all_inner_texts() == ["0", "1", "2", "3", "4"]
+    assert page.locator(".notes").inner_text().splitlines() == ["first note", "a < b"]
+    for selector in (".panel", ".bars", ".notes"):
+        box = page.locator(selector).bounding_box()
+        assert box["x"] >= 0
+        assert box["y"] >= 0
+        assert box["x"] + box["width"] <= WIDTH
+        assert box["y"] + box["height"] <= HEIGHT
+
+
+def test_all_of_it_is_seen_beside_legend_and_bar(opened):
+    page, *_ = opened
+    panel, bars = page.locator(".panel").bounding_box(), page.locator(".bars").bounding_box()
+    left, _ = where(page, (0, 0))
+    right, _ = where(page, (30, 10))
+    assert panel["x"] + panel["width"] < left
+    assert right < bars["x"]
+
+
+def test_it_is_made_without_a_graphics_driver(tmp_path, monkeypatch):
+    monkeypatch.setenv(NO_RENDERING, "1")
+    save_page(scene(), tmp_path / "scene.html")
+    assert [entry.name for entry in tmp_path.iterdir()] == ["scene.html"]
+
+
+def test_without_trame_vtk_it_is_refused_in_one_line(tmp_path, monkeypatch):
+    for module in [name for name in sys.modules if name.split(".")[0] == "trame_vtk"]:
+        monkeypatch.delitem(sys.modules, module)
+    monkeypatch.setitem(sys.modules, "trame_vtk", None)
+    with pytest.raises(MissingDependencyError, match=r'pages need trame-vtk, .* pip install "coilarray\[page\]"'):
+        save_page(scene(), tmp_path / "scene.html")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_viewer_that_is_not_known_is_refused(tmp_path, monkeypatch):
+    other = tmp_path / "viewer.html"
+    other.write_text("<html><body></body></html>", encoding="utf-8")
+    monkeypatch.setattr("trame_vtk.tools.vtksz2html.HTML_VIEWER_PATH", Path(other))
+    with pytest.raises(MissingDependencyError, match="whose viewer this version knows"):
+        save_page(scene(), tmp_path / "scene.html")

@@ -1,0 +1,122 @@
+"""Copper, barrels, laminate and current paths of a board."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from coilarray.geometry.conductor import Conductor
+from coilarray.viz.datasets.triangles import merged, polylines, solid_mesh
+
+if TYPE_CHECKING:
+    import pyvista
+    import trimesh
+
+
+def copper_mesh(parts: Mapping[str, trimesh.Trimesh], names: Sequence[str], layer: str) -> pyvista.PolyData:
+    """Return the surface of all the copper of one layer.
+
+    Parameters
+    ----------
+    parts : mapping of str to trimesh.Trimesh
+        From `coilarray.geometry.solids.solids`, in m; the keys ``"copper/<layer>/<coil>"`` are used.
+    names : sequence of str
+        Names of the coils in order.
+    layer : str
+        Name of the copper layer.
+
+    Returns
+    -------
+    pyvista.PolyData
+        In mm, with the cell array ``"coil"``: position in `names` of the coil that a triangle belongs to. Empty where
+        the layer carries no copper.
+    """
+    return merged([(parts.get(f"copper/{layer}/{name}"), index) for index, name in enumerate(names)])
+
+
+def barrel_mesh(parts: Mapping[str, trimesh.Trimesh], names: Sequence[str]) -> pyvista.PolyData:
+    """Return the surface of all barrels, in mm, with the cell array ``"coil"`` as in `copper_mesh`."""
+    return merged(
+        [
+            (solid, index)
+            for index, name in enumerate(names)
+            for key, solid in parts.items()
+            if key.rpartition("/")[0] == f"barrel/{name}"
+        ]
+    )
+
+
+def board_mesh(parts: Mapping[str, trimesh.Trimesh]) -> pyvista.PolyData:
+    """Return the surface of the laminate in mm; empty where the stack-up has none."""
+    import pyvista
+
+    return solid_mesh(parts["board"]) if "board" in parts else pyvista.PolyData()
+
+
+def path_lines(conductors: Sequence[Conductor]) -> pyvista.PolyData:
+    """Draw current paths as one polyline a conductor.
+
+    Returns
+    -------
+    pyvista.PolyData
+        In mm, with the cell array ``"coil"``: position of the conductor.
+
+    Examples
+    --------
+    >>> from coilarray.geometry import Conductor
+    >>> lines = path_lines([Conductor([[0, 0, 0], [2e-3, 0, 0], [2e-3, 1e-3, 0]])])
+    >>> lines.n_lines, lines.n_points
+    (1, 3)
+    """
+    mesh = polylines([conductor.vertices for conductor in conductors])
+    mesh.cell_data["coil"] = np.arange(len(conductors))
+    return mesh
+
+
+def outline_lines(outlines: Sequence[npt.ArrayLike], height: float = 0.0) -> pyvista.PolyData:
+    """Draw closed outlines, of coils for example, at a height.
+
+    Parameters
+    ----------
+    outlines : sequence of array_like, shape (n, 2)
+        Corners in m.
+    height : float
+        In m.
+
+    Returns
+    -------
+    pyvista.PolyData
+        In mm, one polyline an outline; the last point is the first one.
+    """
+    closed = []
+    for outline in outlines:
+        corners = np.asarray(outline, dtype=np.float64)
+        ring = np.vstack((corners, corners[:1]))
+        closed.append(np.column_stack((ring, np.full(len(ring), height))))
+    return polylines(closed)
+
+
+def with_coil_values(mesh: pyvista.DataSet, values: npt.ArrayLike, name: str) -> pyvista.DataSet:
+    """Give every cell of a mesh the value of its coil.
+
+    Parameters
+    ----------
+    mesh : pyvista.DataSet
+        With the cell array ``"coil"``, as from `copper_mesh`, `barrel_mesh` and `path_lines`.
+    values : array_like, shape (coils,)
+        In the unit that `name` says; NaN for a coil that has none.
+    name : str
+        Of the cell array, with its unit.
+
+    Returns
+    -------
+    pyvista.DataSet
+        A copy; an empty mesh stays empty.
+    """
+    result: pyvista.DataSet = mesh.copy()
+    if mesh.n_cells:
+        result.cell_data[name] = np.asarray(values, dtype=np.float64)[mesh.cell_data["coil"]]
+    return result

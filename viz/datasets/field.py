@@ -1,0 +1,278 @@
+"""The flux density on grids, as arrows, as lines and as surfaces of equal amount."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from coilarray.errors import GeometryError
+from coilarray.viz.datasets.triangles import MM_PER_M, polylines
+
+if TYPE_CHECKING:
+    import pyvista
+    import xarray as xr
+
+FIELD, AMOUNT = "B (T)", "|B| (T)"
+"""Names of the point arrays: the vectors and their amounts."""
+
+MOST_MEMORY = 1e9
+"""Bytes that a field for a picture may ask for."""
+
+_BYTES_A_POINT = 220.0  # measured at the most: 110 in a box, 170 to 220 on planes, which are drawn
+_LONGEST_LINE = 8.0  # in diagonals of the grid
+_LINE_STEP = 0.25  # of a cell, between points of a line
+
+
+def require_memory(points: int, what: str) -> None:
+    """Refuse a field that would ask for more than `MOST_MEMORY`.
+
+    Parameters
+    ----------
+    points : int
+        How many the grid has.
+    what : str
+        The option or argument that made them, with its value.
+
+    Raises
+    ------
+    GeometryError
+        Too many points: one line with the memory that they need.
+
+    Examples
+    --------
+    >>> require_memory(10**9, "spacing 0.05 mm")
+    Traceback (most recent call last):
+    coilarray.errors.GeometryError: spacing 0.05 mm gives 1e+09 points, about 220 GB of memory; at most 1 GB is \
+allowed: widen the spacing.
+    """
+    needed = points * _BYTES_A_POINT
+    if needed > MOST_MEMORY:
+        raise GeometryError(
+            f"{what} gives {points:.3g} points, about {needed / 1e9:.3g} GB of memory; at most "
+            f"{MOST_MEMORY / 1e9:g} GB is allowed: widen the spacing."
+        )
+
+
+def field_grid(
+    x: npt.ArrayLike, y: npt.ArrayLike, z: npt.ArrayLike, field: npt.ArrayLike, name: str = FIELD
+) -> pyvista.RectilinearGrid:
+    """Put vectors on a plane or in a box.
+
+    Parameters
+    ----------
+    x, y, z : array_like, shapes (nx,), (ny,), (nz,)
+        Ascending coordinates in m; one value makes a plane.
+    field : array_like, shape (nx, ny, nz, 3)
+        Vectors in the unit that `name` says.
+    name : str
+        Name of the array of points, with its unit.
+
+    Returns
+    -------
+    pyvista.RectilinearGrid
+        In mm, with the vectors as point array `name`.
+
+    Raises
+    ------
+    ValueError
+        Coordinates that do not ascend, or a field of another shape.
+
+    Examples
+    --------
+    >>> field_grid([0, 1e-3], [0, 1e-3, 2e-3], [0], [[[[0, 0, 1e-6]]] * 3] * 2).dimensions
+    (2, 3, 1)
+    """
+    import pyvista
+
+    axes = [np.atleast_1d(np.asarray(axis, dtype=np.float64)) for axis in (x, y, z)]
+    for letter, axis in zip("xyz", axes, strict=True):
+        if axis.ndim != 1 or axis.size == 0 or not (np.diff(axis) > 0).all():
+            raise ValueError(f"{letter} of a field grid must be one ascending row of numbers; got {axis}.")
+    vectors = np.asarray(field, dtype=np.float64)
+    shape = (*(axis.size for axis in axes), 3)
+    if vectors.shape != shape:
+        raise ValueError(f"field must have shape (nx, ny, nz, 3) = {shape}; got {vectors.shape}.")
+    grid = pyvista.RectilinearGrid(*(axis * MM_PER_M for axis in axes))
+    grid.point_data[name] = vectors.transpose(2, 1, 0, 3).reshape(-1, 3)  # VTK counts x fastest
+    return grid
+
+
+def flux_density(field: xr.Dataset) -> pyvista.RectilinearGrid:
+    """Put the flux density of `coilarray.near_field.operating_field` on its grid.
+
+    Parameters
+    ----------
+    field : xarray.Dataset
+        ``B`` in T over (x, y, z, component), in phase with the current.
+
+    Returns
+    -------
+    pyvista.RectilinearGrid
+        In mm, with the point arrays ``"B (T)"`` and ``"|B| (T)"``.
+    """
+    grid = field_grid(field.x.values, field.y.values, field.z.values, field.B.values)
+    grid.point_data[AMOUNT] = np.linalg.norm(grid.point_data[FIELD], axis=1)
+    return grid
+
+
+def field_arrows(grid: pyvista.RectilinearGrid, spacing: float) -> pyvista.PolyData:
+    """Draw arrows along B at some of the points of a grid, each in the middle of its arrow.
+
+    Parameters
+    ----------
+    grid : pyvista.RectilinearGrid
+        As `flux_density` makes it, of a plane for example.
+    spacing : float
+        Least distance of the arrows along each axis in m.
+
+    Returns
+    -------
+    pyvista.PolyData
+        In mm, one after the other, with the point arrays of the grid. The length of an arrow is the spacing times the
+        square root of |B| over the largest of those drawn: they stay visible where the field is weak.
+    """
+    import pyvista
+
+    kept = [_thinned(np.asarray(axis, dtype=np.float64), spacing * MM_PER_M) for axis in (grid.x, grid.y, grid.z)]
+    nx, ny, _ = grid.dimensions
+    i, j, k = np.meshgrid(*kept, indexing="ij")
+    chosen = (i + nx * (j + ny * k)).ravel()
+    at = pyvista.PolyData(np.asarray(grid.points)[chosen])
+    vectors, amount = (np.asarray(grid.point_data[name])[chosen] for name in (FIELD, AMOUNT))
+    at.point_data[FIELD] = vectors
+    at.point_data["size"] = np.sqrt(amount / max(float(amount.max()), np.finfo(float).tiny))
+    arrow = pyvista.Arrow(
+        start=(-0.5, 0.0, 0.0),
+        tip_length=0.35,
+        tip_radius=0.14,
+        shaft_radius=0.05,
+        tip_resolution=12,
+        shaft_resolution=8,
+    )
+    arrows: pyvista.PolyData = at.glyph(orient=FIELD, scale="size", factor=spacing * MM_PER_M, geom=arrow)
+    arrows.clear_data()
+    arrows.point_data[FIELD] = np.repeat(vectors, arrow.n_points, axis=0)
+    arrows.point_data[AMOUNT] = np.repeat(amount, arrow.n_points)
+    return arrows
+
+
+def field_lines(grid: pyvista.RectilinearGrid, seeds: npt.ArrayLike) -> pyvista.PolyData:
+    """Follow B both ways from some points, until a line leaves the grid or has gone round once.
+
+    Parameters
+    ----------
+    grid : pyvista.RectilinearGrid
+        A box, as `flux_density` makes it.
+    seeds : array_like, shape (n, 3)
+        In m, inside the grid.
+
+    Returns
+    -------
+    pyvista.PolyData
+        In mm; one polyline a seed with the point array ``"|B| (T)"``, a line that has gone round from its seed on.
+        Empty where there is no field.
+    """
+    import pyvista
+
+    points = np.asarray(seeds, dtype=np.float64).reshape(-1, 3)
+    along, against = _followed(grid, points, "forward"), _followed(grid, points, "backward")
+    lines, amounts = [], []
+    for seed in sorted(along.keys() | against.keys()):
+        line, amount = along.get(seed, _NOWHERE)
+        if not _gone_round(line):
+            before, amount_before = against.get(seed, _NOWHERE)
+            line = np.vstack((before[:0:-1], line))
+            amount = np.concatenate((amount_before[:0:-1], amount))
+        end = _first_round(line)
+        lines.append(line[:end])
+        amounts.append(amount[:end])
+    if not lines:
+        return pyvista.PolyData()
+    result = polylines([line / MM_PER_M for line in lines])
+    result.point_data[AMOUNT] = np.concatenate(amounts)
+    return result
+
+
+def field_surfaces(grid: pyvista.RectilinearGrid, levels: Sequence[float]) -> pyvista.PolyData:
+    """Return the surfaces on which |B| has given values.
+
+    Parameters
+    ----------
+    grid : pyvista.RectilinearGrid
+        A box, as `flux_density` makes it.
+    levels : sequence of float
+        In T.
+
+    Returns
+    -------
+    pyvista.PolyData
+        In mm, with the point array ``"|B| (T)"``: the level of each point. Empty where no level is met.
+    """
+    surfaces: pyvista.PolyData = grid.contour(list(levels), scalars=AMOUNT, compute_normals=True)
+    for name in set(surfaces.point_data.keys()) - {AMOUNT, "Normals"}:
+        del surfaces.point_data[name]
+    return surfaces
+
+
+def _thinned(axis: npt.NDArray[np.float64], distance: float) -> list[int]:
+    """Places of an ascending axis that are at least a distance apart, as centred as they go."""
+    step = 1
+    if len(axis) > 1:
+        step = max(1, math.ceil(distance / float(np.diff(axis).min()) * (1 - 1e-9)))
+    first = (len(axis) - 1) % step // 2
+    return list(range(first, len(axis), step))
+
+
+_Line = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]
+_NOWHERE: _Line = (np.empty((0, 3)), np.empty(0))
+
+
+def _followed(
+    grid: pyvista.RectilinearGrid, seeds: npt.NDArray[np.float64], way: Literal["forward", "backward"]
+) -> dict[int, _Line]:
+    """Points in mm, shape (m, 3), and |B| in T of the line from every seed one way."""
+    import pyvista
+
+    found = grid.streamlines_from_source(
+        pyvista.PolyData(seeds * MM_PER_M),
+        vectors=FIELD,
+        integration_direction=way,
+        integrator_type=4,
+        step_unit="cl",
+        initial_step_length=_LINE_STEP,
+        max_length=_LONGEST_LINE * float(grid.length),
+        max_steps=20_000,
+        terminal_speed=0.0,
+        compute_vorticity=False,
+    )
+    lines = {}
+    for k in range(found.n_cells):
+        at = found.get_cell(k).point_ids
+        if len(at) > 1:
+            lines[int(found.cell_data["SeedIds"][k])] = (
+                np.asarray(found.points, dtype=np.float64)[at],
+                np.asarray(found.point_data[AMOUNT])[at],
+            )
+    return lines
+
+
+def _turned(line: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Angle in rad by which a line has turned after each of its corners."""
+    steps = np.diff(line, axis=0)
+    steps = steps / np.maximum(np.linalg.norm(steps, axis=1, keepdims=True), np.finfo(float).tiny)
+    return np.asarray(np.cumsum(np.arccos(np.clip((steps[1:] * steps[:-1]).sum(axis=1), -1.0, 1.0))))
+
+
+def _gone_round(line: npt.NDArray[np.float64]) -> bool:
+    return len(line) > 2 and bool(_turned(line)[-1] >= 2 * np.pi)
+
+
+def _first_round(line: npt.NDArray[np.float64]) -> int:
+    """Count the points until a line has gone round; all where it has not."""
+    if not _gone_round(line):
+        return len(line)
+    return int(np.searchsorted(_turned(line), 2 * np.pi)) + 2

@@ -1,0 +1,262 @@
+"""The board: laminate, copper of every layer, barrels, the names of the coils, rulers, and the sheets on top."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from coilarray.errors import GeometryError
+from coilarray.geometry.array import CoilArray
+from coilarray.geometry.sheet import Sheet
+from coilarray.geometry.solids import solids
+from coilarray.viz.datasets.board import barrel_mesh, board_mesh, copper_mesh, with_coil_values
+from coilarray.viz.datasets.elastomer import sheet_meshes
+from coilarray.viz.datasets.triangles import MM_PER_M, surface_of
+from coilarray.viz.palette import BARREL, INK, LAMINATE, LAYERS, SHEETS, cycled
+from coilarray.viz.scenes.camera import Side, direction
+from coilarray.viz.scenes.draw import draw
+from coilarray.viz.scenes.scene import Part, Scale, Scene, Text
+
+if TYPE_CHECKING:
+    import pyvista
+    import trimesh
+
+FloatArray = npt.NDArray[np.float64]
+Box = tuple[float, float, float, float]
+
+_GLASS = 0.12  # opacity of a sheet
+_RISER = "#BBBBBB"
+
+
+@dataclass(frozen=True, eq=False)
+class CoilColours:
+    """A value of every coil, shown as the colour of its copper.
+
+    Parameters
+    ----------
+    values : ndarray, shape (coils,)
+        NaN for a coil that has none.
+    scale : Scale
+        Its `array` is the name that the values get in the meshes.
+    """
+
+    values: FloatArray
+    scale: Scale
+
+
+def board_scene(
+    array: CoilArray, sheets: Sequence[Sheet] = (), *, plotter: pyvista.Plotter, show_sheets: bool = True
+) -> None:
+    """Put a board into a plotter: laminate, copper, barrels, coil names, legend and a scale in mm, and aim the camera.
+
+    Copper is coloured by layer; the laminate is translucent, so that the lower layers show through it. The sheets
+    are lifted off the board and off each other and drawn as thin glass with clear edges.
+
+    Parameters
+    ----------
+    array : CoilArray
+        The board.
+    sheets : sequence of Sheet
+        The elastomer on it, the lowest first.
+    plotter : pyvista.Plotter
+        Filled with actors; lengths in mm.
+    show_sheets : bool
+        False leaves the sheets out.
+    """
+    draw(scene_of_lifted_board(array, sheets if show_sheets else ()), plotter)
+
+
+def scene_of_lifted_board(array: CoilArray, sheets: Sequence[Sheet] = ()) -> Scene:
+    """Return a board with its sheets lifted off it and off each other."""
+    # raised until the nearest edge of the lowest sheet stands above the farthest edge of the board
+    lift = (array.bounds[3] - array.bounds[1]) * math.tan(direction("oblique").elevation)
+    above = scene_of_sheets(array, sheets, lift, lift / 3)
+    risers = _risers(array, min(part.mesh.bounds[4] for part in above.parts)) if above.parts else ()
+    return above + scene_of_board(array) + Scene(risers)
+
+
+def scene_of_board(
+    array: CoilArray,
+    *,
+    layers: Sequence[str] | None = None,
+    colours: CoilColours | None = None,
+    box: Box | None = None,
+    name_heights: npt.ArrayLike = 0.0,
+) -> Scene:
+    """Return laminate, copper, barrels, names of the coils and rulers.
+
+    Parameters
+    ----------
+    array : CoilArray
+        The board.
+    layers : sequence of str, optional
+        Copper layers that are shown; all by default.
+    colours : CoilColours, optional
+        Colours of the coils in place of those of the layers.
+    box : tuple of float, optional
+        x_min, y_min, x_max, y_max in m: only what is in it is shown, without rulers, barrels and names.
+    name_heights : array_like, shape (coils,) or scalar
+        Of the names in m: above what covers a coil.
+
+    Returns
+    -------
+    Scene
+        With one group for each copper layer.
+
+    Raises
+    ------
+    GeometryError
+        A layer that the board does not have.
+    """
+    parts = solids(array)
+    copper = copper_parts(array, layers, colours, box)
+    board = cut_upright(board_mesh(parts), box)
+    laminate = [] if not board.n_cells else [_laminate(board)]
+    if box is not None:
+        return Scene((*copper, *laminate))
+    barrels = barrel_mesh(parts, array.names)
+    through = [Part("barrels", barrels, "barrels", BARREL)] if barrels.n_cells else []
+    edges = [_edges("edges of board", board, "laminate", LAMINATE)] if laminate else []
+    ticks, numbers = _rulers(array)
+    return Scene((*copper, *through, *laminate, *edges, *ticks), (*coil_names(array, name_heights), *numbers))
+
+
+def copper_parts(
+    array: CoilArray,
+    layers: Sequence[str] | None = None,
+    colours: CoilColours | None = None,
+    box: Box | None = None,
+) -> tuple[Part, ...]:
+    """Return the copper of a board alone, one part a layer that has any; arguments as for `scene_of_board`."""
+    parts = solids(array)
+    return tuple(
+        _coloured(name, mesh, colour, colours)
+        for name, colour in _shown_layers(array, layers).items()
+        if (mesh := cut_upright(copper_mesh(parts, array.names, name), box)).n_cells
+    )
+
+
+def recoloured(copper: Sequence[Part], colours: CoilColours) -> tuple[Part, ...]:
+    """Give the copper of `copper_parts` other values of the coils."""
+    return tuple(_coloured(part.name.removeprefix("copper "), part.mesh, part.colour, colours) for part in copper)
+
+
+def scene_of_sheets(array: CoilArray, sheets: Sequence[Sheet], lift: float = 0.0, spread: float = 0.0) -> Scene:
+    """Return flat sheets on a board as glass with clear edges, the uppermost first.
+
+    Parameters
+    ----------
+    array : CoilArray
+        The board.
+    sheets : sequence of Sheet
+        From the board upwards.
+    lift, spread : float
+        As in `coilarray.viz.datasets.sheet_meshes`.
+    """
+    thick = {sheet.name: sheet.thickness for sheet in sheets}
+    colours = cycled(SHEETS, list(thick))
+    parts: list[Part] = []
+    for name, mesh in reversed(sheet_meshes(_sheet_solids(array, sheets), lift, spread).items()):
+        group = sheet_label(name, thick[name])
+        parts.append(Part(f"sheet {name}", mesh, group, colours[name], opacity=_GLASS, lit=False))
+        parts.append(_edges(f"edges of sheet {name}", mesh, group, colours[name]))
+    return Scene(tuple(parts))
+
+
+def sheet_label(name: str, thickness: float) -> str:
+    """Text of a sheet in a legend; its thickness in m."""
+    return f"{name} {thickness * MM_PER_M:g} mm"
+
+
+def coil_names(array: CoilArray, heights: npt.ArrayLike = 0.0) -> tuple[Text, ...]:
+    """Return every coil's name over the middle of its winding, at heights in m: one, or one for each coil."""
+    z = np.broadcast_to(np.asarray(heights, dtype=np.float64), (len(array.names),)) * MM_PER_M
+    return tuple(
+        Text(name, (x, y, up), 24.0, bold=True)
+        for name, (x, y), up in zip(array.names, (array.centres * MM_PER_M).tolist(), z.tolist(), strict=True)
+    )
+
+
+def cut_upright(mesh: pyvista.PolyData, box: Box | None) -> Any:
+    """Cut a mesh upright to a rectangle x_min, y_min, x_max, y_max in m, or not at all; it is open where it was cut."""
+    if box is None or not mesh.n_cells:
+        return mesh
+    x_min, y_min, x_max, y_max = (MM_PER_M * edge for edge in box)
+    low, high = mesh.bounds[4:]
+    return surface_of(mesh.clip_box([x_min, x_max, y_min, y_max, low - 1.0, high + 1.0], invert=False))
+
+
+def _shown_layers(array: CoilArray, layers: Sequence[str] | None) -> dict[str, str]:
+    """Colour of every copper layer that is shown."""
+    colours = cycled(LAYERS, array.stackup.names)
+    for layer in layers or ():
+        if layer not in colours:
+            raise GeometryError(f"the board has no copper layer {layer!r}; there are {', '.join(colours)}.")
+    return {name: colour for name, colour in colours.items() if layers is None or name in layers}
+
+
+def _coloured(layer: str, copper: pyvista.DataSet, colour: str, colours: CoilColours | None) -> Part:
+    name = f"copper {layer}"
+    if colours is None:
+        return Part(name, copper, name, colour, ambient=0.45, diffuse=0.6)
+    mesh = with_coil_values(copper, colours.values, colours.scale.array)
+    return Part(name, mesh, name, BARREL, colours.scale, ambient=0.7, diffuse=0.35)
+
+
+def _laminate(board: pyvista.PolyData) -> Part:
+    # copper may share a face with the board: draw the board just behind it
+    return Part("board", board, "laminate", LAMINATE, opacity=0.3, ambient=0.3, sunk=True)
+
+
+def _sheet_solids(array: CoilArray, sheets: Sequence[Sheet]) -> dict[str, trimesh.Trimesh]:
+    return {key: solid for key, solid in solids(array, sheets).items() if key.startswith("sheet/")}
+
+
+def _edges(name: str, mesh: pyvista.PolyData, group: str, colour: str) -> Part:
+    """Edges of a mesh's bounding box, which for a board and its sheets are its own."""
+    return Part(name, mesh.outline(), group, colour, line_width=2.0, lit=False)
+
+
+def _risers(array: CoilArray, top: float) -> tuple[Part, ...]:
+    """Upright lines from the board's far corners to the height `top` in mm: along them the sheets were lifted."""
+    import pyvista
+
+    x_min, _, x_max, y_max = (MM_PER_M * edge for edge in array.bounds)
+    lines = pyvista.line_segments_from_points([(x, y_max, height) for x in (x_min, x_max) for height in (0.0, top)])
+    return (Part("risers", lines, colour=_RISER, lit=False),)
+
+
+def _rulers(array: CoilArray) -> tuple[list[Part], list[Text]]:
+    """Scales in mm along the front and the left edge of the board."""
+    x_min, y_min, x_max, y_max = (MM_PER_M * edge for edge in array.bounds)
+    length = 0.012 * (x_max - x_min + y_max - y_min)
+    front, numbers_of_x = _ruler("x", (x_min, x_max), y_min, length)
+    left, numbers_of_y = _ruler("y", (y_min, y_max), x_min, length)
+    return [front, left], [*numbers_of_x, *numbers_of_y]
+
+
+def _ruler(axis: Literal["x", "y"], ends: tuple[float, float], at: float, length: float) -> tuple[Part, list[Text]]:
+    """Ticks of a length, with numbers, from end to end of an axis where the other one is `at`; all in mm."""
+    import pyvista
+    from matplotlib.ticker import MaxNLocator
+
+    low, high = ends
+    ticks = np.asarray(MaxNLocator(10 if axis == "x" else 4, steps=[1, 2, 5, 10]).tick_values(low, high))
+    ticks = ticks[(ticks >= low) & (ticks <= high)]
+    edge_on: Side = "right" if axis == "x" else "front"
+
+    def place(along: float, outwards: float) -> tuple[float, float, float]:
+        """Outwards and as much downwards, so that from the side numbers stand below the board."""
+        return (along, at - outwards, -outwards) if axis == "x" else (at - outwards, along, -outwards)
+
+    marks = pyvista.line_segments_from_points([place(t, d) for t in ticks.tolist() for d in (0.0, length)])
+    words = [(f"{t:g}".replace("-", "−"), t) for t in ticks.tolist()]
+    # the title beyond the end of the edge: there it meets no number however small the board is in the picture
+    words.append((f"{axis} (mm)", high + 4 * length))
+    texts = [Text(text, place(along, 2.2 * length), hidden_from=(edge_on,)) for text, along in words]
+    return Part(f"ticks {axis}", marks, colour=INK, lit=False), texts

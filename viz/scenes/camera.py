@@ -1,0 +1,127 @@
+"""From where a scene is seen: without perspective, so that lengths compare, and all of it in the picture."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+
+Side = Literal["oblique", "top", "front", "right"]
+"""From where: obliquely from the front, straight from above, from the front along y, or from the right along x."""
+
+_ANGLES = {"oblique": (48.0, -97.0), "top": (90.0, -90.0), "front": (0.0, -90.0), "right": (0.0, 0.0)}
+_FILLED = 0.88  # of the picture's height or width by the scene, without the numbers of the rulers
+
+
+@dataclass(frozen=True)
+class Direction:
+    """Where the camera stands, seen from the scene.
+
+    Parameters
+    ----------
+    elevation, azimuth : float
+        In rad; azimuth 0 is +x, −π/2 the front.
+    """
+
+    elevation: float
+    azimuth: float
+
+
+def direction(side: Side) -> Direction:
+    """Return the direction of a side."""
+    elevation, azimuth = _ANGLES[side]
+    return Direction(math.radians(elevation), math.radians(azimuth))
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A camera without perspective.
+
+    Parameters
+    ----------
+    position, focus, up : tuple of float
+        In mm; `up` is a direction.
+    scale : float
+        Half the height of what is seen in mm.
+    """
+
+    position: tuple[float, float, float]
+    focus: tuple[float, float, float]
+    up: tuple[float, float, float]
+    scale: float
+
+
+def aim(
+    bounds: tuple[float, float, float, float, float, float],
+    size: tuple[int, int],
+    towards: Direction,
+    left: float = 0.0,
+    right: float = 0.0,
+) -> Camera:
+    """Aim at the middle of a box so that all of it is seen.
+
+    Parameters
+    ----------
+    bounds : tuple of float
+        x_min, x_max, y_min, y_max, z_min, z_max in mm.
+    size : tuple of int
+        Width and height of the picture.
+    towards : Direction
+        From where.
+    left, right : float
+        Parts of the picture's width at its edges that stay free, for a legend and colour bars.
+
+    Returns
+    -------
+    Camera
+    """
+    sine, cosine = math.sin(towards.elevation), math.cos(towards.elevation)
+    out = np.array([cosine * math.cos(towards.azimuth), cosine * math.sin(towards.azimuth), sine])
+    along = np.array([-math.sin(towards.azimuth), math.cos(towards.azimuth), 0.0])
+    up = np.cross(out, along)
+    corners = np.array(list(itertools.product(*np.reshape(bounds, (3, 2)))))
+    seen = corners @ np.column_stack((along, up))
+    middle, extent = (seen.min(axis=0) + seen.max(axis=0)) / 2, np.ptp(seen, axis=0)
+    width, height = size
+    free = 1.0 - left - right
+    scale = max(float(extent[1]), float(extent[0]) * height / (width * free)) / 2 / _FILLED
+    shift = (right - left) * scale * width / height  # of the middle towards the free side
+    focus = (middle[0] + shift) * along + middle[1] * up
+    distance = 2.0 * float(np.linalg.norm(np.ptp(corners, axis=0)))
+    return Camera(_triple(focus + distance * out), _triple(focus), _triple(up), scale)
+
+
+def seen_from(camera: Camera, points: npt.ArrayLike, size: tuple[int, int]) -> FloatArray:
+    """Return where points are in a picture.
+
+    Parameters
+    ----------
+    camera : Camera
+        Where it is seen from.
+    points : array_like, shape (n, 3)
+        In mm.
+    size : tuple of int
+        Width and height of the picture.
+
+    Returns
+    -------
+    ndarray, shape (n, 2)
+        From 0 to 1 across and upwards, where they are in the picture.
+    """
+    focus, up = np.array(camera.focus), np.array(camera.up)
+    out = np.array(camera.position) - focus
+    along = np.cross(up, out / np.linalg.norm(out))
+    away = np.asarray(points, dtype=np.float64) - focus
+    half = np.array([camera.scale * size[0] / size[1], camera.scale])
+    return np.asarray(away @ np.column_stack((along, up)) / half / 2 + 0.5)
+
+
+def _triple(vector: FloatArray) -> tuple[float, float, float]:
+    x, y, z = vector.tolist()
+    return x, y, z

@@ -1,0 +1,136 @@
+"""A dent: the deformed sheets on the board and the indenter, a quarter of them cut out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from coilarray.geometry.array import CoilArray
+from coilarray.geometry.indenter import Indenter
+from coilarray.geometry.sheet import Sheet
+from coilarray.viz.datasets.elastomer import at_depth, dented_sheet_meshes, indenter_mesh
+from coilarray.viz.datasets.triangles import MM_PER_M
+from coilarray.viz.palette import SHEETS, cycled
+from coilarray.viz.scenes.board import Box, scene_of_board, sheet_label
+from coilarray.viz.scenes.camera import Direction, aim
+from coilarray.viz.scenes.draw import draw, set_camera
+from coilarray.viz.scenes.scene import Part, Scene
+
+if TYPE_CHECKING:
+    import pyvista
+    import xarray as xr
+
+FloatArray = npt.NDArray[np.float64]
+
+_INTO_THE_CUT = Direction(math.radians(28), math.radians(-118))
+_WIDTH = 2.5  # thicknesses of the stack shown on each side of a dent
+_STEEL = "#7C828A"
+_TALL = 0.7  # height of the indenter over the thickness of the stack
+
+
+def dent_scene(
+    array: CoilArray,
+    sheets: Sequence[Sheet],
+    indentation: xr.Dataset,
+    indenter: Indenter,
+    *,
+    plotter: pyvista.Plotter,
+    depth: int = -1,
+    centre: tuple[float, float] = (0.0, 0.0),
+) -> None:
+    """Put a dent into a plotter: the board, the deformed sheets on it and the indenter, a quarter of them cut out.
+
+    Parameters
+    ----------
+    array : CoilArray
+        The board.
+    sheets : sequence of Sheet
+        From the board upwards, as they were indented.
+    indentation : xarray.Dataset
+        As `coilarray.elastomer.indent` returns it.
+    indenter : Indenter
+        The body that made the dent.
+    plotter : pyvista.Plotter
+        Filled with actors; lengths in mm.
+    depth : int
+        Position of the depth in the dataset; the deepest by default.
+    centre : tuple of float
+        x and y in m of the indenter on the board.
+
+    Raises
+    ------
+    ValueError
+        A depth that the dataset does not have, or a centre that is not on the board.
+    """
+    at = at_depth(indentation, depth)
+    box = _around(array, centre, _WIDTH * float(at.height[-1]))
+    scene = scene_of_dent(array, sheets, at, indenter, centre, box) + scene_of_board(array, box=box)
+    draw(scene, plotter)
+    set_camera(plotter, aim(scene.bounds, (plotter.window_size[0], plotter.window_size[1]), _INTO_THE_CUT))
+
+
+def scene_of_dent(
+    array: CoilArray,
+    sheets: Sequence[Sheet],
+    dent: xr.Dataset,
+    indenter: Indenter,
+    centre: tuple[float, float],
+    box: Box | None = None,
+    *,
+    opacity: float = 1.0,
+) -> Scene:
+    """Return the deformed sheets and the indenter, without the board.
+
+    Parameters
+    ----------
+    array, sheets, indenter
+        As in `dent_scene`.
+    dent : xarray.Dataset
+        One depth of an indentation.
+    centre : tuple of float
+        x and y in m of the indenter on the board.
+    box : tuple of float, optional
+        x_min, y_min, x_max, y_max in m of the part of the sheets that is shown; the whole board by default.
+    opacity : float
+        Of the sheets.
+
+    Returns
+    -------
+    Scene
+
+    Raises
+    ------
+    ValueError
+        A centre that is not in the box.
+    """
+    extent = array.bounds if box is None else box
+    thickness = float(dent.height[-1])
+    deep = float(dent.depth)
+    body = indenter_mesh(indenter, thickness - deep, centre, extent, _TALL * thickness)
+    label = f"{indenter.name}, {deep * MM_PER_M:g} mm deep"
+    parts = [Part("indenter", body, label, _STEEL, smooth=True, ambient=0.3)]
+    colours = cycled(SHEETS, [sheet.name for sheet in sheets])
+    thick = {sheet.name: sheet.thickness for sheet in sheets}
+    for name, mesh in reversed(dented_sheet_meshes(dent, sheets, centre, extent).items()):
+        group = sheet_label(name, thick[name])
+        parts.append(Part(f"sheet {name}", mesh, group, colours[name], smooth=True, ambient=0.2, opacity=opacity))
+    return Scene(tuple(parts))
+
+
+def name_heights(array: CoilArray, thickness: float, centre: tuple[float, float]) -> FloatArray:
+    """Heights in m of the coils' names on dented sheets: on top of them, and on the board in the quarter cut out."""
+    open_ = (array.centres < centre).all(axis=1)
+    return np.where(open_, 0.0, thickness)
+
+
+def _around(array: CoilArray, centre: tuple[float, float], half: float) -> Box:
+    """Square about a point cut to the board, in m."""
+    x_min, y_min, x_max, y_max = array.bounds
+    x, y = centre
+    if not (x_min < x < x_max and y_min < y < y_max):
+        raise ValueError(f"centre must be on the board, {array.bounds} m; got {centre} m.")
+    return max(x_min, x - half), max(y_min, y - half), min(x_max, x + half), min(y_max, y + half)

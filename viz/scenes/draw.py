@@ -1,0 +1,207 @@
+"""Put a scene into a PyVista plotter: actors, texts, legend, colour bars and the camera."""
+
+from __future__ import annotations
+
+import itertools
+import textwrap
+from collections import defaultdict
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import shapely
+
+from coilarray.viz.palette import INK
+from coilarray.viz.scenes.actors import actor_of
+from coilarray.viz.scenes.camera import Camera, Side, aim, direction, seen_from
+from coilarray.viz.scenes.scene import Scale, Scene, Text
+
+if TYPE_CHECKING:
+    import pyvista
+
+BAR_WIDTH = 0.085
+"""Part of a picture's width that one colour bar takes, with its numbers."""
+
+# of the legend, in pixels of a picture 900 pixels high: letters, their mean width, a line, a sign with room, the rim
+_LEGEND, _LETTER, _LINE, _SIGN, _RIM = 17, 10.2, 29, 24, 40
+_TICKS = 5  # numbers on a colour bar
+_TITLE = 13  # letters of a line above it
+_PLAIN = 1e-2  # least value without a unit that is shown without a power of ten
+_FONT_FILE = 4  # VTK_FONT_FILE of vtkTextProperty
+_NOTE = 15  # height of the letters of notes in pixels of a picture 900 pixels high
+
+
+Panel = tuple[float, float]
+"""Width and height of what stands at the top left, in those of the picture."""
+
+
+def draw(scene: Scene, plotter: pyvista.Plotter, *, side: Side = "oblique", panel: Panel | None = None) -> None:
+    """Draw a scene on white and aim the camera at all of it.
+
+    Parameters
+    ----------
+    scene : Scene
+        What is shown.
+    plotter : pyvista.Plotter
+        Filled with actors; lengths in mm. A part or text replaces one of the same name.
+    side : {"oblique", "top", "front", "right"}
+        From where.
+    panel : tuple of float, optional
+        Room for something else in place of the legend.
+    """
+    view: Any = plotter  # PyVista's decorators lose the signatures of its methods, each version in its own way
+    view.set_background("white")
+    draw_parts(replace(scene, texts=tuple(text for text in scene.texts if side not in text.hidden_from)), plotter)
+    if panel is None and scene.groups:
+        _legend(view, scene)
+    for place, scale in enumerate(scene.scales):
+        _bar(view, scale, place)
+    set_camera(plotter, camera_of(scene, (view.window_size[0], view.window_size[1]), side, panel))
+
+
+def draw_parts(scene: Scene, plotter: pyvista.Plotter) -> None:
+    """Draw the parts, texts and notes of a scene alone: a part or text replaces one of the same name."""
+    view: Any = plotter
+    pixel = pixel_of(plotter)
+    for part in scene.parts:
+        view.add_actor(actor_of(part, pixel), name=part.name, reset_camera=False, pickable=False, render=False)
+    alike: dict[tuple[str, float, bool], list[Text]] = defaultdict(list)
+    for text in scene.texts:
+        alike[text.group, text.height, text.bold].append(text)
+    for (group, height, bold), texts in alike.items():
+        view.add_point_labels(
+            np.array([text.position for text in texts], dtype=np.float64),
+            [text.text for text in texts],
+            font_size=round(height * pixel),
+            text_color=INK,
+            shape=None,
+            show_points=False,
+            always_visible=True,
+            justification_horizontal="center",
+            justification_vertical="center",
+            font_file=font_file(bold),
+            reset_camera=False,
+            render=False,
+            name=text_name(group, height, bold),
+        )
+    if scene.notes:
+        view.add_text(
+            "\n".join(scene.notes),
+            position=(0.02, 0.025),
+            viewport=True,
+            font_size=round(_NOTE * pixel / 2),  # of PyVista's points, two pixels each
+            color=INK,
+            font_file=font_file(),
+            name="notes",
+        )
+
+
+def text_name(group: str, height: float, bold: bool) -> str:
+    """Name of the actor of all texts that look alike."""
+    return f"texts {group} {height:g}{' bold' if bold else ''}"
+
+
+def camera_of(scene: Scene, size: tuple[int, int], side: Side = "oblique", panel: Panel | None = None) -> Camera:
+    """Return the camera that sees all of a scene, beside its colour bars and its legend or a panel."""
+    bars, towards = BAR_WIDTH * len(scene.scales), direction(side)
+    camera = aim(scene.bounds, size, towards, right=bars)
+    if not scene.groups:
+        return camera
+    width, height = legend_size(scene, size) if panel is None else panel
+    corners = np.array(list(itertools.product(*np.reshape(scene.bounds, (3, 2)))))
+    hull = shapely.MultiPoint(seen_from(camera, corners, size)).convex_hull
+    if hull.intersects(shapely.box(0.0, 1.0 - height, width, 1.0)):
+        return aim(scene.bounds, size, towards, left=width, right=bars)
+    return camera
+
+
+def legend_size(scene: Scene, size: tuple[int, int]) -> Panel:
+    """Width and height of the legend of a scene with its rim, in those of a picture."""
+    pixel = size[1] / 900
+    longest = max((len(group) for group in scene.groups), default=0)
+    width, height = _RIM + _SIGN + _LETTER * longest, _RIM + _LINE * len(scene.groups)
+    return width * pixel / size[0], height * pixel / size[1]
+
+
+def set_camera(plotter: pyvista.Plotter, camera: Camera) -> None:
+    """Let a plotter look through a camera."""
+    view: Any = plotter
+    view.enable_parallel_projection()
+    view.camera_position = [camera.position, camera.focus, camera.up]
+    view.camera.parallel_scale = camera.scale
+    view.reset_camera_clipping_range()
+
+
+def pixel_of(plotter: pyvista.Plotter) -> float:
+    """Pixels of a plotter for one in a picture 900 pixels high."""
+    view: Any = plotter
+    return float(view.window_size[1]) / 900
+
+
+def _legend(view: Any, scene: Scene) -> None:
+    """Write every group in ink beside a square of its colour: VTK's own legend has letters of that colour too."""
+    pixel, height = view.window_size[1] / 900, view.window_size[1]
+    look = {"font_size": round(_LEGEND * pixel / 2), "font_file": font_file()}  # of PyVista's points, two pixels each
+    for row, (group, colour) in enumerate(scene.groups.items()):
+        y = height - (_RIM + (row + 1) * _LINE) * pixel
+        view.add_text("■", position=(_RIM * pixel, y), color=colour, name=f"legend sign {group}", **look)
+        view.add_text(group, position=((_RIM + _SIGN) * pixel, y), color=INK, name=f"legend {group}", **look)
+
+
+def _bar(view: Any, scale: Scale, place: int) -> None:
+    """Draw a colour bar at the right edge, the next one to the left of the one before."""
+    import pyvista
+
+    factor, title = shown_units(scale)
+    mapper: Any = pyvista.DataSetMapper(dataset=pyvista.PolyData())
+    mapper.lookup_table = pyvista.LookupTable(
+        cmap=scale.colours,
+        scalar_range=(scale.low * factor, scale.high * factor),
+        log_scale=scale.logarithmic,
+        n_values=256,
+    )
+    pixel = view.window_size[1] / 900
+    bar = view.add_scalar_bar(
+        title=textwrap.fill(title, _TITLE),  # so that it does not run into that of the next bar
+        mapper=mapper,
+        vertical=True,
+        n_labels=_TICKS,
+        fmt="%.3g",
+        width=0.35 * BAR_WIDTH,
+        height=0.55,
+        position_x=1.0 - BAR_WIDTH * (place + 1),
+        position_y=0.2,
+        title_font_size=round(17 * pixel),
+        label_font_size=round(16 * pixel),
+        color=INK,
+        unconstrained_font_size=True,
+        render=False,
+    )
+    bar.SetVerticalTitleSeparation(round(12 * pixel))
+    for text in (bar.GetTitleTextProperty(), bar.GetLabelTextProperty()):
+        text.SetFontFamily(_FONT_FILE)
+        text.SetFontFile(font_file())
+
+
+def shown_units(scale: Scale) -> tuple[float, str]:
+    """Factor that brings the values of a scale to an SI prefix or power of ten, and the title with the unit.
+
+    Examples
+    --------
+    >>> shown_units(Scale("B", "B", "T", 1e-8, 2e-6))
+    (1000000.0, 'B (µT)')
+    >>> shown_units(Scale("k", "k", "", -0.05, 0.05))
+    (1.0, 'k')
+    """
+    from coilarray.viz.axis_units import PLAIN, axis_unit  # loads Matplotlib
+
+    plain = not scale.unit and scale.high >= _PLAIN
+    unit = PLAIN if plain else axis_unit([scale.low, scale.high], scale.unit)
+    return unit.factor, unit.label(scale.title)
+
+
+def font_file(bold: bool = False) -> str:
+    """File of the letters of all texts: those of the plots, which have Greek ones."""
+    import matplotlib
+
+    return f"{matplotlib.get_data_path()}/fonts/ttf/DejaVuSans{'-Bold' if bold else ''}.ttf"

@@ -1,0 +1,97 @@
+"""Where the field of a coil is computed for a scene: two planes, a box, and the points that lines go through."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from coilarray.design import Design
+from coilarray.geometry.array import CoilArray
+
+FloatArray = npt.NDArray[np.float64]
+Axes = tuple[FloatArray, FloatArray, FloatArray]
+
+_WIDE, _TALL = 2.2, 1.6  # half sides of the box along and across the board, in radii of the coil
+_RINGS = ((0.15, 6), (0.4, 8), (0.65, 8), (0.9, 8))  # of points for lines: radius in inner radii, and how many
+
+
+@dataclass(frozen=True)
+class Span:
+    """Points of one axis, from end to end, at most a spacing apart; lengths in m."""
+
+    low: float
+    high: float
+    spacing: float
+
+    @property
+    def count(self) -> int:
+        """How many points it has: known before there are any."""
+        return math.ceil((self.high - self.low) / self.spacing * (1 - 1e-12)) + 1
+
+    @property
+    def points(self) -> FloatArray:
+        """The points."""
+        return np.linspace(self.low, self.high, self.count)
+
+
+Spans = tuple[Span, Span, Span]
+"""Of x, y and z."""
+
+
+def count_of(places: Iterable[Spans]) -> int:
+    """Count the points of several grids."""
+    return sum(x.count * y.count * z.count for x, y, z in places)
+
+
+def field_planes(design: Design, coil: str, spacing: float) -> tuple[Spans, Spans]:
+    """Return a level plane at the design's field height, and an upright one along x through the middle of a coil."""
+    x_min, y_min, x_max, y_max = design.array.bounds
+    z, y = design.field_height, float(_middle_and_radii(design.array, coil)[0][1])
+    along, across = Span(x_min, x_max, spacing), Span(y_min, y_max, spacing)
+    top = max(2 * z, (y_max - y_min) / 2)
+    return (
+        (along, across, Span(z, z, spacing)),
+        (along, Span(y, y, spacing), Span(min(spacing, z), top, spacing)),
+    )
+
+
+def field_box(design: Design, coil: str, spacing: float) -> Spans:
+    """Return a box about a coil, its middle on the top of the board."""
+    (x, y), _, radius = _middle_and_radii(design.array, coil)
+    wide, tall = _WIDE * radius, _TALL * radius
+    bottom = -design.array.stackup.thickness - tall
+    return Span(x - wide, x + wide, spacing), Span(y - wide, y + wide, spacing), Span(bottom, tall, spacing)
+
+
+def points_of_box(design: Design, box: Spans) -> Axes:
+    """Return the axes of a box without points in the copper, where B of thin wires is none of the traces.
+
+    Across the copper B_z goes on, so what is interpolated between the points above and below is right for it.
+    """
+    x, y, z = box
+    above = np.arange(z.spacing / 2, z.high + z.spacing / 2, z.spacing)
+    below = np.arange(-design.array.stackup.thickness - z.spacing / 2, z.low - z.spacing / 2, -z.spacing)[::-1]
+    return x.points, y.points, np.concatenate((below, above))
+
+
+def line_seeds(design: Design, coil: str) -> FloatArray:
+    """Return points on rings above a coil, at the design's field height, shape (n, 3) in m."""
+    centre, inner, _ = _middle_and_radii(design.array, coil)
+    rings = []
+    for share, count in _RINGS:
+        angle = 2 * np.pi * (np.arange(count) + 0.25) / count
+        ring = centre + share * inner * np.column_stack((np.cos(angle), np.sin(angle)))
+        rings.append(np.column_stack((ring, np.full(count, design.field_height))))
+    return np.vstack(rings)
+
+
+def _middle_and_radii(array: CoilArray, coil: str) -> tuple[FloatArray, float, float]:
+    """Middle of a coil's outline on the board, and half its least and its greatest extent along the axes, in m."""
+    place = array.placements[array.names.index(coil)]
+    outline = place.to_board(place.coil.outline)
+    low, high = outline.min(axis=0), outline.max(axis=0)
+    return (low + high) / 2, float((high - low).min()) / 2, float((high - low).max()) / 2

@@ -1,0 +1,130 @@
+"""Films: scenes one after the other, as GIF with Pillow or as MP4 with PyAV."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterable, Iterator
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from coilarray.errors import OutputError
+from coilarray.files import write_atomically
+from coilarray.geometry.extras import import_extra
+from coilarray.viz.scenes.camera import Side
+from coilarray.viz.scenes.draw import draw, draw_parts
+from coilarray.viz.scenes.pictures import check_rendering, off_screen
+from coilarray.viz.scenes.scene import Scene
+
+Image = npt.NDArray[np.uint8]
+
+SIZE = (960, 540)
+"""Width and height of a film in pixels, where nothing else is said."""
+
+_SAMPLED = 6  # pictures that tell the colours of a GIF
+_SLOWEST, _FASTEST = 0.1, 100.0  # pictures a second; a GIF counts hundredths
+_RATE = 24  # constant rate factor of H.264: smaller is better, 18 as good as nothing lost
+
+
+def save_movie(
+    still: Scene,
+    moving: Iterable[Scene],
+    path: Path,
+    *,
+    side: Side = "oblique",
+    size: tuple[int, int] = SIZE,
+    rate: float = 12.0,
+) -> None:
+    """Render scenes off-screen into a film.
+
+    Parameters
+    ----------
+    still : Scene
+        What is seen in every picture.
+    moving : iterable of Scene
+        What is seen besides in one picture after the other; read as the film goes on. All must have the same groups
+        and scales, and the camera sees all of the first.
+    path : Path
+        Where to, .gif or .mp4; it appears only when it is complete.
+    side : {"oblique", "top", "front", "right"}
+        From where.
+    size : tuple of int
+        Width and height in pixels; for .mp4 both even.
+    rate : float
+        Pictures a second.
+
+    Raises
+    ------
+    MissingDependencyError
+        Where this machine cannot render, or for .mp4 where PyAV is not installed.
+    OutputError
+        Another suffix, a size or rate that is not allowed, no picture, or a file that cannot be written.
+    """
+    check_movie(path, size, rate)
+    with off_screen(size) as plotter:
+        pictures = _pictures(plotter, still, moving, side)
+        write = _write_gif if path.suffix.lower() == ".gif" else _write_mp4
+        write_atomically(path, lambda temporary: write(temporary, pictures, rate))
+
+
+def check_movie(path: Path, size: tuple[int, int] = SIZE, rate: float = 12.0) -> None:
+    """Refuse a film that `save_movie` would refuse, before its scenes are computed; arguments and errors are its."""
+    suffix = path.suffix.lower()
+    if suffix not in (".gif", ".mp4"):
+        raise OutputError(f"a film must end in .gif or .mp4; got {path}.")
+    if not _SLOWEST <= rate <= _FASTEST:
+        raise OutputError(f"a film must have {_SLOWEST:g} to {_FASTEST:g} pictures a second; got {rate:g}.")
+    if suffix == ".mp4":
+        if any(pixels % 2 for pixels in size):
+            raise OutputError(f"an MP4 film must have even sides; got {size[0]}x{size[1]} pixels.")
+        import_extra("av", "MP4 films", package="PyAV", extra="movie")
+    check_rendering(size)
+
+
+def _pictures(plotter: Any, still: Scene, moving: Iterable[Scene], side: Side) -> Iterator[Image]:
+    following = iter(moving)
+    first = next(following, None)
+    if first is None:
+        raise OutputError("a film must have at least one picture; got none.")
+    draw(still + first, plotter, side=side)
+    for scene in chain((None,), following):
+        if scene is not None:
+            draw_parts(scene, plotter)
+        yield np.asarray(plotter.screenshot(return_img=True))
+
+
+def _write_gif(path: Path, pictures: Iterator[Image], rate: float) -> None:
+    from PIL import Image as Pillow
+
+    # one set of 256 colours for all pictures, chosen from some of them: nothing flickers
+    kept, shape = [], (0, 0, 0)
+    for one in pictures:
+        shape = one.shape
+        kept.append(zlib.compress(one.tobytes(), 1))
+
+    def picture(k: int) -> Pillow.Image:
+        return Pillow.fromarray(np.frombuffer(zlib.decompress(kept[k]), dtype=np.uint8).reshape(shape))
+
+    chosen = sorted(set(np.linspace(0, len(kept) - 1, _SAMPLED).round().astype(int).tolist()))
+    colours = Pillow.fromarray(np.vstack([np.asarray(picture(k)) for k in chosen])).quantize(colors=256)
+    first, *rest = (picture(k).quantize(palette=colours, dither=Pillow.Dither.NONE) for k in range(len(kept)))
+    first.save(path, save_all=True, append_images=rest, duration=round(1000 / rate), loop=0, disposal=1)
+
+
+def _write_mp4(path: Path, pictures: Iterator[Image], rate: float) -> None:
+    from fractions import Fraction
+
+    import av
+
+    with av.open(str(path), "w") as film:
+        first = next(pictures)
+        stream = film.add_stream("libx264", rate=Fraction(rate).limit_denominator(1000))
+        stream.height, stream.width = first.shape[:2]
+        stream.pix_fmt = "yuv420p"  # what every player shows
+        stream.options = {"crf": str(_RATE)}
+        for one in chain((first,), pictures):
+            film.mux(stream.encode(av.VideoFrame.from_ndarray(np.ascontiguousarray(one), format="rgb24")))
+        film.mux(stream.encode())

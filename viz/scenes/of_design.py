@@ -1,0 +1,366 @@
+"""A scene of a design: computes what is to be seen and puts it together."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Literal, get_args
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from coilarray.blocks import Progress
+from coilarray.coupling import couple_design
+from coilarray.design import Design, Indentation
+from coilarray.elastomer.contact import indent
+from coilarray.errors import ElastomerError, GeometryError, LocalizeError
+from coilarray.localize.forward import forward_model
+from coilarray.localize.inverse import locate
+from coilarray.near_field import operating_currents, operating_field
+from coilarray.response import response_map
+from coilarray.viz.datasets.field import flux_density, require_memory
+from coilarray.viz.scenes.board import scene_of_board, scene_of_lifted_board, scene_of_sheets
+from coilarray.viz.scenes.coupling import colours_of_currents, scene_of_coupling
+from coilarray.viz.scenes.dent import name_heights, scene_of_dent
+from coilarray.viz.scenes.field import scale_of_field, scene_of_lines, scene_of_slices, scene_of_surfaces
+from coilarray.viz.scenes.field_places import Axes, count_of, field_box, field_planes, line_seeds, points_of_box
+from coilarray.viz.scenes.location import scene_of_location
+from coilarray.viz.scenes.response import scene_of_response
+from coilarray.viz.scenes.scene import Scene
+
+if TYPE_CHECKING:
+    import pyvista
+
+FloatArray = npt.NDArray[np.float64]
+Tracker = Callable[[str], Progress | None]
+"""Given the name of a piece of work, returns what is called with (done, total) as it goes on."""
+
+Item = Literal[
+    "board", "elastomer", "dent", "field", "lines", "surfaces", "currents", "coupling", "response", "location"
+]
+ITEMS: tuple[Item, ...] = get_args(Item)
+"""What a scene of a design may hold."""
+
+_PLANE_SPACING, _BOX_SPACING = 0.5e-3, 1e-3  # m between points of B, where nothing else is said
+_LEVELS = (-0.35, -0.85, -1.35)  # powers of ten of the largest |B| that have a surface
+_VEILED = 0.13  # opacity of dented sheets before and behind other things
+_ALONE: frozenset[Item] = frozenset({"board", "elastomer"})
+_IN_BOX: frozenset[Item] = frozenset({"lines", "surfaces"})
+_WITHIN: frozenset[Item] = frozenset({"field", "lines", "surfaces", "response", "location", "coupling"})
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """What of a design is shown, and how it is computed.
+
+    Parameters
+    ----------
+    show : tuple of str
+        Items of `ITEMS`. ``"currents"`` colours the copper of the board; ``"dent"`` replaces ``"elastomer"``.
+    layers : tuple of str, optional
+        Copper layers that are shown; all by default.
+    coil : str, optional
+        The measured coil, for field, lines, surfaces, currents and response; the middle one by default.
+    others_open : bool
+        All other coils open, in place of their terminations.
+    current : float
+        Of the measured coil in A, for the field.
+    spacing : float, optional
+        Distance of the points of B in m; 0.5 mm on planes and 1 mm in a box by default.
+    at : tuple of float, optional
+        Where the indenter is: x and y in m from the map's origin; a place off the middle of the map by default.
+    depth : float, optional
+        Of the indentation in m; the deepest of the design by default.
+    response : xarray.Dataset, optional
+        The map that is draped; computed by default.
+    table : xarray.Dataset, optional
+        Response for positions, as `coilarray.localize.forward.table_for` makes it; needed for ``"location"``.
+    reading : mapping of str to float, or sequence of float, optional
+        δ to be located; that of the indenter at `at` by default.
+    noise : float
+        Standard deviation of δ.
+    """
+
+    show: tuple[Item, ...] = ("board", "elastomer")
+    layers: tuple[str, ...] | None = None
+    coil: str | None = None
+    others_open: bool = False
+    current: float = 1e-3
+    spacing: float | None = None
+    at: tuple[float, float] | None = None
+    depth: float | None = None
+    response: xr.Dataset | None = None
+    table: xr.Dataset | None = None
+    reading: Mapping[str, float] | Sequence[float] | None = None
+    noise: float = 1e-5
+
+
+def scene_of_design(design: Design, view: View | None = None, track: Tracker | None = None) -> Scene:
+    """Compute and put together what a view asks for.
+
+    Parameters
+    ----------
+    design : Design
+        As `coilarray.load_design` returns it.
+    view : View, optional
+        The board with its elastomer lifted off by default.
+    track : callable, optional
+        Tells how the work goes on.
+
+    Returns
+    -------
+    Scene
+
+    Raises
+    ------
+    GeometryError
+        A coil or layer that is not there, a place off the board, or a field that asks for too much memory.
+    ElastomerError, LocalizeError
+        An indentation, map or reading that cannot be.
+    """
+    made = _Making(design, view or View(), track or (lambda text: None))
+    return made.scene()
+
+
+@dataclass(frozen=True, eq=False)
+class _Making:
+    """One scene being made; what several items need is computed once."""
+
+    design: Design
+    view: View
+    track: Tracker
+
+    def scene(self) -> Scene:
+        """Make it."""
+        shown = set(self.view.show)
+        for item in shown:
+            if item not in ITEMS:
+                raise GeometryError(f"what is shown must be of {', '.join(ITEMS)}; got {item!r}.")
+        self._require_memory()
+        if shown <= _ALONE and {"board"} <= shown and self.view.layers is None:
+            return scene_of_lifted_board(self.design.array, self.design.sheets if "elastomer" in shown else ())
+        makers: dict[Item, Callable[[], Scene]] = {
+            "dent": self._dent,
+            "elastomer": self._sheets,
+            "currents": self._currents,
+            "board": self._board,
+            "coupling": lambda: scene_of_coupling(self._coupling),
+            "response": self._response,
+            "location": self._location,
+        }
+        left_out = ({"elastomer"} if "dent" in shown else set()) | ({"board"} if "currents" in shown else set())
+        scene = Scene()
+        for item, make in makers.items():
+            if item in shown - left_out:
+                scene += make()
+        scene += self._field(shown)
+        if not scene.parts:
+            reason = f": {' '.join(scene.notes)}" if scene.notes else "."
+            raise GeometryError(f"there is nothing to see of {', '.join(self.view.show) or 'nothing'}{reason}")
+        return scene
+
+    # the board
+
+    def _board(self) -> Scene:
+        return scene_of_board(self.design.array, layers=self.view.layers, name_heights=self._name_heights)
+
+    def _sheets(self) -> Scene:
+        return scene_of_sheets(self.design.array, self.design.sheets)
+
+    def _currents(self) -> Scene:
+        names = self.design.array.names
+        colours = colours_of_currents(self._passive_currents, names.index(self._coil))
+        board = scene_of_board(
+            self.design.array, layers=self.view.layers, colours=colours, name_heights=self._name_heights
+        )
+        others = "open" if self.view.others_open else "as terminated"
+        return board + Scene(notes=(f"Orange: {self._coil} is measured, the others {others}; current per its ampere.",))
+
+    # what is computed once
+
+    @property
+    def _coil(self) -> str:
+        names = self.design.array.names
+        coil = self.view.coil
+        if coil is None:
+            return names[(len(names) - 1) // 2]
+        if coil not in names:
+            raise GeometryError(f"there is no coil {coil!r}; there are {', '.join(names)}.")
+        return coil
+
+    @cached_property
+    def _coupling(self) -> xr.Dataset:
+        return couple_design(self.design, self.track("inductances"))
+
+    @cached_property
+    def _passive_currents(self) -> npt.NDArray[np.complex128]:
+        return operating_currents(self.design, self._coupling, self._coil, terminated=not self.view.others_open)
+
+    @property
+    def _setup(self) -> Indentation:
+        setup = self.design.indentation
+        if setup is None:
+            raise ElastomerError(f"the design {self.design.name} has no [indenter] and [indentation].")
+        return setup
+
+    @property
+    def _depth(self) -> float:
+        return max(self._setup.depths) if self.view.depth is None else self.view.depth
+
+    @property
+    def _at(self) -> tuple[float, float]:
+        """Where the indenter is, from the map's origin; an eighth and a quarter of the map off its middle by default.
+
+        On the middle line of a symmetric board position is not told to first order: there is no ellipse.
+        """
+        if self.view.at is not None:
+            return self.view.at
+        x, y = (np.array(axis) for axis in (self._setup.x, self._setup.y))
+        return float(x.mean() + np.ptp(x) / 8), float(y.mean() + np.ptp(y) / 4)
+
+    # the elastomer
+
+    def _dent(self) -> Scene:
+        setup, opacity = self._setup, 1.0 if self._covered else _VEILED
+        pressed = indent(
+            self.design.sheets, setup.indenter, [self._depth], base=setup.base, radius=setup.sample_radius
+        ).isel(depth=0)
+        return scene_of_dent(
+            self.design.array, self.design.sheets, pressed, setup.indenter, self._on_board, opacity=opacity
+        )
+
+    @property
+    def _on_board(self) -> tuple[float, float]:
+        """Where the indenter is on the board."""
+        x, y = (a + b for a, b in zip(self._at, self._setup.origin_point, strict=True))
+        x_min, y_min, x_max, y_max = self.design.array.bounds
+        if not (x_min < x < x_max and y_min < y < y_max):
+            raise GeometryError(
+                f"the indenter must be over the board, from ({x_min * 1e3:.4g}, {y_min * 1e3:.4g}) to "
+                f"({x_max * 1e3:.4g}, {y_max * 1e3:.4g}) mm; got ({x * 1e3:.4g}, {y * 1e3:.4g}) mm."
+            )
+        return x, y
+
+    @property
+    def _covered(self) -> bool:
+        """Whether the board is under sheets that hide it."""
+        return "dent" in self.view.show and not set(self.view.show) & _WITHIN
+
+    @property
+    def _name_heights(self) -> FloatArray | float:
+        if not self._covered:
+            return 0.0
+        thickness = sum(sheet.thickness for sheet in self.design.sheets)
+        return name_heights(self.design.array, thickness, self._on_board)
+
+    def _response(self) -> Scene:
+        response = self.view.response
+        if response is None:
+            depths = [self._depth]
+            response = response_map(self.design, depths=depths, progress=self.track("response"))
+        state, depth = self._state_of(response), self._depth_of(response)
+        for name in ("x", "y"):
+            if response.sizes[name] < 2:
+                raise LocalizeError(f"a map that is draped needs at least 2 positions along {name}; got 1.")
+        outlines = [place.to_board(place.coil.outline) for place in self.design.array.placements]
+        return scene_of_response(response, state, depth, origin=self._origin_of(response), outlines=outlines)
+
+    def _state_of(self, response: xr.Dataset) -> str:
+        """State that measures the coil first, by the plan of the design or by its name."""
+        states = [str(name) for name in response.state.values]
+        plan = {state.measured[0][0]: state.name for state in reversed(self.design.circuit.plan)}
+        for wanted in (plan.get(self._coil), self._coil):
+            if wanted in states:
+                return str(wanted)
+        raise LocalizeError(f"the map has no state that measures {self._coil}; there are {', '.join(states)}.")
+
+    def _depth_of(self, response: xr.Dataset) -> int:
+        depths = response.depth.values
+        if self.view.depth is None:
+            return len(depths) - 1
+        nearest = int(np.abs(depths - self.view.depth).argmin())
+        if not math.isclose(depths[nearest], self.view.depth, rel_tol=1e-6):
+            raise LocalizeError(
+                f"the map has no depth of {self.view.depth * 1e3:g} mm; there are "
+                f"{', '.join(f'{depth * 1e3:g}' for depth in depths.tolist())} mm."
+            )
+        return nearest
+
+    def _origin_of(self, response: xr.Dataset) -> tuple[float, float]:
+        """Place of a map's origin on the board, from the coils' centres that it tells."""
+        array, setup = self.design.array, self.design.indentation
+        if "coil_x" in response and [str(name) for name in response.coil.values] == list(array.names):
+            told = np.column_stack((response.coil_x.values, response.coil_y.values))
+            x, y = (array.centres - told).mean(axis=0).tolist()
+            return x, y
+        return (0.0, 0.0) if setup is None else setup.origin_point
+
+    def _location(self) -> Scene:
+        if self.view.table is None:
+            raise LocalizeError("a location needs the table of the design.")
+        model = forward_model(self.view.table)
+        if self.view.reading is None:
+            reading: Mapping[str, float] | FloatArray = model.delta([*self._at, self._depth])
+        else:
+            reading = np.array(self.view.reading) if isinstance(self.view.reading, Sequence) else self.view.reading
+        found = locate(model, reading, noise=self.view.noise)
+        return scene_of_location(
+            found,
+            origin=self._origin_of(self.view.table),
+            bounds=self.design.array.bounds,
+            top=sum(sheet.thickness for sheet in self.design.sheets),
+            truth=self._at if self.view.reading is None else None,
+        )
+
+    # the field
+
+    def _require_memory(self) -> None:
+        shown, told = set(self.view.show), self.view.spacing
+        if shown & _IN_BOX:
+            spacing = told or _BOX_SPACING
+            require_memory(
+                count_of([field_box(self.design, self._coil, spacing)]), f"a spacing of {spacing * 1e3:g} mm"
+            )
+        if "field" in shown:
+            spacing = told or _PLANE_SPACING
+            require_memory(
+                count_of(field_planes(self.design, self._coil, spacing)), f"a spacing of {spacing * 1e3:g} mm"
+            )
+
+    def _b_on(self, axes: Axes, what: str) -> pyvista.RectilinearGrid:
+        view = self.view
+        field = operating_field(
+            self.design,
+            self._coupling,
+            self._coil,
+            *axes,
+            current=view.current,
+            terminated=not view.others_open,
+            progress=self.track(what),
+        )
+        return flux_density(field)
+
+    def _field(self, shown: set[Item]) -> Scene:
+        design, coil, spacing = self.design, self._coil, self.view.spacing
+        planes, boxes = [], []
+        if "field" in shown:
+            for x, y, z in field_planes(design, coil, spacing or _PLANE_SPACING):
+                planes.append(self._b_on((x.points, y.points, z.points), "field on a plane"))
+        if shown & _IN_BOX:
+            spans = field_box(design, coil, spacing or _BOX_SPACING)
+            boxes.append(self._b_on(points_of_box(design, spans), "field in a box"))
+        if not planes and not boxes:
+            return Scene()
+        scale = scale_of_field([*planes, *boxes])
+        scene = scene_of_slices(planes, scale)
+        for box in boxes:
+            if "lines" in shown:
+                scene += scene_of_lines(box, line_seeds(design, coil), scale)
+            if "surfaces" in shown:
+                scene += scene_of_surfaces(box, [scale.high * 10**level for level in _LEVELS], scale)
+        others = "open" if self.view.others_open else "as terminated"
+        carried = f"{coil} carries {self.view.current * 1e3:g} mA, the others {others}"
+        return scene + Scene(notes=(f"B in phase, without elastomer; {carried}.",))

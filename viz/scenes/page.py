@@ -1,0 +1,184 @@
+"""A scene as one web page that needs no network: vtk.js draws the meshes, the page itself all words."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import re
+import zipfile
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+
+from coilarray.errors import MissingDependencyError
+from coilarray.files import write_text
+from coilarray.geometry.extras import import_extra
+from coilarray.viz.palette import INK
+from coilarray.viz.scenes.actors import actor_of
+from coilarray.viz.scenes.camera import Side, aim, direction
+from coilarray.viz.scenes.draw import shown_units
+from coilarray.viz.scenes.scene import Part, Scale, Scene
+
+_SIZE = (1600, 900)  # for which widths of lines are meant
+_STOPS = 32  # colours of a bar
+_TICKS = 5
+_THIN = 2.0  # line width above which a line becomes a tube: browsers draw all lines one pixel wide
+_SIDES = 8  # of such a tube
+_ICONS = re.compile(r"https://kitware\.github\.io/vtk-js/icon/[^`\"']*")
+# whatever the viewer may try, the browser asks no host
+_POLICY = (
+    "<meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; script-src 'unsafe-inline'; "
+    "style-src 'unsafe-inline'; img-src data: blob:\">"
+)
+
+
+def save_page(scene: Scene, path: Path, *, title: str = "coilarray", side: Side = "oblique") -> None:
+    """Write a scene as a web page that can be turned, with a switch for every group.
+
+    The page is one file and asks no host for anything. Making it needs neither a screen nor a graphics driver.
+
+    Parameters
+    ----------
+    scene : Scene
+        What is shown.
+    path : Path
+        Where to; it appears only when it is complete.
+    title : str
+        Of the page.
+    side : {"oblique", "top", "front", "right"}
+        From where it is seen first.
+
+    Raises
+    ------
+    MissingDependencyError
+        trame-vtk is not installed.
+    OutputError
+        The file cannot be written.
+    """
+    from jinja2 import Environment, PackageLoader
+
+    viewer = _viewer()
+    template = Environment(
+        loader=PackageLoader("coilarray.viz", "scenes"), autoescape=True, keep_trailing_newline=True
+    ).get_template("page.html.j2")
+    addition = template.render(
+        title=title,
+        ink=INK,
+        groups=scene.groups,
+        notes=scene.notes,
+        texts=[
+            {"text": t.text, "position": t.position, "height": t.height, "bold": t.bold, "group": t.group}
+            for t in scene.texts
+        ],
+        group_of_actor=[part.group for part in scene.parts],
+        bars=[_bar(scale) for scale in scene.scales],
+        views={name: _view(scene, name) for name in get_args(Side)},
+        first_side=side,
+        data=base64.b64encode(_archive(scene)).decode("ascii"),
+    )
+    head, body = viewer.split("</body>")
+    head = re.sub("<title>.*?</title>", lambda _: f"<title>{_escaped(title)}</title>{_POLICY}", head, count=1)
+    write_text(path, _ICONS.sub("data:,", head) + addition + "</body>" + body)
+
+
+def check_page() -> None:
+    """Refuse pages where trame-vtk is not installed or unknown, before a scene is computed: MissingDependencyError."""
+    _viewer()
+
+
+def _viewer() -> str:
+    """Page of trame-vtk that shows scenes of vtk.js: the library itself, and nothing to be loaded."""
+    tools = import_extra("trame_vtk.tools.vtksz2html", "pages", package="trame-vtk", extra="page")
+    text = Path(tools.HTML_VIEWER_PATH).read_text(encoding="utf-8")
+    if text.count("</body>") != 1 or "OfflineLocalView" not in text:
+        raise MissingDependencyError(
+            "pages need a trame-vtk whose viewer this version knows; install trame-vtk 2.8 to 2.11."
+        )
+    return text
+
+
+def _archive(scene: Scene) -> bytes:
+    """Meshes and colours as the viewer reads them."""
+    from vtkmodules.vtkRenderingCore import vtkRenderer
+
+    serializers = import_extra("trame_vtk.modules.vtk.serializers", "pages", package="trame-vtk", extra="page")
+    serializers.initialize_serializers()
+    camera = aim(scene.bounds, _SIZE, direction("oblique"))
+    renderer = vtkRenderer()
+    renderer.SetBackground(1.0, 1.0, 1.0)
+    for part in scene.parts:
+        renderer.AddActor(actor_of(_thick(part, 2 * camera.scale / _SIZE[1])))
+    context = serializers.SynchronizationContext()
+    name = serializers.reference_id(renderer)
+    window: dict[str, Any] = {
+        "parent": "0x0",
+        "id": "window",
+        "type": "vtkRenderWindow",
+        "properties": {"numberOfLayers": 1},
+        "dependencies": [serializers.serialize(None, renderer, name, context, 0)],
+        "calls": [["addRenderer", [f"instance:${{{name}}}"]]],
+        "mtime": 1,
+    }
+    arrays = {}
+    for array in serializers.extract_array_hash(window):
+        arrays[array["hash"]] = {**array, "content": context.get_cached_data_array(array["hash"], False)}
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("index.json", json.dumps({"scene": window, "hashes": arrays}))
+    return buffer.getvalue()
+
+
+def _thick(part: Part, mm_per_pixel: float) -> Part:
+    """Turn lines that are meant to be thick into tubes."""
+    mesh: Any = part.mesh
+    if part.line_width <= _THIN or not getattr(mesh, "n_lines", 0):
+        return part
+    tube = mesh.tube(radius=part.line_width * mm_per_pixel / 2, n_sides=_SIDES, capping=True)
+    return replace(part, mesh=tube)
+
+
+def _view(scene: Scene, side: Side) -> dict[str, Any]:
+    """Where the camera stands for a side, in the terms of the page's script."""
+    camera = aim(scene.bounds, _SIZE, direction(side))
+    position, focus, up = (np.array(one) for one in (camera.position, camera.focus, camera.up))
+    distance = float(np.linalg.norm(position - focus))
+    out = (position - focus) / distance
+    box = np.array(scene.bounds).reshape(3, 2)
+    corners = np.stack(np.meshgrid(*box), axis=-1).reshape(-1, 3)
+    extent = np.ptp(corners @ np.column_stack((np.cross(up, out), up)), axis=0)
+    return {
+        "middle": focus.tolist(), "out": out.tolist(), "up": up.tolist(), "distance": distance,
+        "extent": extent.tolist(),
+    }  # fmt: skip
+
+
+def _bar(scale: Scale) -> dict[str, Any]:
+    """Title, colours from the bottom up, and the numbers of a colour bar."""
+    factor, title = shown_units(scale)
+    share = np.linspace(0.0, 1.0, _STOPS)
+    colours = scale.colours_of(_value(scale, share))
+    ticks = np.linspace(0.0, 1.0, _TICKS)
+    return {
+        "title": title,
+        "colours": [f"#{red:02x}{green:02x}{blue:02x}" for red, green, blue in colours.tolist()],
+        "ticks": [
+            {"at": 100 * at, "text": f"{value * factor:.3g}".replace("-", "−")}
+            for at, value in zip(ticks.tolist(), _value(scale, ticks).tolist(), strict=True)
+        ],
+    }
+
+
+def _value(scale: Scale, share: np.ndarray[Any, np.dtype[np.float64]]) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """Value at a share of a scale's length from its lower end."""
+    if scale.logarithmic:
+        return np.asarray(scale.low * (scale.high / scale.low) ** share)
+    return np.asarray(scale.low + share * (scale.high - scale.low))
+
+
+def _escaped(text: str) -> str:
+    from markupsafe import escape
+
+    return str(escape(text))

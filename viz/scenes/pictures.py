@@ -1,0 +1,150 @@
+"""Pictures of scenes without a window."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from coilarray.errors import MissingDependencyError, OutputError
+from coilarray.files import write_atomically
+from coilarray.geometry.array import CoilArray
+from coilarray.geometry.indenter import Indenter
+from coilarray.geometry.sheet import Sheet
+from coilarray.viz.offscreen import rendering_problem
+from coilarray.viz.scenes.board import board_scene
+from coilarray.viz.scenes.camera import Side
+from coilarray.viz.scenes.dent import dent_scene
+from coilarray.viz.scenes.draw import draw
+from coilarray.viz.scenes.scene import Scene
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+SIZE = (1600, 900)
+"""Width and height of a picture in pixels, where nothing else is said."""
+
+_LONGEST = 8192  # pixels of a side: with several samples a pixel more is not to be had everywhere
+
+
+def save_picture(scene: Scene, path: Path, *, side: Side = "oblique", size: tuple[int, int] = SIZE) -> None:
+    """Render a scene off-screen into an image file.
+
+    Parameters
+    ----------
+    scene : Scene
+        What is shown.
+    path : Path
+        Where to; the suffix (.png, .jpg, .bmp, .tif) sets the format. It appears only when it is complete.
+    side : {"oblique", "top", "front", "right"}
+        From where.
+    size : tuple of int
+        Width and height of the picture in pixels.
+
+    Raises
+    ------
+    MissingDependencyError
+        Where this machine cannot render; the text names the system packages.
+    OutputError
+        A size that is not allowed, or a file that cannot be written.
+    """
+    with off_screen(size) as plotter:
+        draw(scene, plotter, side=side)
+        write_atomically(path, lambda temporary: _screenshot(plotter, temporary))
+
+
+def save_board_picture(
+    array: CoilArray, path: Path, sheets: Sequence[Sheet] = (), size: tuple[int, int] = SIZE
+) -> None:
+    """Render a board off-screen into an image file.
+
+    Parameters
+    ----------
+    array, sheets
+        As in `board_scene`.
+    path, size
+        As in `save_picture`.
+
+    Raises
+    ------
+    MissingDependencyError, OutputError
+        As `save_picture`.
+    """
+    with off_screen(size) as plotter:
+        board_scene(array, sheets, plotter=plotter)
+        write_atomically(path, lambda temporary: _screenshot(plotter, temporary))
+
+
+def save_dent_picture(
+    array: CoilArray,
+    path: Path,
+    sheets: Sequence[Sheet],
+    indentation: xr.Dataset,
+    indenter: Indenter,
+    depth: int = -1,
+    centre: tuple[float, float] = (0.0, 0.0),
+    size: tuple[int, int] = SIZE,
+) -> None:
+    """Render a dent off-screen into an image file.
+
+    Parameters
+    ----------
+    array, sheets, indentation, indenter, depth, centre
+        As in `dent_scene`.
+    path, size
+        As in `save_picture`.
+
+    Raises
+    ------
+    ValueError
+        As in `dent_scene`.
+    MissingDependencyError, OutputError
+        As `save_picture`.
+    """
+    with off_screen(size) as plotter:
+        dent_scene(array, sheets, indentation, indenter, plotter=plotter, depth=depth, centre=centre)
+        write_atomically(path, lambda temporary: _screenshot(plotter, temporary))
+
+
+def check_rendering(size: tuple[int, int] = SIZE) -> None:
+    """Refuse a picture that cannot be made here, before its scene is computed.
+
+    Raises
+    ------
+    MissingDependencyError
+        Where this machine cannot render.
+    OutputError
+        A size that is not allowed.
+    """
+    if not all(1 <= pixels <= _LONGEST for pixels in size):
+        raise OutputError(f"a picture must have sides of 1 to {_LONGEST} pixels; got {size[0]}x{size[1]}.")
+    problem = rendering_problem()
+    if problem is not None:
+        raise MissingDependencyError(problem)
+
+
+@contextmanager
+def off_screen(size: tuple[int, int]) -> Iterator[Any]:
+    """Open a plotter that has no window.
+
+    Raises
+    ------
+    MissingDependencyError
+        Where this machine cannot render.
+    OutputError
+        A size that is not allowed.
+    """
+    check_rendering(size)
+    import pyvista
+
+    plotter: Any = pyvista.Plotter(off_screen=True, window_size=list(size))
+    try:
+        plotter.enable_anti_aliasing("ssaa")  # several samples a pixel: turns are about as wide as a pixel
+        yield plotter
+    finally:
+        plotter.close()
+
+
+def _screenshot(scene: Any, path: Path) -> None:
+    scene.screenshot(path, return_img=False)

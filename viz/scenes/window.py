@@ -1,0 +1,110 @@
+"""A window with a scene, and a switch for every group of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from coilarray.errors import MissingDependencyError
+from coilarray.geometry.array import CoilArray
+from coilarray.geometry.sheet import Sheet
+from coilarray.viz.offscreen import silent_screen, window_problem, without_screen
+from coilarray.viz.palette import INK
+from coilarray.viz.scenes.board import scene_of_lifted_board
+from coilarray.viz.scenes.camera import Side
+from coilarray.viz.scenes.draw import draw, font_file, text_name
+from coilarray.viz.scenes.scene import Scene
+
+_SIZE = (1280, 800)  # pixels of the window
+_BOX, _STEP, _RIM = 20, 29, 20  # pixels of a switch, from one to the next, and from the edge of the window
+_LETTER = 8.5  # width of a letter beside a switch in pixels
+
+
+def show(scene: Scene, *, side: Side = "oblique") -> None:
+    """Open a window with a scene and return when the user closes it.
+
+    Parameters
+    ----------
+    scene : Scene
+        What is shown; every group of it has a switch.
+    side : {"oblique", "top", "front", "right"}
+        From where.
+
+    Raises
+    ------
+    MissingDependencyError
+        Where no window can be opened or this machine cannot render.
+    """
+    check_window()
+    import pyvista
+
+    plotter: Any = pyvista.Plotter(title="coilarray", window_size=list(_SIZE))
+    if without_screen(plotter.render_window.GetClassName()):  # the screen has gone since it was asked
+        plotter.close()
+        raise MissingDependencyError(silent_screen())
+    plotter.enable_anti_aliasing("ssaa")
+    longest = max((len(group) for group in scene.groups), default=0)
+    panel = ((_RIM + 2 * _BOX + _LETTER * longest) / _SIZE[0], (_RIM + len(scene.groups) * _STEP) / _SIZE[1])
+    draw(scene, plotter, side=side, panel=panel)
+    add_switches(scene, plotter)
+    plotter.show()
+
+
+def check_window() -> None:
+    """Refuse a window that cannot be opened, before its scene is computed: MissingDependencyError."""
+    problem = window_problem()
+    if problem is not None:
+        raise MissingDependencyError(problem)
+
+
+def show_board(array: CoilArray, sheets: Sequence[Sheet] = ()) -> None:
+    """Open a window with the board and return when the user closes it.
+
+    Raises
+    ------
+    MissingDependencyError
+        As `show`.
+    """
+    show(scene_of_lifted_board(array, sheets))
+
+
+def add_switches(scene: Scene, plotter: Any) -> dict[str, Callable[[bool], None]]:
+    """Put a switch for every group of a drawn scene into its window, from the top left downwards.
+
+    Returns
+    -------
+    dict of str to callable
+        What each switch does, by group: True shows the group, False hides it.
+    """
+    height = plotter.window_size[1]
+    switches = {}
+    for place, (group, colour) in enumerate(scene.groups.items()):
+        switch = _switch(scene, plotter, group)
+        y = height - _RIM - _BOX - place * _STEP
+        plotter.add_checkbox_button_widget(
+            switch, value=True, position=(_RIM, y), size=_BOX, border_size=2, color_on=colour, color_off="white"
+        )
+        plotter.add_text(
+            group,
+            position=(_RIM + 1.5 * _BOX, y),
+            font_size=7,  # of PyVista's points, two pixels each
+            color=INK,
+            font_file=font_file(),
+            name=f"name of switch {group}",
+        )
+        switches[group] = switch
+    return switches
+
+
+def _switch(scene: Scene, plotter: Any, group: str) -> Callable[[bool], None]:
+    names = [part.name for part in scene.parts if part.group == group]
+    looks = {(text.height, text.bold) for text in scene.texts if text.group == group}
+    names += [f"{text_name(group, height, bold)}-labels" for height, bold in looks]
+    actors = [plotter.actors[name] for name in names]
+
+    def switch(shown: bool) -> None:
+        for actor in actors:
+            actor.SetVisibility(shown)
+        plotter.render()
+
+    return switch
