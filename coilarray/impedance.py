@@ -156,18 +156,15 @@ def scan_states(prepared: DesignNetwork, progress: Progress | None = None) -> xr
     for k, state in enumerate(plan):
         first.append(resonate(network, state))
         _tell(progress, k + 1, steps)
-    # AC resistance shifts resonances by far less than this
-    low, high = 0.95 * min(r.frequency for r in first), 1.05 * max(r.frequency for r in first)
-    grid = np.geomspace(low, high, _RESISTANCE_POINTS)
-    ac = resistance_matrix(design.array, grid, design.circuit.resistivity)
+    grid, ac = resistance_near(design, [r.frequency for r in first])
     _tell(progress, len(plan) + 1, steps)
-    lossy = replace(network, resistance=_interpolated(grid, ac.resistance.values))
+    lossy = replace(network, resistance=interpolated_resistance(grid, ac.resistance.values))
     results = []
     for k, state in enumerate(plan):
         results.append(resonate(lossy, state))
         _tell(progress, len(plan) + 2 + k, steps)
     direct = [solve_state(network, r.state, r.frequency).effective_resistance for r in results]
-    middle = float(np.sqrt(low * high))
+    middle = float(np.sqrt(grid[0] * grid[-1]))
     at_middle = lossy.resistance(middle)
     states, pair, coil = ("state",), ("state", "coil"), ("coil",)
     currents = np.array([r.currents for r in results])
@@ -207,6 +204,53 @@ def scan_states(prepared: DesignNetwork, progress: Progress | None = None) -> xr
     )  # fmt: skip
 
 
+def resistance_near(design: Design, frequencies: Sequence[float]) -> tuple[FloatArray, xr.Dataset]:
+    """AC resistance matrices around the frequencies that a design oscillates at with its DC resistances.
+
+    Parameters
+    ----------
+    design : Design
+        Of the coils.
+    frequencies : sequence of float
+        In Hz.
+
+    Returns
+    -------
+    grid : ndarray, shape (n,)
+        From 5 % below the lowest to 5 % above the highest in Hz: AC resistance shifts a resonance by far less.
+    resistance : xarray.Dataset
+        As `coilarray.ac_resistance.resistance_matrix` returns it.
+    """
+    grid = np.geomspace(0.95 * min(frequencies), 1.05 * max(frequencies), _RESISTANCE_POINTS)
+    return grid, resistance_matrix(design.array, grid, design.circuit.resistivity)
+
+
+def interpolated_resistance(frequencies: FloatArray, R: FloatArray) -> Callable[[float], FloatArray]:
+    """Resistance matrix at any frequency: linear between those computed, constant beyond.
+
+    Parameters
+    ----------
+    frequencies : ndarray, shape (f,)
+        Rising, in Hz.
+    R : ndarray, shape (f, n, n)
+        In Ω.
+
+    Returns
+    -------
+    callable
+        Takes a frequency in Hz and returns an ndarray, shape (n, n), in Ω.
+    """
+
+    def at(frequency: float) -> FloatArray:
+        k = int(np.clip(np.searchsorted(frequencies, frequency) - 1, 0, max(len(frequencies) - 2, 0)))
+        if len(frequencies) == 1:
+            return np.asarray(R[0])
+        share = float(np.clip((frequency - frequencies[k]) / (frequencies[k + 1] - frequencies[k]), 0, 1))
+        return np.asarray((1 - share) * R[k] + share * R[k + 1])
+
+    return at
+
+
 def sweep_design(
     design: Design,
     frequencies: npt.ArrayLike,
@@ -244,7 +288,7 @@ def sweep_design(
         raise ValueError("frequencies must be positive, finite and rising.")
     network = (prepared or design_network(design)).network
     R = resistance_matrix(design.array, f, design.circuit.resistivity).resistance.values
-    lossy = replace(network, resistance=_interpolated(f, R))
+    lossy = replace(network, resistance=interpolated_resistance(f, R))
     plan = design.circuit.plan
     Z = np.empty((len(f), len(plan)), dtype=np.complex128)
     for k, state in enumerate(plan):
@@ -308,19 +352,6 @@ def _elastomer(design: Design) -> xr.Dataset:
 def _permittivity(design: Design) -> float:
     """Relative permittivity above the board: air where no elastomer lies there."""
     return design.circuit.elastomer_permittivity if design.sheets else 1.0
-
-
-def _interpolated(frequencies: FloatArray, R: FloatArray) -> Callable[[float], FloatArray]:
-    """Resistance matrix at any frequency: linear between those computed, constant beyond."""
-
-    def at(frequency: float) -> FloatArray:
-        k = int(np.clip(np.searchsorted(frequencies, frequency) - 1, 0, max(len(frequencies) - 2, 0)))
-        if len(frequencies) == 1:
-            return np.asarray(R[0])
-        share = float(np.clip((frequency - frequencies[k]) / (frequencies[k + 1] - frequencies[k]), 0, 1))
-        return np.asarray((1 - share) * R[k] + share * R[k + 1])
-
-    return at
 
 
 def _tell(progress: Progress | None, done: int, total: int) -> None:

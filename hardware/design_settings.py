@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 
 from coilarray.design import Design
 from coilarray.errors import HardwareError
-from coilarray.hardware.emulator.board_circuit import board_network, keep_folder
+from coilarray.hardware.board_network import board_network
+from coilarray.hardware.kept_parts import keep_folder
 from coilarray.hardware.ldc1614_limits import drive_for
 from coilarray.hardware.ldc1614_timing import INTERNAL_CLOCK
 from coilarray.hardware.scan_settings import ScanSettings, scan_settings

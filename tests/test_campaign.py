@@ -16,10 +16,10 @@ from recorded_boards import QuickWorld, configured, dent, quick_board, session_o
 from coilarray import load_design
 from coilarray.errors import HardwareError, OutputError
 from coilarray.hardware.board import open_board
+from coilarray.hardware.board_network import board_network
 from coilarray.hardware.campaign import TRIES, Campaign, design_campaign, run_campaign
 from coilarray.hardware.design_settings import design_plan, design_settings
 from coilarray.hardware.emulator import Drift
-from coilarray.hardware.emulator.board_circuit import board_network
 from coilarray.hardware.faults import BusFault, DeviceLost, NoAnswer
 from coilarray.hardware.recorded_response import recorded_response, recorded_series, response_csv
 from coilarray.hardware.recorder import open_recorder
@@ -457,7 +457,7 @@ def kept(tmp_path_factory):
 
 
 def test_settings_fit_the_coils(kept):
-    from coilarray.hardware.emulator.board_circuit import keep_folder
+    from coilarray.hardware.kept_parts import keep_folder
     from coilarray.hardware.ldc1614_limits import drive_for
     from coilarray.network import loaded_quality, resonate
 

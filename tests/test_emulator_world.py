@@ -19,6 +19,7 @@ from coilarray import load_design
 from coilarray.design import parse_design
 from coilarray.designs import read
 from coilarray.errors import HardwareError
+from coilarray.hardware.board_network import board_network
 from coilarray.hardware.emulator import (
     Conditions,
     Drift,
@@ -28,10 +29,10 @@ from coilarray.hardware.emulator import (
     emulated_board,
     plain_board,
 )
-from coilarray.hardware.emulator.board_circuit import board_network, keep_folder, kept
 from coilarray.hardware.emulator.indenter import LIFTED, Indenter, Place
 from coilarray.hardware.emulator.response_table import ResponseTable, response_table, table_axes
 from coilarray.hardware.emulator.sensor_world import SensorWorld
+from coilarray.hardware.kept_parts import keep_folder, kept
 from coilarray.hardware.wiring import load_wiring
 from coilarray.impedance import design_network, scan_states
 from coilarray.network import Network
@@ -60,7 +61,7 @@ def prepared():
 @pytest.fixture(scope="module")
 def network(folder, prepared):
     with pytest.MonkeyPatch.context() as patch:  # not twice
-        patch.setattr("coilarray.hardware.emulator.board_circuit.design_network", lambda design: prepared)
+        patch.setattr("coilarray.hardware.board_network.design_network", lambda design: prepared)
         return board_network(PAPER, folder)
 
 
@@ -392,7 +393,7 @@ def test_circuit_and_table_are_computed_once(folder, table, network, monkeypatch
     def never(*arguments, **options):
         raise AssertionError
 
-    monkeypatch.setattr("coilarray.hardware.emulator.board_circuit._circuit", never)
+    monkeypatch.setattr("coilarray.hardware.board_network._circuit", never)
     monkeypatch.setattr("coilarray.hardware.emulator.response_table._computed", never)
     again = board_network(PAPER, folder)
     assert np.array_equal(again.inductance, network.inductance)
@@ -418,7 +419,7 @@ def test_a_damaged_or_outdated_part_is_computed_again(tmp_path, monkeypatch):
     assert len(made) == 4
     kept(tmp_path, "thing", PAPER, "", compute)
     assert len(made) == 4
-    monkeypatch.setattr("coilarray.hardware.emulator.board_circuit.code_version", lambda: "0.2")
+    monkeypatch.setattr("coilarray.hardware.kept_parts.code_version", lambda: "0.2")
     kept(tmp_path, "thing", PAPER, "", compute)
     assert len(made) == 5
     assert list(tmp_path.iterdir()) == [path]  # nothing old is left behind

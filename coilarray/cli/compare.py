@@ -161,7 +161,8 @@ def _computed(design: Design, beside: xr.Dataset | None, reach: float | None) ->
     all capacitance there is.
     """
     from coilarray.errors import ElastomerError
-    from coilarray.hardware.emulator.board_circuit import board_network, keep_folder
+    from coilarray.hardware.board_network import board_network
+    from coilarray.hardware.kept_parts import keep_folder
     from coilarray.report.figures import map_outlines
     from coilarray.response import respond, response_map
 

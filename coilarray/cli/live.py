@@ -227,7 +227,8 @@ def _replay(path: Path, design: str | None, speed: float) -> Iterator[tuple[Desi
 
 def _model(design: Design, table: Path | None) -> ForwardModel:
     """Table of the design for positions, kept for the next time."""
-    from coilarray.hardware.emulator.board_circuit import board_network, keep_folder, kept
+    from coilarray.hardware.board_network import board_network
+    from coilarray.hardware.kept_parts import keep_folder, kept
     from coilarray.localize.forward import forward_model, table_for
 
     if table is not None:

@@ -8,14 +8,15 @@ from pathlib import Path
 from coilarray.blocks import Progress
 from coilarray.design import Design
 from coilarray.errors import HardwareError
+from coilarray.hardware.board_network import board_network
 from coilarray.hardware.buses import Clock
 from coilarray.hardware.emulator.board import NOISE, Conditions, Drift, EmulatedBoard, Netlist
-from coilarray.hardware.emulator.board_circuit import board_network, keep_folder
 from coilarray.hardware.emulator.oscillator import Oscillator
 from coilarray.hardware.emulator.response_table import response_table
 from coilarray.hardware.emulator.sensor_world import COPPER, SensorWorld
 from coilarray.hardware.emulator.virtual_clock import VirtualClock
 from coilarray.hardware.emulator.world import FixedCoils
+from coilarray.hardware.kept_parts import keep_folder
 
 
 def emulated_board(

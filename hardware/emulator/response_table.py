@@ -22,8 +22,8 @@ from coilarray.elastomer.contact import indent
 from coilarray.elastomer.dent import dent_of
 from coilarray.elastomer.dented_layer import dent_inductance
 from coilarray.errors import HardwareError
-from coilarray.hardware.emulator.board_circuit import kept
 from coilarray.hardware.emulator.indenter import Place
+from coilarray.hardware.kept_parts import kept
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -28,7 +28,7 @@ class SensorWorld:
     Parameters
     ----------
     network : Network
-        As `coilarray.hardware.emulator.board_circuit.board_network` returns it.
+        As `coilarray.hardware.board_network.board_network` returns it.
     table : callable
         Returns the response table; called when the indenter is pressed for the first time.
     strays : mapping of str to float, optional
