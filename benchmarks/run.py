@@ -22,6 +22,7 @@ import accuracy
 import elastomer
 import localize
 import peers
+import protocol
 import speed
 import sweep
 
@@ -54,7 +55,7 @@ def main() -> None:
     """Measure, print, keep."""
     accuracies = [*accuracy.measure(), *elastomer.accuracies()]
     speeds = [*speed.measure(), *elastomer.speeds(), *localize.figures(), *sweep.figures()]
-    speeds += [*peers.kernels(), *peers.large_arrays()]
+    speeds += [*peers.kernels(), *peers.large_arrays(), *protocol.figures()]
     tables = {"accuracy": _accuracy_table(accuracies), "speed": _speed_table(speeds)}
     for table in tables.values():
         print(table, end="\n\n")

@@ -9,6 +9,10 @@ from collections import deque
 
 from coilarray.hardware.emulator.virtual_clock import VirtualClock
 from coilarray.hardware.faults import DeviceLost
+from coilarray.hardware.link import LinkTimes
+from coilarray.hardware.microcontroller import MicrocontrollerReader
+from coilarray.hardware.scan_settings import scan_settings
+from coilarray.hardware.wiring import load_wiring
 
 SCAN_TIME = 0.3  # s
 
@@ -206,3 +210,38 @@ class ScriptedBoard:
 
     def _do_chain(self):
         return ["same" if "readback" in self.capabilities else "none"]
+
+
+SETTINGS = scan_settings(load_wiring("six_coils"))
+LONGEST = 0.44  # s: a scan of these settings in which no state ever has a result
+TIMES = LinkTimes()
+REPLY = TIMES.attempts * (TIMES.reply + LONGEST)  # s until a command is given up
+
+
+def opened(board):
+    return MicrocontrollerReader(board, clock=board.clock)
+
+
+def configured(board):
+    reader = opened(board)
+    reader.configure(SETTINGS)
+    board.sent.clear()
+    return reader
+
+
+def verbs(board):
+    return [verb for verb, *_ in board.sent]
+
+
+class Lasting:
+    """Time on the board's clock that a block takes."""
+
+    def __init__(self, board):
+        self.clock = board.clock
+
+    def __enter__(self):
+        self.start = self.clock.now()
+        return self
+
+    def __exit__(self, *_):
+        self.seconds = self.clock.now() - self.start

@@ -8,34 +8,34 @@ No wrong value is accepted, nothing hangs longer than its time, every fault has 
 | of commands and replies                     | the same                             | counter of repeats          |
 | resets, unplugging, stalls, rates, versions | the same                             | classes of hardware.faults  |
 | of converter and switches                   | the same                             | faults of samples, reasons  |
-| the same in the emulator's registers        | inductance of the emulator's coils   | the same                    |
 
 That the campaign bites is shown by leaving out the checksum, and the check of the settings' hash: it then finds wrong
-values. The numbers of the faults stand in `FAULTS`.
+values. The numbers of the faults stand in `FAULTS`. Chips at register level are in test_fault_campaign_emulated.py.
 """
 
 from __future__ import annotations
 
 import itertools
-import random
+import sys
 import threading
-import time
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 
 import line_faults
 import pytest
-from emulated_reader import plain, quick_settings
-from firmware_host import FirmwareHost, needs_compiler
+from emulated_reader import quick_settings
 from scripted_board import sealed
-from witnessed_chips import Witness, WitnessedChain, WitnessedConverter
+
+if sys.platform == "win32":
+    pytest.skip("no pseudo-terminals on Windows", allow_module_level=True)
+
+from fault_bench import COILS, COMMAND, GAP, LONGEST, OPENING, SETTINGS, Bench, drained, lasting, meets
+from firmware_host import needs_compiler
 
 from coilarray.errors import HardwareError
-from coilarray.hardware.emulator import VirtualClock
 from coilarray.hardware.faults import (
     BoardRestarted,
     BusFault,
     BusTimeout,
-    CommandRefused,
     DeviceLost,
     NoAnswer,
     NotABoard,
@@ -43,27 +43,15 @@ from coilarray.hardware.faults import (
     VersionMismatch,
 )
 from coilarray.hardware.ldc1614_result import Reason
-from coilarray.hardware.link import LinkTimes
-from coilarray.hardware.microcontroller import MicrocontrollerReader
 from coilarray.hardware.protocol import command_line, draft_commands
 from coilarray.hardware.protocol import lines as protocol_lines
 from coilarray.hardware.protocol import scan_gate as protocol_gate
-from coilarray.hardware.readings import read_scan
 from coilarray.hardware.scans import SampleFault
-from coilarray.hardware.serial_ports import open_serial_port
 
 pytest.importorskip("serial")
 pytestmark = needs_compiler
 
-COILS = ("coil1", "coil3", "coil4")
-SETTINGS = quick_settings(coils=COILS)
 REVERSED = quick_settings(coils=COILS[::-1])
-LONGEST = 0.05  # s: a scan in which no state has a result
-TIMES = LinkTimes(reply=0.04, attempts=10, opening=0.1, gap=3.0, least_gap=0.8, heartbeat=1.0, ping=0.05, foreign=200)
-COMMAND = TIMES.attempts * (TIMES.reply + LONGEST)  # s until a command is given up
-GAP = TIMES.least_gap + 2 * LONGEST  # s until a stream is
-SLACK = 2.0  # s that a busy computer may take for anything
-
 FAULTS = {
     # lines of a stream
     "flipped": 900,
@@ -101,76 +89,11 @@ FAULTS = {
     "turned to another rate": 4,
     "other program": 40,
     "old session": 40,
-    # the emulator at register level
-    "emulated": 150,
 }
 
 
 def test_there_are_ten_thousand():
     assert sum(FAULTS.values()) >= 10_000
-
-
-class Bench:
-    """Chips, firmware and driver; `reader` is configured."""
-
-    def __init__(self, seed):
-        self.noise = random.Random(seed)
-        self.clock = VirtualClock(4294.0)  # the board's microseconds wrap a second later
-        self.converter = WitnessedConverter(self.clock, SETTINGS)
-        self.chain = WitnessedChain(self.clock, self.converter, len(SETTINGS.safe_words))
-        self.host = FirmwareHost(self.converter, self.chain, self.clock)
-        self.witness = Witness(self.converter)
-        self.reader = self.open()
-        self.reader.configure(SETTINGS)
-
-    def open(self):
-        port = open_serial_port(self.host.port)
-        try:
-            return MicrocontrollerReader(port, times=TIMES, reopen=self.open)
-        except BaseException:
-            port.close()
-            raise
-
-    def renew(self):
-        """A new session after one that has ended."""
-        with lasting(OPENING):
-            self.reader = self.reader.reconnect()
-            self.reader.configure(SETTINGS)
-
-    def scans(self, count):
-        """Fetch so many scans of a stream, each looked at; the stream is closed."""
-        stream = self.reader.scans()
-        try:
-            for scan in itertools.islice(stream, count):
-                self.witness.look(scan)
-        finally:
-            stream.close()
-
-    def goes_on(self):
-        """Whether reading resumes: streams and single scans, all good."""
-        named = sum(self.witness.named.values())
-        accepted = self.witness.accepted
-        self.scans(2)
-        self.witness.look(self.reader.scan())
-        assert self.witness.accepted - accepted == 3 * len(COILS)
-        assert sum(self.witness.named.values()) == named
-        return True
-
-    def close(self):
-        with lasting(COMMAND):
-            self.reader.close()
-        self.host.close()
-
-
-OPENING = 2 * COMMAND + 30 * (TIMES.reply + LONGEST)
-
-
-@contextmanager
-def lasting(seconds):
-    """A block that must not take longer than its timeouts, and what a busy computer adds."""
-    start = time.monotonic()
-    yield
-    assert time.monotonic() - start < seconds + SLACK
 
 
 @pytest.fixture
@@ -180,18 +103,6 @@ def bench(request):
     bench.close()
     assert bench.witness.wrong == []
     assert bench.witness.accepted > 0
-
-
-def meets(fault, call, seconds, match=None):
-    """Whether a call ends with this fault in time."""
-    with lasting(seconds), pytest.raises(fault, match=match):
-        call()
-    return True
-
-
-def drained(stream, bench):
-    for scan in stream:
-        bench.witness.look(scan)
 
 
 # lines from the board
@@ -252,14 +163,17 @@ DAMAGES = [line_faults.flipped, line_faults.dropped, line_faults.inserted, line_
 
 
 def spoil_once(damage, noise, kind):
-    """A hook that damages the next line of a kind and no other."""
+    """A hook that damages the next line of a kind and no other, of however many that come at once."""
     left = [1]
 
-    def hook(data):
-        if left and data.startswith(kind):
+    def through(line):
+        if left and line.startswith(kind):
             left.clear()
-            return damage(data, noise).data
-        return data
+            return damage(line, noise).data
+        return line
+
+    def hook(data):
+        return b"".join(through(line) for line in data.splitlines(keepends=True))
 
     return hook
 
@@ -269,19 +183,18 @@ def test_commands(bench, direction):
     reader = bench.reader
     for number in range(FAULTS[direction]):
         damage, before = DAMAGES[number % len(DAMAGES)], reader.counts.link.repeats
-        kind = b">" if direction == "command" else b"<"
-        setattr(
-            bench.host,
-            "to_board" if direction == "command" else "to_computer",
-            spoil_once(damage, bench.noise, kind),
-        )
+        following = (reader._session._link._number + 1) % 256  # not a repeat of the one before, which may be on its way
+        sign, hook = (b">", "to_board") if direction == "command" else (b"<", "to_computer")
+        with bench.host.paused():
+            setattr(bench.host, hook, spoil_once(damage, bench.noise, b"%b%02X" % (sign, following)))
         with lasting(COMMAND):
             if number % 8:
                 assert reader.peek(0x7E) == 0x5449
             else:
                 bench.witness.look(reader.scan())
         assert reader.counts.link.repeats > before
-    bench.host.to_board = bench.host.to_computer = lambda data: data
+    with bench.host.paused():
+        bench.host.to_board = bench.host.to_computer = lambda data: data
     assert bench.goes_on()
 
 
@@ -620,87 +533,3 @@ def test_scans_of_an_old_session(bench):
             assert bench.reader.counts.scans.stale > stale
             bench.host.to_computer = lambda line: line
     assert bench.goes_on()
-
-
-# the emulator, register by register
-
-
-class Emulated:
-    """The emulator's chips behind the firmware, and the inductance that they really have."""
-
-    def __init__(self):
-        self.board = plain(strict=False)
-        self.settings = quick_settings()
-        self.host = FirmwareHost(self.board.bus, self.board.switches, self.board.clock)
-        self.reader = MicrocontrollerReader(open_serial_port(self.host.port), times=TIMES)
-        self.reader.configure(self.settings)
-        self.accepted, self.wrong, self.bad = 0, [], 0
-
-    def look(self, scan):
-        capacitance = self.board.world.capacitance
-        for state in read_scan(scan, self.settings, capacitance).states:
-            if state.inductance is None:
-                self.bad += 1
-                continue
-            self.accepted += 1
-            true = self.board.world.inductances[state.name]
-            # losses pull the frequency by 1/Q², clamps by 1e-3; coils are 2 % apart
-            if abs(state.inductance / true - 1) > 6e-3:
-                self.wrong.append((state, true))
-        return scan
-
-
-def test_the_emulator(request):
-    """Registers, nets and oscillators instead of stand-ins: fewer faults, as it takes its time."""
-    bench, noise = Emulated(), random.Random(request.node.name)
-    chip, bus, chain, world = bench.board.chip, bench.board.bus, bench.board.chain, bench.board.world
-    places = [(device, bit) for device in range(6) for bit in range(8) if chain.devices[device][bit] is not None]
-    stuck = [("stick", place, state) for place in places for state in ("open", "closed")]
-    plan = [*stuck, *[("hold",)] * 15, *[("refuse",)] * 15, *[("brown-out",)] * 15, *[("loss",)] * 15]
-    plan += [("shut",)] * 10
-    plan += [("broken",)] * (FAULTS["emulated"] - len(plan))
-    assert len(plan) == FAULTS["emulated"]
-    resistance = world.resistance
-    for kind, *arguments in plan:
-        before = bench.bad
-        with bench.host.paused():
-            if kind == "stick":
-                (device, bit), state = arguments
-                chain.stick(device, bit, state)
-            elif kind == "hold":
-                bus.hold()
-            elif kind == "refuse":
-                bus.refuse(noise.randint(1, 60))
-            elif kind == "brown-out":
-                chip.brown_out()
-            elif kind == "shut":
-                chip.shut_down(True)
-            elif kind == "loss":
-                world.resistance = noise.choice([200.0, 400.0])
-            elif kind == "broken":
-                bench.board.switches.broken = True
-        named = False
-        try:
-            for _ in range(2):
-                with lasting(COMMAND + 1.0):
-                    bench.look(bench.reader.scan())
-        except (BoardRestarted, BusFault, SwitchFault, CommandRefused):
-            named = True
-        with bench.host.paused():
-            chain.heal()
-            bus.clear()
-            bus.refuse(0)
-            chip.shut_down(False)
-            world.resistance = resistance
-            bench.board.switches.broken = False
-            bench.board.clock.sleep(0.01)  # the converter starts again
-        harmless = kind == "stick"  # a switch may be stuck where it belongs
-        assert named or bench.bad > before or harmless, kind
-        bench.reader.configure(bench.settings)
-        bad = bench.bad
-        bench.look(bench.reader.scan())
-        assert bench.bad == bad, kind
-    bench.reader.close()
-    bench.host.close()
-    assert bench.wrong == []
-    assert bench.accepted > 6 * FAULTS["emulated"]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import threading
 import time
-import tty
 from types import SimpleNamespace
 
 import pytest
@@ -40,6 +39,8 @@ def ports(monkeypatch):
 @pytest.fixture
 def terminal():
     """Both ends of a pseudo-terminal and the name of the far one."""
+    import tty  # not on Windows
+
     near, far = os.openpty()
     tty.setraw(far)
     ends = SimpleNamespace(near=near, far=far, name=os.ttyname(far))

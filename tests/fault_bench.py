@@ -1,0 +1,99 @@
+"""Chips that remember, the compiled firmware, a pseudo-terminal and the driver, for tests that spoil one of them."""
+
+from __future__ import annotations
+
+import itertools
+import random
+import time
+from contextlib import contextmanager
+
+import pytest
+from emulated_reader import quick_settings
+from firmware_host import FirmwareHost
+from witnessed_chips import Witness, WitnessedChain, WitnessedConverter
+
+from coilarray.hardware.emulator import VirtualClock
+from coilarray.hardware.link import LinkTimes
+from coilarray.hardware.microcontroller import MicrocontrollerReader
+from coilarray.hardware.serial_ports import open_serial_port
+
+COILS = ("coil1", "coil3", "coil4")
+SETTINGS = quick_settings(coils=COILS)
+LONGEST = 0.05  # s: a scan in which no state has a result
+TIMES = LinkTimes(reply=0.04, attempts=14, opening=0.1, gap=3.0, least_gap=0.8, heartbeat=1.0, ping=0.05, foreign=200)
+COMMAND = TIMES.attempts * (TIMES.reply + LONGEST)  # s until a command is given up
+GAP = TIMES.least_gap + 2 * LONGEST  # s until a stream is
+OPENING = 2 * COMMAND + 30 * (TIMES.reply + LONGEST)  # s that a new session and its settings may take
+SLACK = 2.0  # s that a busy computer may take for anything
+
+
+class Bench:
+    """Chips, firmware and driver; `reader` is configured."""
+
+    def __init__(self, seed):
+        self.noise = random.Random(seed)
+        self.clock = VirtualClock(4294.0)  # the board's microseconds wrap a second later
+        self.converter = WitnessedConverter(self.clock, SETTINGS)
+        self.chain = WitnessedChain(self.clock, self.converter, len(SETTINGS.safe_words))
+        self.host = FirmwareHost(self.converter, self.chain, self.clock)
+        self.witness = Witness(self.converter)
+        self.reader = self.open()
+        self.reader.configure(SETTINGS)
+
+    def open(self):
+        port = open_serial_port(self.host.port)
+        try:
+            return MicrocontrollerReader(port, times=TIMES, reopen=self.open)
+        except BaseException:
+            port.close()
+            raise
+
+    def renew(self):
+        """A new session after one that has ended."""
+        with lasting(OPENING):
+            self.reader = self.reader.reconnect()
+            self.reader.configure(SETTINGS)
+
+    def scans(self, count):
+        """Fetch so many scans of a stream, each looked at; the stream is closed."""
+        stream = self.reader.scans()
+        try:
+            for scan in itertools.islice(stream, count):
+                self.witness.look(scan)
+        finally:
+            stream.close()
+
+    def goes_on(self):
+        """Whether reading resumes: streams and single scans, all good."""
+        named = sum(self.witness.named.values())
+        accepted = self.witness.accepted
+        self.scans(2)
+        self.witness.look(self.reader.scan())
+        assert self.witness.accepted - accepted == 3 * len(COILS)
+        assert sum(self.witness.named.values()) == named
+        return True
+
+    def close(self):
+        with lasting(COMMAND):
+            self.reader.close()
+        self.host.close()
+
+
+@contextmanager
+def lasting(seconds):
+    """A block that must not take longer than its timeouts, and what a busy computer adds."""
+    start = time.monotonic()
+    yield
+    assert time.monotonic() - start < seconds + SLACK
+
+
+def meets(fault, call, seconds, match=None):
+    """Whether a call ends with this fault in time."""
+    with lasting(seconds), pytest.raises(fault, match=match):
+        call()
+    return True
+
+
+def drained(stream, bench):
+    for scan in stream:
+        bench.witness.look(scan)
