@@ -102,8 +102,8 @@ def test_page_has_every_part(page):
     for part in parts.split():
         assert part in text
     # board, 4 layers of copper, L, k, L_eff, currents, line, two maps, L and R over frequency, force, dent, responses,
-    # ellipses over δ, two of them, error of x
-    assert page.tags.count("img") == 21
+    # bell curve, ellipses over δ, two of them, error of x
+    assert page.tags.count("img") == 22
     assert "no rendering in this test" in text
 
 

@@ -96,7 +96,7 @@ def test_two_ellipses_and_where_they_meet():
     ax = plot_ellipses(ellipses, place, (-8.75e-3, -3.6e-3))
     shapes = {patch.get_label(): patch for patch in ax.patches if isinstance(patch, EllipsePatch)}
     assert list(shapes) == ["coil1", "coil2"]
-    dots = next(line for line in ax.lines if line.get_label().startswith("x = -8.75 mm, two points"))
+    dots = next(line for line in ax.lines if line.get_label().startswith("x = −8.75 mm, two points"))
     np.testing.assert_allclose(dots.get_xydata(), np.array([[place.x, place.y], [place.x, -place.y]]) * 1e3)
     for name, shape in shapes.items():
         assert (shape.width, shape.height) == pytest.approx((2e3 * ellipses[name].A, 2e3 * ellipses[name].B))

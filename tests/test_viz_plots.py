@@ -6,7 +6,9 @@ import math
 
 import matplotlib
 import numpy as np
+import plot_results as results
 import pytest
+import xarray as xr
 from matplotlib.collections import LineCollection, PathCollection, QuadMesh
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
@@ -25,16 +27,15 @@ from coilarray.geometry import (
     spiral_coil,
 )
 from coilarray.geometry.copper import copper_features, drills
-from coilarray.viz import (
-    plot_board,
-    plot_copper,
+from coilarray.viz.board_plots import plot_board, plot_copper
+from coilarray.viz.coupling_plots import (
+    plot_coupling,
     plot_currents,
     plot_effective_inductance,
-    plot_field_lines,
-    plot_field_map,
+    plot_inductance,
     plot_matrix,
-    plot_sweep,
 )
+from coilarray.viz.field_plots import plot_field_lines, plot_field_map
 from coilarray.viz.palette import COILS
 
 NAMES = ("C1", "C2", "C3")
@@ -140,13 +141,33 @@ def test_a_matrix_that_does_not_fit_is_refused(ax):
         plot_matrix(np.eye(2), NAMES, title="")
     with pytest.raises(ValueError, match="scale must be"):
         plot_matrix(np.eye(3), NAMES, title="", scale="rainbow")
-    with pytest.raises(ValueError, match=r"each of 3 coils; got shape \(2,\)"):
-        plot_effective_inductance(NAMES, [1, 2, 3], [1, 2])
+
+
+def test_k_is_drawn_pair_by_pair_and_inductance_with_its_diagonal(ax):
+    coupling = results.coupling()
+    assert plot_coupling(coupling, ax) is ax
+    k = coupling.coupling.values
+    assert {place: float(text.replace("−", "-")) for place, text in texts(ax).items()} == {
+        (i, j): pytest.approx(k[i, j], abs=5e-4)
+        for i in range(3)
+        for j in range(3)
+        if i != j  # three digits
+    }
+    assert ax.images[0].get_clim() == pytest.approx((-0.05, 0.05))
+    assert ax.child_axes[0].get_ylabel() == "k"
+    L = plot_inductance(coupling)
+    assert texts(L)[0, 0] == "20.000"
+    assert texts(L)[0, 1] == "−1.000"
+    assert texts(L)[0, 2] == "0.200"
+    assert L.child_axes[0].get_ylabel() == "L, M (µH)"
 
 
 def test_effective_inductance_shows_both_values_and_the_change(ax):
     before, after = np.array([20e-6, 20e-6, 25e-6]), np.array([19e-6, 18e-6, 25.5e-6])
-    assert plot_effective_inductance(NAMES, before, after, ax) is ax
+    single, changes = ("coil",), {"termination": ("coil", ["short", "short", "short"])}
+    changes |= {"open_inductance": (single, before), "effective_inductance": (single, after)}
+    coupling = xr.Dataset(changes | {"inductance_change": (single, after / before - 1)}, {"coil": list(NAMES)})
+    assert plot_effective_inductance(coupling, ax) is ax
     dots = [c.get_offsets() for c in ax.collections if isinstance(c, PathCollection)]
     np.testing.assert_allclose(dots[0], np.column_stack((before * 1e6, range(3))))
     np.testing.assert_allclose(dots[1], np.column_stack((after * 1e6, range(3))))
@@ -158,56 +179,75 @@ def test_effective_inductance_shows_both_values_and_the_change(ax):
     assert 0 < low < 18 < 25.5 < high
 
 
+@pytest.mark.parametrize(
+    ("terminations", "text"), [(None, "others grounded"), (["short", "short", "open"], "others as terminated")]
+)
+def test_the_legend_says_how_the_others_are_closed(terminations, text):
+    assert legend(plot_effective_inductance(results.coupling(terminations))) == ["others open", text]
+
+
 def test_currents_are_written_as_magnitude_and_phase(ax):
+    """The column is the active coil, which is the first dimension of the dataset."""
     currents = np.eye(3, dtype=complex)
-    currents[1, 0] = 0.0382 * np.exp(1j * np.radians(-170))
-    currents[0, 1] = 0.01j
-    assert plot_currents(NAMES, currents, ax) is ax
+    currents[0, 1] = 0.0382 * np.exp(1j * np.radians(-170))  # in coil 2 while coil 1 is active
+    currents[1, 0] = 0.01j
+    dims = ("coil", "other")
+    coupling = xr.Dataset(
+        {"current_real": (dims, currents.real), "current_imag": (dims, currents.imag)},
+        {"coil": list(NAMES), "other": list(NAMES)},
+    )
+    assert plot_currents(coupling, ax) is ax
     assert texts(ax)[1, 0] == "38.2\n−170°"
     assert texts(ax)[0, 1] == "10\n90°"
     assert (0, 0) not in texts(ax)
-    assert ax.child_axes[0].get_ylabel() == "mA per A"
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("active coil", "passive coil")
+    assert ax.child_axes[0].get_ylabel() == "current (mA per A)"
 
 
 def test_a_single_coil_has_no_neighbours_to_write(ax):
-    assert not plot_currents(["C1"], [[1.0]], ax).texts
+    alone = results.coupling().isel(coil=[0], other=[0])
+    assert not plot_currents(alone, ax).texts
+    assert not plot_coupling(alone).texts
     axes = plot_matrix([[1.0]], ["C1"], title="k", scale="diverging", mask_diagonal=True)
     axes.figure.draw_without_rendering()
     assert not axes.texts
 
 
-def test_field_lines_are_per_milliampere_with_the_coil_shaded(ax):
+def test_field_lines_are_per_ampere_with_the_coil_shaded(ax):
     x = np.linspace(-20e-3, 20e-3, 41)
-    field = 2e-3 * np.exp(-((x / 5e-3) ** 2))  # 2 mT a A is 2 µT a mA
-    assert plot_field_lines(x, {"6 mm": field, "8 mm": field / 2}, coil_centre=1e-3, coil_radius=10e-3, ax=ax) is ax
-    assert ax.get_ylabel() == "$B_z$ (µT per mA)"
-    curve = next(line for line in ax.lines if line.get_label() == "6 mm")
-    np.testing.assert_allclose(curve.get_xdata(), x * 1e3)
-    np.testing.assert_allclose(curve.get_ydata(), field * 1e3)
+    fields = {"all": results.field(x, [0.0]), "half a turn": results.field(x, [0.0], current=0.5, peak=1e-3)}
+    assert plot_field_lines(fields, ax, coil=(-9e-3, 11e-3)) is ax
+    assert ax.get_ylabel() == "$B_z$ (mT per A)"
+    for label, peak in (("all", 2.0), ("half a turn", 1.0)):  # mT, whatever the current
+        curve = next(line for line in ax.lines if line.get_label() == label)
+        np.testing.assert_allclose(curve.get_xdata(), x * 1e3)
+        np.testing.assert_allclose(curve.get_ydata(), peak * np.exp(-((x / 5e-3) ** 2)))
     (span,) = ax.patches
     assert span.get_extents().transformed(ax.transData.inverted()).intervalx == pytest.approx((-9, 11))
     assert ax.get_xlim() == pytest.approx((-20, 20))
+    assert ax.get_title(loc="left") == "$B_z$ of coil1, 1 mm above the board"
 
 
-def test_field_lines_that_do_not_fit_are_refused():
-    with pytest.raises(ValueError, match=r"shape \(3,\); got a \(2,\)"):
-        plot_field_lines([0, 1, 2], {"a": [0, 1]}, coil_centre=0, coil_radius=1)
-    with pytest.raises(ValueError, match="got none"):
-        plot_field_lines([0, 1, 2], {}, coil_centre=0, coil_radius=1)
+def test_fields_that_are_no_line_or_plane_are_refused():
+    with pytest.raises(ValueError, match="one or more; got none"):
+        plot_field_lines({})
+    with pytest.raises(ValueError, match=r"line along x, one y and one z; plane has .*'y': 2"):
+        plot_field_lines({"plane": results.field([0.0, 1e-3], [0.0, 1e-3])})
+    with pytest.raises(ValueError, match="of a plane, two x and y or more"):
+        plot_field_map(results.field([0.0, 1e-3], [0.0]))
 
 
 def test_a_field_map_stands_the_right_way_round(ax):
-    x, y = np.array([0.0, 1e-3, 2e-3]), np.array([0.0, 1e-3])
-    field = np.array([[1.0, 2.0], [3.0, 4.0], [5.0, -6.0]]) * 1e-6
+    field = results.field([0.0, 1e-3, 2e-3], [0.0, 1e-3], current=2.0)
+    field.B[:, :, 0, 2] = np.array([[1.0, 2.0], [3.0, 4.0], [5.0, -6.0]]) * 2e-6
     outline = np.array([[0, 0], [2e-3, 0], [1e-3, 1e-3]])
-    assert plot_field_map(x, y, field, outlines=[outline], title="B", ax=ax) is ax
+    assert plot_field_map(field, ax, [outline]) is ax
     (mesh,) = (c for c in ax.collections if isinstance(c, QuadMesh))
-    np.testing.assert_allclose(mesh.get_array(), [[1, 3, 5], [2, 4, -6]])  # rows are y
+    np.testing.assert_allclose(mesh.get_array(), [[1, 3, 5], [2, 4, -6]])  # rows are y, µT per A
     assert mesh.get_clim() == pytest.approx((-6, 6))
     assert area(ax.patches[0]) == pytest.approx(1.0)  # mm²
-    assert ax.child_axes[0].get_ylabel() == "$B_z$ (µT)"
-    with pytest.raises(ValueError, match=r"\(nx, ny\) = \(3, 2\); got \(2, 3\)"):
-        plot_field_map(x, y, field.T, title="B")
+    assert ax.child_axes[0].get_ylabel() == "$B_z$ (µT per A)"
+    assert ax.get_title(loc="left") == "$B_z$ of coil1, 1 mm above the board; others open"
 
 
 def test_plots_leave_no_global_state(board, tmp_path):
@@ -216,18 +256,3 @@ def test_plots_leave_no_global_state(board, tmp_path):
     ax.figure.savefig(tmp_path / "board.svg")
     assert dict(matplotlib.rcParams) == before
     assert (tmp_path / "board.svg").read_text().count("<path") > 20
-
-
-def test_sweep_lines_and_limits():
-    frequency = np.geomspace(1e5, 1e7, 7)
-    values = np.column_stack((np.full(7, 50e-6), np.linspace(60e-6, 900e-6, 7)))
-    ax = plot_sweep(frequency, values, ["a", "b"], quantity="L", unit="H", limited=True)
-    assert ax.get_xscale() == "log"
-    assert [line.get_label() for line in ax.get_lines()] == ["a", "b"]
-    np.testing.assert_allclose(ax.get_lines()[1].get_ydata(), values[:, 1] * 1e6)
-    assert ax.get_ylim() == (0, pytest.approx(240))
-    assert ax.get_ylabel() == "L (µH)"
-    given = ax.figure.add_subplot()
-    assert plot_sweep(frequency, values, ["a", "b"], quantity="L", ax=given) is given
-    with pytest.raises(ValueError, match="7 frequencies and 1 states need that shape"):
-        plot_sweep(frequency, values, ["a"], quantity="L")

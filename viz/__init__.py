@@ -44,6 +44,18 @@ from coilarray.viz.scenes import (
 )
 
 if TYPE_CHECKING:
+    from coilarray.viz.board_plots import plot_board, plot_copper
+    from coilarray.viz.check_plots import check_figure
+    from coilarray.viz.comparison_plots import comparison_figure, plot_centres, plot_readings, plot_residual
+    from coilarray.viz.coupling_plots import (
+        plot_coupling,
+        plot_currents,
+        plot_effective_inductance,
+        plot_inductance,
+        plot_matrix,
+    )
+    from coilarray.viz.field_plots import plot_field_lines, plot_field_map
+    from coilarray.viz.frequency_plots import plot_frequency_sweep
     from coilarray.viz.indentation_plots import indentation_figure, plot_dent, plot_force_depth
     from coilarray.viz.localize_plots import (
         distortion_figure,
@@ -56,17 +68,23 @@ if TYPE_CHECKING:
         plot_identifiability,
         plot_x_error,
     )
-    from coilarray.viz.plots import (
-        plot_board,
-        plot_copper,
-        plot_currents,
-        plot_effective_inductance,
-        plot_field_lines,
-        plot_field_map,
-        plot_matrix,
+    from coilarray.viz.optimize_plots import (
+        boards_figure,
+        plot_convergence,
+        plot_front,
+        plot_importance,
+        plot_pareto,
+        plot_search,
     )
-    from coilarray.viz.response_plots import plot_response, plot_response_profile, response_figure
-    from coilarray.viz.sweep_plots import plot_sweep
+    from coilarray.viz.response_plots import plot_bell_curve, plot_response, plot_response_profile, response_figure
+    from coilarray.viz.sweep_grid_plots import (
+        plot_coupling_sweep,
+        plot_sweep_lines,
+        plot_sweep_map,
+        plot_sweep_points,
+        sweep_figure,
+    )
+    from coilarray.viz.tolerance_plots import plot_boards, plot_shares, tolerance_figure
 
 __all__ = [
     "Scene",
@@ -74,6 +92,9 @@ __all__ = [
     "barrel_mesh",
     "board_mesh",
     "board_scene",
+    "boards_figure",
+    "check_figure",
+    "comparison_figure",
     "copper_mesh",
     "coupling_arcs",
     "dent_scene",
@@ -91,9 +112,15 @@ __all__ = [
     "indentation_figure",
     "indenter_mesh",
     "path_lines",
+    "plot_bell_curve",
     "plot_board",
+    "plot_boards",
     "plot_causes",
+    "plot_centres",
+    "plot_convergence",
     "plot_copper",
+    "plot_coupling",
+    "plot_coupling_sweep",
     "plot_currents",
     "plot_dent",
     "plot_distortion",
@@ -103,11 +130,22 @@ __all__ = [
     "plot_field_lines",
     "plot_field_map",
     "plot_force_depth",
+    "plot_frequency_sweep",
+    "plot_front",
     "plot_identifiability",
+    "plot_importance",
+    "plot_inductance",
     "plot_matrix",
+    "plot_pareto",
+    "plot_readings",
+    "plot_residual",
     "plot_response",
     "plot_response_profile",
-    "plot_sweep",
+    "plot_search",
+    "plot_shares",
+    "plot_sweep_lines",
+    "plot_sweep_map",
+    "plot_sweep_points",
     "plot_x_error",
     "rendering_problem",
     "response_figure",
@@ -121,11 +159,19 @@ __all__ = [
     "sheet_meshes",
     "show",
     "show_board",
+    "sweep_figure",
+    "tolerance_figure",
     "uncertainty_ellipse",
     "window_problem",
 ]
 
 _HOME = {
+    "board_plots": ("plot_board", "plot_copper"),
+    "check_plots": ("check_figure",),
+    "comparison_plots": ("comparison_figure", "plot_centres", "plot_readings", "plot_residual"),
+    "coupling_plots": ("plot_coupling", "plot_currents", "plot_effective_inductance", "plot_inductance", "plot_matrix"),
+    "field_plots": ("plot_field_lines", "plot_field_map"),
+    "frequency_plots": ("plot_frequency_sweep",),
     "indentation_plots": ("indentation_figure", "plot_dent", "plot_force_depth"),
     "localize_plots": (
         "distortion_figure",
@@ -138,14 +184,29 @@ _HOME = {
         "plot_identifiability",
         "plot_x_error",
     ),
-    "response_plots": ("plot_response", "plot_response_profile", "response_figure"),
-    "sweep_plots": ("plot_sweep",),
+    "optimize_plots": (
+        "boards_figure",
+        "plot_convergence",
+        "plot_front",
+        "plot_importance",
+        "plot_pareto",
+        "plot_search",
+    ),
+    "response_plots": ("plot_bell_curve", "plot_response", "plot_response_profile", "response_figure"),
+    "sweep_grid_plots": (
+        "plot_coupling_sweep",
+        "plot_sweep_lines",
+        "plot_sweep_map",
+        "plot_sweep_points",
+        "sweep_figure",
+    ),
+    "tolerance_plots": ("plot_boards", "plot_shares", "tolerance_figure"),
 }
 
 
 def __getattr__(name: str) -> object:
-    """Load the plots, and with them Matplotlib, when the first of them is asked for."""
-    if name in __all__:
-        module = next((home for home, names in _HOME.items() if name in names), "plots")
-        return getattr(importlib.import_module(f"coilarray.viz.{module}"), name)
+    """Load a plot, and with it Matplotlib, when it is asked for."""
+    for module, names in _HOME.items():
+        if name in names:
+            return getattr(importlib.import_module(f"coilarray.viz.{module}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

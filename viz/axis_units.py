@@ -81,21 +81,15 @@ def axis_unit(values: npt.ArrayLike, unit: str) -> AxisUnit:
     """
     symbol = _SYMBOLS.get(unit, unit)
     array = np.asarray(values, dtype=np.float64)
-    factor, prefixed = prefix(array[np.isfinite(array)], symbol)
+    factor, prefixed = _prefixed(array[np.isfinite(array)], symbol)
     if symbol:
         return AxisUnit(factor, prefixed)
     exponent = -round(math.log10(factor))
     return AxisUnit(factor, f"10{str(exponent).translate(_SUPERSCRIPT)}" if exponent else "")
 
 
-def prefix(values: FloatArray, unit: str) -> tuple[float, str]:
-    """Factor and unit with an SI prefix that bring the largest of the values between 1 and 1000.
-
-    Examples
-    --------
-    >>> prefix(np.array([0.0, 2.2e-9]), "T")
-    (1000000000.0, 'nT')
-    """
+def _prefixed(values: FloatArray, unit: str) -> tuple[float, str]:
+    """Factor and unit with an SI prefix that bring the largest of the values between 1 and 1000."""
     largest = float(np.abs(values).max(initial=0.0))
     if largest == 0.0 or not math.isfinite(largest):
         return 1.0, unit
@@ -122,6 +116,6 @@ def true_minus(text: str) -> str:
 
 def logarithmic_ticks(axis: Axis, decades: float) -> None:
     """Write plain numbers on a logarithmic axis: 1, 2 and 5 of each decade where there are few."""
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if decades < 2 else (1.0,)))
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if decades < 2.5 else (1.0,)))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(NullFormatter())

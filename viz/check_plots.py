@@ -13,8 +13,9 @@ from matplotlib.ticker import MaxNLocator
 
 from coilarray.geometry.array import CoilArray
 from coilarray.geometry.rules import Margin
+from coilarray.viz.board_plots import plot_copper
 from coilarray.viz.palette import INK
-from coilarray.viz.plots import figure_size, plot_copper, styled
+from coilarray.viz.style import figure_size, styled
 
 _MM = 1e3  # mm in a metre
 _TOGETHER = 0.025  # of the board's diagonal: places nearer than that get one circle

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
 from coilarray.viz.palette import BLUE, COILS, INK, VERMILLION, cycled
-from coilarray.viz.plots import colour_bar, figure_size, new_axes, styled
+from coilarray.viz.style import colour_bar, figure_size, new_axes, styled
 
 if TYPE_CHECKING:
     import xarray as xr

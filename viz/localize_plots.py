@@ -12,22 +12,38 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse as EllipsePatch
-from matplotlib.patches import Polygon
-from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from coilarray.localize.ellipse import Ellipse
 from coilarray.localize.ellipse_model import EllipseModel, EllipsePosition
-from coilarray.viz.palette import BLUE, COILS, GREEN, INK, VERMILLION, cycled
-from coilarray.viz.plots import colour_bar, figure_size, new_axes, styled
+from coilarray.viz.axis_units import MILLI_DELTA, MM, logarithmic_ticks, true_minus
+from coilarray.viz.palette import (
+    BLUE,
+    COILS,
+    DIVERGING,
+    GREEN,
+    GREY,
+    INK,
+    SEQUENTIAL,
+    SKY,
+    VERMILLION,
+    CurveLook,
+    curve_look,
+)
+from coilarray.viz.style import (
+    colour_bar,
+    faint_grid,
+    figure_size,
+    finish_map,
+    largest,
+    legend_above,
+    legend_beside,
+    new_axes,
+    plan_axes,
+    styled,
+)
 
 FloatArray = npt.NDArray[np.float64]
 
-_MM = 1e3  # mm in a metre
-_DELTA = 1e3  # axes of δ are in 10⁻³
-_DELTA_LABEL = "δ (10⁻³)"
-_GREY = "#909090"
-_FAINT = "#E4E4E4"
-_UNKNOWN = "#D0D0D0"  # where a map has no value
 _PARAMETERS = {"A": (BLUE, "o", "-"), "B": (VERMILLION, "s", "--"), "x0": (GREEN, "^", ":")}
 _NAMES = {"A": "A", "B": "B", "x0": r"$x_0$"}
 _SHARE = 0.1  # of the largest cause: single neighbours below it are drawn without a name
@@ -65,6 +81,15 @@ def plot_ellipse_parameters(
     ------
     ValueError
         A state that fits or model do not have.
+
+    Examples
+    --------
+    >>> from coilarray.localize.ellipse import fit_ellipses
+    >>> from coilarray.localize.ellipse_model import ellipse_model
+    >>> from coilarray.localize.published import published_map
+    >>> fits = fit_ellipses(published_map(), states=["coil1", "coil2"])
+    >>> plot_ellipse_parameters(fits, ellipse_model(fits), "coil1").get_ylabel()
+    'A, B, $x_0$ (mm)'
     """
     names = fits.state.values.tolist()
     if state not in names or state not in model.names:
@@ -73,8 +98,8 @@ def plot_ellipse_parameters(
     of, coil = fits.sel(state=state), model[state]
     for key, (colour, marker, line) in _PARAMETERS.items():
         ax.plot(
-            of.delta.values * _DELTA,
-            of[key].values * _MM,
+            MILLI_DELTA.of(of.delta),
+            MM.of(of[key]),
             linestyle="",
             marker=marker,
             markersize=3.5,
@@ -82,18 +107,19 @@ def plot_ellipse_parameters(
             color=colour,
         )
         at = np.linspace(np.nanmin(of.delta.values), np.nanmax(of.delta.values), 200)
-        ax.plot(at * _DELTA, np.polyval(getattr(coil, key), at) * _MM, line, color=colour, label=_NAMES[key])
+        ax.plot(MILLI_DELTA.of(at), MM.of(np.polyval(getattr(coil, key), at)), line, color=colour, label=_NAMES[key])
     if published is not None and state in published.names:
         known = published[state]
         at = np.linspace(1e-4, min(known.highest, float(at[-1])), 200)
         for key, (_, _, line) in _PARAMETERS.items():
             label = "Table A1" if key == "A" else None
-            ax.plot(at * _DELTA, np.polyval(getattr(known, key), at) * _MM, line, color=_GREY, lw=1.0, label=label)
-    ax.axhline(0.0, color=_GREY, linewidth=0.8, zorder=0)
+            curve = MM.of(np.polyval(getattr(known, key), at))
+            ax.plot(MILLI_DELTA.of(at), curve, line, color=GREY, linewidth=1.0, label=label)
+    ax.axhline(0.0, color=GREY, linewidth=0.8, zorder=0)
     ax.set_xlim(left=0.0)
-    ax.grid(color=_FAINT)
-    ax.set_xlabel(_DELTA_LABEL)
-    ax.set_ylabel("A, B, $x_0$ (mm)")
+    faint_grid(ax)
+    ax.set_xlabel(MILLI_DELTA.label("δ"))
+    ax.set_ylabel(MM.label("A, B, $x_0$"))
     ax.set_title(f"Ellipses of {state}")
     ax.legend(loc="best")
     return ax
@@ -145,36 +171,43 @@ def plot_ellipses(
     ------
     ValueError
         No ellipse.
+
+    Examples
+    --------
+    >>> from coilarray.localize.ellipse_model import intersect
+    >>> from coilarray.localize.published import published_model
+    >>> model, deltas = published_model(), {"coil1": 8.09e-4, "coil2": 6.47e-4}
+    >>> place = intersect(model, deltas, "coil1", "coil2")
+    >>> ax = plot_ellipses({name: model[name].ellipse(delta) for name, delta in deltas.items()}, place)
+    >>> [text.get_text() for text in ax.get_legend().get_texts()]
+    ['coil1', 'coil2', 'x = −8.75 mm, two points']
     """
     if not ellipses:
         raise ValueError("ellipses must hold one or more; got none.")
-    left, right = (
-        min(e.x0 - e.A for e in ellipses.values()) * _MM,
-        max(e.x0 + e.A for e in ellipses.values()) * _MM,
-    )
-    top = max(e.B for e in ellipses.values()) * _MM
+    shapes = list(ellipses.values())
+    left, right, top = MM.of(
+        (min(e.x0 - e.A for e in shapes), max(e.x0 + e.A for e in shapes), max(e.B for e in shapes))
+    ).tolist()
     width, height = figure_size(right - left, 2 * top)
     ax = ax or new_axes(width, height + 0.5)
-    for k, (name, colour) in enumerate(cycled(COILS, list(ellipses)).items()):
-        ellipse = ellipses[name]
-        centre = (ellipse.x0 * _MM, 0.0)
-        curve = EllipsePatch(centre, 2 * ellipse.A * _MM, 2 * ellipse.B * _MM, label=name)
-        curve.set(facecolor="none", edgecolor=colour, linewidth=1.6, linestyle=("-", "--", ":")[k % 3])
+    for k, (name, ellipse) in enumerate(ellipses.items()):
+        x0, width, height = MM.of((ellipse.x0, 2 * ellipse.A, 2 * ellipse.B)).tolist()
+        look = curve_look(k)
+        curve = EllipsePatch((x0, 0.0), width, height, label=name)
+        curve.set(facecolor="none", edgecolor=look["color"], linewidth=1.6, linestyle=look["linestyle"])
         ax.add_patch(curve)
-        ax.plot(*centre, "+", color=colour)
+        ax.plot(x0, 0.0, "+", color=look["color"])
     if position is not None:
-        x, y = position.x * _MM, position.y * _MM
-        ax.axvline(x, color=_GREY, linewidth=0.8, linestyle=":", zorder=0)
-        ax.plot([x, x], [y, -y], "o", color=INK, markersize=5, label=f"x = {x:.2f} mm, {position.case}")
+        x, y = MM.of((position.x, position.y)).tolist()
+        ax.axvline(x, color=GREY, linewidth=0.8, linestyle=":", zorder=0)
+        ax.plot([x, x], [y, -y], "o", color=INK, markersize=5, label=true_minus(f"x = {x:.2f} mm, {position.case}"))
     if real is not None:
-        ax.plot(real[0] * _MM, real[1] * _MM, "x", color=VERMILLION, markersize=7, label="real position")
+        ax.plot(*MM.of(real), "x", color=VERMILLION, markersize=7, label="real position")
     rim = 0.05 * max(right - left, 2 * top)
     ax.set_xlim(left - rim, right + rim)
     ax.set_ylim(-top - rim, top + rim)
-    ax.set_aspect("equal")
-    ax.set_xlabel("x (mm)")
-    ax.set_ylabel("y (mm)")
-    ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.2)
+    plan_axes(ax)
+    legend_above(ax, 2, "left")
     return ax
 
 
@@ -197,17 +230,23 @@ def plot_x_error(error: xr.DataArray, ax: Axes | None = None, outlines: Sequence
     ------
     ValueError
         Fewer than two x or y, or no position with an error.
+
+    Examples
+    --------
+    >>> error = xr.DataArray([[0.0, 1e-4], [-3e-4, 0.0]], {"y": [0.0, 2e-3], "x": [0.0, 2e-3]}, ("y", "x"))
+    >>> plot_x_error(error).get_title(loc="left")
+    'Error of x, at most 0.30 mm'
     """
-    values = error.transpose("y", "x").values * _MM
+    values = MM.of(error.transpose("y", "x"))
     if min(values.shape) < 2 or not np.isfinite(values).any():
         raise ValueError(f"an error must have at least two x and two y and one value; got shape {values.shape}.")
-    limit = float(np.nanmax(np.abs(values))) or 1.0
+    limit = largest(values)
     ax = _map_axes(error, ax)
     image = ax.pcolormesh(
-        error.x.values * _MM, error.y.values * _MM, np.ma.masked_invalid(values), cmap="RdBu_r", vmin=-limit, vmax=limit
+        MM.of(error.x), MM.of(error.y), np.ma.masked_invalid(values), cmap=DIVERGING, vmin=-limit, vmax=limit
     )
-    colour_bar(ax, image, "error of x (mm)")
-    _finish_map(ax, error, outlines)
+    colour_bar(ax, image, MM.label("error of x"))
+    finish_map(ax, outlines)
     ax.set_title(f"Error of x, at most {limit:.2f} mm")
     return ax
 
@@ -229,21 +268,34 @@ def plot_distortion(distortion: xr.Dataset, state: str, ax: Axes | None = None) 
     ------
     ValueError
         A state that the dataset does not have.
+
+    Examples
+    --------
+    >>> result = xr.Dataset(
+    ...     {
+    ...         "x0": (("neighbours", "state", "delta"), [[[1e-4, 0.0]], [[0.0, 0.0]]]),
+    ...         "published_x0": (("state", "delta"), [[5e-4, 2e-4]]),
+    ...         "centre": ("state", [0.0]),
+    ...     },
+    ...     {"neighbours": ["grounded", "open"], "state": ["coil2"], "delta": [1e-4, 1e-3]},
+    ... )
+    >>> [line.get_label() for line in plot_distortion(result, "coil2").lines]
+    ['neighbours grounded', 'neighbours open', 'Table A1', 'centre of the coil']
     """
     of = _of_state(distortion, state)
     ax = ax or new_axes(6.5, 4.0)
-    at = of.delta.values * _DELTA
+    at = MILLI_DELTA.of(of.delta)
     curves = [("neighbours grounded", of.x0.sel(neighbours="grounded"), BLUE, "-")]
-    curves.append(("neighbours open", of.x0.sel(neighbours="open"), COILS[5], "--"))
+    curves.append(("neighbours open", of.x0.sel(neighbours="open"), SKY, "--"))
     if "calibrated_x0" in of:
         for k, name in enumerate(of.calibration.values.tolist()):
             curves.append((f"calibrated, {name}", of.calibrated_x0.sel(calibration=name), COILS[2 + k % 3], "-."))
     curves.append(("Table A1", of.published_x0, INK, "-"))
     for label, x0, colour, line in curves:
         if np.isfinite(x0.values).any():
-            ax.plot(at, x0.values * _MM, line, color=colour, label=label)
-    ax.axhline(float(of.centre) * _MM, color=_GREY, linewidth=0.8, linestyle=":", label="centre of the coil")
-    _finish_curves(ax, f"$x_0$ of {state}", "$x_0$ (mm)")
+            ax.plot(at, MM.of(x0), line, color=colour, label=label)
+    ax.axhline(float(MM.of(of.centre)), color=GREY, linewidth=0.8, linestyle=":", label="centre of the coil")
+    _finish_curves(ax, f"$x_0$ of {state}", MM.label("$x_0$"))
     return ax
 
 
@@ -255,36 +307,49 @@ def plot_causes(distortion: xr.Dataset, state: str, ax: Axes | None = None) -> A
 
     Parameters
     ----------
-    distortion, state, ax
+    distortion, state
         As in `plot_distortion`.
+    ax : Axes, optional
+        Where to draw; mm over 10⁻³.
 
     Raises
     ------
     ValueError
         A state that the dataset does not have.
+
+    Examples
+    --------
+    >>> result = xr.Dataset(
+    ...     {
+    ...         "effect": (("cause", "state", "delta"), [[[2e-4, 2e-4]], [[5e-4, 5e-4]]]),
+    ...         "rms": (("cause", "state"), [[2e-4], [5e-4]]),
+    ...     },
+    ...     {"cause": ["window", "all neighbours"], "state": ["coil2"], "delta": [1e-4, 1e-3]},
+    ... )
+    >>> [text.get_text() for text in plot_causes(result, "coil2").get_legend().get_texts()]
+    ['all neighbours, 0.50', 'window, 0.20']
     """
     of = _of_state(distortion, state)
     ax = ax or new_axes(6.5, 4.0)
-    at = of.delta.values * _DELTA
+    at = MILLI_DELTA.of(of.delta)
     rms = {cause: float(of.rms.sel(cause=cause)) for cause in of.cause.values.tolist()}
     rms = {cause: value for cause, value in rms.items() if math.isfinite(value)}
     largest = max(rms.values(), default=0.0)
     ranked = sorted(rms, key=lambda cause: -rms[cause])
-    colours = cycled(COILS, sorted(rms))  # of a cause the same in every panel
+    looks = {cause: curve_look(k) for k, cause in enumerate(sorted(rms))}  # of a cause the same in every panel
     for cause in ranked:
         single = cause.startswith("neighbour ")
         named = not single or rms[cause] >= _SHARE * largest
-        rank = sorted(rms).index(cause)
+        look = looks[cause] if named else CurveLook(color=GREY, linestyle="-")
         ax.plot(
             at,
-            of.effect.sel(cause=cause).values * _MM,
-            ("-", "--", ":")[rank // len(COILS) % 3],
-            color=colours[cause] if named else _GREY,
+            MM.of(of.effect.sel(cause=cause)),
             linewidth=0.9 if single else 1.6,
-            label=f"{cause}, {rms[cause] * _MM:.2f}" if named else None,
+            label=f"{cause}, {rms[cause] * MM.factor:.2f}" if named else None,
+            **look,
         )
-    ax.axhline(0.0, color=_GREY, linewidth=0.8, zorder=0)
-    _finish_curves(ax, f"Causes for {state}, rms in mm", "share in $x_0$ (mm)")
+    ax.axhline(0.0, color=GREY, linewidth=0.8, zorder=0)
+    _finish_curves(ax, f"Causes for {state}, rms in mm", MM.label("share in $x_0$"))
     return ax
 
 
@@ -330,11 +395,18 @@ def plot_identifiability(
     ------
     ValueError
         A quantity that the dataset does not have, fewer than two x or y, or no finite value.
+
+    Examples
+    --------
+    >>> sigma = xr.DataArray([[1e-5, 2e-5], [5e-5, np.inf]], {"y": [0.0, 2e-3], "x": [0.0, 2e-3]}, ("y", "x"))
+    >>> bounds = xr.Dataset({"sigma_x": sigma}, attrs={"depth": 1e-3, "noise": 1e-5})
+    >>> plot_identifiability(bounds).child_axes[0].get_ylabel()
+    'σ of x (mm)'
     """
     there = [name for name in _SIGMAS if name in bounds]
     if quantity not in there:
         raise ValueError(f"quantity must be one of {', '.join(there)}; got {quantity!r}.")
-    values = bounds[quantity].transpose("y", "x").values * _MM
+    values = MM.of(bounds[quantity].transpose("y", "x"))
     if min(values.shape) < 2 or not np.isfinite(values).any():
         raise ValueError(f"a bound must have at least two x and two y and one finite value; got shape {values.shape}.")
     finite = values[np.isfinite(values)]
@@ -342,18 +414,16 @@ def plot_identifiability(
     high = min(max(float(finite.max()), low * 1.01), low * 10**_DECADES)
     ax = _map_axes(bounds, ax)
     image = ax.pcolormesh(
-        bounds.x.values * _MM,
-        bounds.y.values * _MM,
+        MM.of(bounds.x),
+        MM.of(bounds.y),
         np.ma.masked_invalid(values),
-        cmap="viridis_r",
+        cmap=f"{SEQUENTIAL}_r",
         norm=LogNorm(low, high),
     )
-    bar = colour_bar(ax, image, f"σ of {_SIGMAS[quantity]} (mm)")
-    bar.ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high / low < 100 else (1.0,)))
-    bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    bar.ax.yaxis.set_minor_formatter(NullFormatter())
-    _finish_map(ax, bounds, outlines)
-    depth = f"{bounds.attrs['depth'] * _MM:g} mm deep"
+    bar = colour_bar(ax, image, MM.label(f"σ of {_SIGMAS[quantity]}"))
+    logarithmic_ticks(bar.ax.yaxis, math.log10(high / low))
+    finish_map(ax, outlines)
+    depth = f"{bounds.attrs['depth'] * MM.factor:g} mm deep"
     ax.set_title(f"Least standard deviation of {_SIGMAS[quantity]}, {depth}, {_noise_text(bounds)}")
     return ax
 
@@ -386,11 +456,11 @@ def _of_state(distortion: xr.Dataset, state: str) -> xr.Dataset:
 
 
 def _finish_curves(ax: Axes, title: str, label: str) -> None:
-    ax.grid(color=_FAINT)
-    ax.set_xlabel(_DELTA_LABEL)
+    faint_grid(ax)
+    ax.set_xlabel(MILLI_DELTA.label("δ"))
     ax.set_ylabel(label)
     ax.set_title(title)
-    ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    legend_beside(ax)
 
 
 def _map_size(data: xr.Dataset | xr.DataArray) -> tuple[float, float]:
@@ -400,21 +470,6 @@ def _map_size(data: xr.Dataset | xr.DataArray) -> tuple[float, float]:
 
 def _map_axes(data: xr.Dataset | xr.DataArray, ax: Axes | None) -> Axes:
     return ax or new_axes(*_map_size(data))
-
-
-def _finish_map(ax: Axes, data: xr.Dataset | xr.DataArray, outlines: Sequence[npt.ArrayLike]) -> None:
-    """Coils, limits and names of a map in mm."""
-    limits = ax.get_xlim(), ax.get_ylim()
-    for outline in outlines:
-        shape = np.asarray(outline, dtype=np.float64) * _MM
-        ax.add_patch(Polygon(shape, closed=True, facecolor="none", edgecolor=INK, linewidth=0.8))
-    ax.set_xlim(*limits[0])
-    ax.set_ylim(*limits[1])
-    ax.set_facecolor(_UNKNOWN)
-    ax.set_aspect("equal")
-    ax.xaxis.set_major_locator(MaxNLocator(9))
-    ax.set_xlabel("x (mm)")
-    ax.set_ylabel("y (mm)")
 
 
 def _noise_text(bounds: xr.Dataset) -> str:

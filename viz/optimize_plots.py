@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -12,11 +12,159 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from coilarray.geometry.array import CoilArray
-from coilarray.viz.palette import BLUE, GREEN, INK, VERMILLION
-from coilarray.viz.plots import figure_size, new_axes, plot_board, styled
+from coilarray.viz.axis_units import MM
+from coilarray.viz.board_plots import plot_board
+from coilarray.viz.palette import BLUE, GREEN, INK, PALE, SHADE, VERMILLION
+from coilarray.viz.style import faint_grid, figure_size, legend_above, new_axes, styled
 
-_GREY = "#B8B8B8"
-_GRID = "#E4E4E4"
+
+class _Objective(Protocol):
+    """What is drawn of `coilarray.optimize.goal.Objective`."""
+
+    @property
+    def quantity(self) -> str: ...
+    @property
+    def target(self) -> float | None: ...
+    @property
+    def maximized(self) -> bool: ...
+
+
+class _Goal(Protocol):
+    @property
+    def objectives(self) -> Sequence[_Objective]: ...
+
+
+class _Trial(Protocol):
+    """What is drawn of `coilarray.optimize.Trial`."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def kind(self) -> str: ...
+    @property
+    def scores(self) -> Sequence[float]: ...
+    @property
+    def feasible(self) -> bool: ...
+
+
+class SearchResult(Protocol):
+    """What is drawn of `coilarray.optimize.Optimization`, which pictures may not import: it knows of boards to read."""
+
+    @property
+    def goal(self) -> _Goal:
+        """What was wanted."""
+
+    @property
+    def start(self) -> _Trial:
+        """The design as it was."""
+
+    @property
+    def trials(self) -> Sequence[_Trial]:
+        """All of them, in turn."""
+
+    @property
+    def front(self) -> Sequence[_Trial]:
+        """The best of them."""
+
+
+@styled
+def plot_search(result: SearchResult, objective: int = 0, ax: Axes | None = None) -> Axes:
+    """Draw how a search came on: one score of every trial in turn, as `plot_convergence` does.
+
+    Parameters
+    ----------
+    result : coilarray.optimize.Optimization
+        As `coilarray.optimize.optimize_design` returns it.
+    objective : int
+        Which of the goal's objectives.
+    ax : Axes, optional
+        Where to draw.
+
+    Raises
+    ------
+    ValueError
+        An objective that the goal does not have.
+
+    Examples
+    --------
+    >>> from coilarray import load_design
+    >>> from coilarray.optimize import Optimization, Trial, front_of, load_goal
+    >>> design, goal = load_design("gast2020"), load_goal("worst_k_and_position")
+    >>> scores = [(0.05, 0.3), (0.04, 0.4), (0.06, 0.5)]
+    >>> trials = tuple(Trial("search", k, {}, {}, both, {}) for k, both in enumerate(scores))
+    >>> result = Optimization(design, goal, (), trials[0], True, trials, front_of(trials, goal), 0, "")
+    >>> ax = plot_search(result)
+    >>> ax.get_ylabel(), ax.lines[0].get_label(), ax.lines[0].get_ydata().tolist()
+    ('worst_k', 'best so far', [0.05, 0.04, 0.04])
+    """
+    _check_objectives(result, objective)
+    wanted = result.goal.objectives[objective]
+    return plot_convergence(
+        [trial.scores[objective] if trial.scores else np.nan for trial in result.trials],
+        [trial.feasible for trial in result.trials],
+        label=_label(result, objective),
+        maximized=wanted.maximized,
+        polished_from=next((k for k, trial in enumerate(result.trials) if trial.kind == "polish"), None),
+        start=result.start.scores[objective] if result.start.scores else None,
+        log=wanted.target is not None,
+        ax=ax,
+    )
+
+
+@styled
+def plot_pareto(
+    result: SearchResult,
+    objectives: tuple[int, int] = (0, 1),
+    ax: Axes | None = None,
+    named: Mapping[str, str] | None = None,
+) -> Axes:
+    """Draw two scores of all trials against each other, the Pareto front and the design as it was.
+
+    Parameters
+    ----------
+    result : coilarray.optimize.Optimization
+        As `coilarray.optimize.optimize_design` returns it.
+    objectives : tuple of int
+        Which of the goal's objectives, across and up.
+    ax : Axes, optional
+        Where to draw; of a goal with two objectives the front is a staircase.
+    named : mapping of str to str, optional
+        Texts beside trials, by the trials' names.
+
+    Raises
+    ------
+    ValueError
+        An objective that the goal does not have, or no trial with scores.
+
+    Examples
+    --------
+    >>> from coilarray import load_design
+    >>> from coilarray.optimize import Optimization, Trial, front_of, load_goal
+    >>> design, goal = load_design("gast2020"), load_goal("worst_k_and_position")
+    >>> scores = [(0.05, 0.3), (0.04, 0.4), (0.06, 0.5)]
+    >>> trials = tuple(Trial("search", k, {}, {}, both, {}) for k, both in enumerate(scores))
+    >>> result = Optimization(design, goal, (), trials[0], True, trials, front_of(trials, goal), 0, "")
+    >>> front = plot_pareto(result).collections[1]
+    >>> front.get_label(), front.get_offsets().tolist()
+    ('Pareto front', [[0.04, 0.4], [0.05, 0.3]])
+    """
+    _check_objectives(result, *objectives)
+    possible = [trial for trial in result.trials if trial.scores]
+    if not possible:
+        raise ValueError("a Pareto front needs a trial with scores; got none.")
+    i, j = objectives
+    place = {trial.name: k for k, trial in enumerate(possible)}
+    ahead: Literal["pre", "post"] = "pre" if result.goal.objectives[i].maximized else "post"
+    return plot_front(
+        [(trial.scores[i], trial.scores[j]) for trial in possible],
+        [trial.feasible for trial in possible],
+        [place[trial.name] for trial in result.front],
+        labels=(_label(result, i), _label(result, j)),
+        start=(result.start.scores[i], result.start.scores[j]) if result.start.scores else None,
+        named={place[name]: text for name, text in (named or {}).items()},
+        stairs=ahead if len(result.goal.objectives) == 2 else None,
+        ax=ax,
+    )
 
 
 @styled
@@ -56,6 +204,12 @@ def plot_convergence(
     ------
     ValueError
         Shapes that do not fit.
+
+    Examples
+    --------
+    >>> ax = plot_convergence([0.3, 0.2, 0.4], [True, True, True], label="worst_k")
+    >>> ax.lines[0].get_ydata().tolist()
+    [0.3, 0.2, 0.2]
     """
     values, kept = np.asarray(scores, dtype=np.float64), np.asarray(feasible, dtype=np.bool_)
     if values.ndim != 1 or values.shape != kept.shape:
@@ -63,7 +217,7 @@ def plot_convergence(
     ax = ax or new_axes(7.0, 3.6)
     number = np.arange(values.size)
     kept = kept & np.isfinite(values)
-    ax.scatter(number[~kept], values[~kept], s=12, color=_GREY, marker="x", linewidth=0.9, label="breaks a bound")
+    ax.scatter(number[~kept], values[~kept], s=12, color=PALE, marker="x", linewidth=0.9, label="breaks a bound")
     ax.scatter(number[kept], values[kept], s=14, color=BLUE, alpha=0.7, linewidth=0, label="keeps all bounds")
     if kept.any():
         worst = -np.inf if maximized else np.inf
@@ -74,13 +228,13 @@ def plot_convergence(
     if start is not None:
         ax.axhline(start, color=INK, linestyle="--", linewidth=1.0, label="design as it was")
     if polished_from is not None:
-        ax.axvspan(polished_from - 0.5, values.size - 0.5, color="#EDEDED", zorder=0, label="local solver")
+        ax.axvspan(polished_from - 0.5, values.size - 0.5, color=SHADE, zorder=0, label="local solver")
     ax.set_xlim(-0.5, max(values.size - 0.5, 0.5))
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     ax.set_xlabel("trial")
     ax.set_ylabel(label)
-    ax.grid(axis="y", color=_GRID)
-    ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=5, borderaxespad=0.2, columnspacing=1.0)
+    faint_grid(ax, "y")
+    legend_above(ax, 5)
     return ax
 
 
@@ -96,6 +250,12 @@ def plot_importance(parts: Mapping[str, float], *, title: str, ax: Axes | None =
         What they decide.
     ax : Axes, optional
         Where to draw.
+
+    Examples
+    --------
+    >>> ax = plot_importance({"array.pitch_mm": 0.75, "array.columns": 0.25}, title="worst_k")
+    >>> [text.get_text() for text in ax.texts]
+    ['75 %', '25 %']
     """
     ax = ax or new_axes(6.0, 0.9 + 0.32 * len(parts))
     rows = np.arange(len(parts))
@@ -148,12 +308,18 @@ def plot_front(
     ------
     ValueError
         Shapes that do not fit.
+
+    Examples
+    --------
+    >>> ax = plot_front([(1, 3), (2, 1), (3, 3)], [True, True, True], [0, 1], labels=("a", "b"))
+    >>> ax.collections[1].get_offsets().tolist()
+    [[1.0, 3.0], [2.0, 1.0]]
     """
     values, kept = np.asarray(points, dtype=np.float64), np.asarray(feasible, dtype=np.bool_)
     if values.ndim != 2 or values.shape[1] != 2 or values.shape[:1] != kept.shape:
         raise ValueError(f"points must have shape (n, 2) and feasible (n,); got {values.shape} and {kept.shape}.")
     ax = ax or new_axes(6.5, 4.6)
-    ax.scatter(values[kept, 0], values[kept, 1], s=14, color=_GREY, linewidth=0, label="keeps all bounds")
+    ax.scatter(values[kept, 0], values[kept, 1], s=14, color=PALE, linewidth=0, label="keeps all bounds")
     edge = values[sorted(front, key=lambda k: tuple(values[k].tolist()))]
     if len(edge):
         if stairs is not None:
@@ -166,9 +332,8 @@ def plot_front(
         ax.annotate(name, values[k].tolist(), xytext=(6, 6), textcoords="offset points", weight="bold")
     ax.set_xlabel(labels[0])
     ax.set_ylabel(labels[1])
-    ax.grid(color=_GRID)
-    ax.set_axisbelow(True)
-    ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.2)
+    faint_grid(ax)
+    legend_above(ax, 3)
     return ax
 
 
@@ -188,10 +353,23 @@ def boards_figure(boards: Mapping[str, CoilArray]) -> Figure:
     rim = 0.02 * (x_max - x_min + y_max - y_min)
     for k, (title, array) in enumerate(boards.items()):
         ax = plot_board(array, figure.add_subplot(len(boards), 1, k + 1))
-        ax.set_xlim((x_min - rim) * 1e3, (x_max + rim) * 1e3)
-        ax.set_ylim((y_min - rim) * 1e3, (y_max + rim) * 1e3)
+        ax.set_xlim(*MM.of((x_min - rim, x_max + rim)))
+        ax.set_ylim(*MM.of((y_min - rim, y_max + rim)))
         ax.set_title(title)
     return figure
+
+
+def _check_objectives(result: SearchResult, *asked: int) -> None:
+    count = len(result.goal.objectives)
+    for objective in asked:
+        if not 0 <= objective < count:
+            raise ValueError(f"an objective must be one of the goal's {count}, counted from 0; got {objective}.")
+
+
+def _label(result: SearchResult, k: int) -> str:
+    """Name a score by its quantity, whose name says the unit."""
+    objective = result.goal.objectives[k]
+    return objective.quantity if objective.target is None else f"|{objective.quantity} − {objective.target:g}|"
 
 
 def _focus(ax: Axes, values: npt.NDArray[np.float64], log: bool) -> None:

@@ -10,12 +10,11 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from coilarray.viz.palette import BLUE, COILS, INK, VERMILLION
-from coilarray.viz.plots import styled
+from coilarray.viz.palette import BLUE, INK, KINDS, UNKNOWN, VERMILLION
+from coilarray.viz.style import new_axes, styled
 
 _MOST_HISTOGRAMS = 6
 _COLUMNS = 3
-_REST = "#D0D0D0"  # what is too small to be told apart
 _LEAST_SHARE = 0.02
 _HEADROOM = 1.2  # for the legend
 
@@ -48,8 +47,8 @@ def tolerance_figure(result: xr.Dataset, outputs: Sequence[str] | None = None) -
         raise ValueError("at least one output must be drawn; got none.")
     shown = names[:_MOST_HISTOGRAMS] if "value" in result else []
     rows = -(-len(shown) // _COLUMNS)
-    bars = 0.9 + 0.24 * len(names)
-    figure = Figure(figsize=(9.0, bars + 2.2 * rows), layout="constrained")
+    width, bars = _shares_size(len(names))
+    figure = Figure(figsize=(width, bars + 2.2 * rows))
     grid = figure.add_gridspec(1 + rows, _COLUMNS, height_ratios=[bars] + [2.2] * rows)
     plot_shares(result.sel(output=names), figure.add_subplot(grid[0, :]))
     for k, name in enumerate(shown):
@@ -57,17 +56,29 @@ def tolerance_figure(result: xr.Dataset, outputs: Sequence[str] | None = None) -
     return figure
 
 
-def plot_shares(result: xr.Dataset, ax: Axes) -> Axes:
+@styled
+def plot_shares(result: xr.Dataset, ax: Axes | None = None) -> Axes:
     """Stack the shares of every kind of error in the variance of each output; board parts plain, layers hatched.
 
     Parameters
     ----------
     result : xarray.Dataset
         As `coilarray.tolerance.analyse` returns it.
-    ax : Axes
+    ax : Axes, optional
         Where to draw.
+
+    Examples
+    --------
+    >>> kinds = {"table": ("contributor", ["etch", "copper"]), "part": ("contributor", ["board", "board"])}
+    >>> result = xr.Dataset(
+    ...     {"share": (("contributor", "output"), [[0.75], [0.25]]), "linear_deviation": ("output", [1e-3])},
+    ...     {"output": ["worst_k"], "contributor": ["etch, board", "copper, board"]} | kinds,
+    ... )
+    >>> [float(bar.get_width()) for bar in plot_shares(result).patches]
+    [75.0, 25.0, 0.0]
     """
     names = result.output.values.tolist()
+    ax = ax or new_axes(*_shares_size(len(names)))
     places = np.arange(len(names))
     left = np.zeros(len(names))
     kinds = list(dict.fromkeys(zip(result.table.values.tolist(), result.part.values.tolist(), strict=True)))
@@ -83,8 +94,7 @@ def plot_shares(result: xr.Dataset, ax: Axes) -> Axes:
             share * 100,
             left=left,
             height=0.75,
-            color=COILS[k % len(COILS)],
-            alpha=1.0 if k < len(COILS) else 0.5,
+            color=KINDS[k % len(KINDS)],
             hatch="" if part == "board" else "////",
             edgecolor="white",
             linewidth=0.4,
@@ -92,7 +102,7 @@ def plot_shares(result: xr.Dataset, ax: Axes) -> Axes:
         )
         left += share * 100
     spread = result.linear_deviation.values > 0
-    ax.barh(places, np.where(spread, 100 - left, 0.0), left=left, height=0.75, color=_REST, label="others")
+    ax.barh(places, np.where(spread, 100 - left, 0.0), left=left, height=0.75, color=UNKNOWN, label="others")
     ax.set_yticks(places, names)
     ax.invert_yaxis()
     ax.set_xlim(0, 100)
@@ -101,7 +111,8 @@ def plot_shares(result: xr.Dataset, ax: Axes) -> Axes:
     return ax
 
 
-def plot_boards(result: xr.Dataset, output: str, ax: Axes) -> Axes:
+@styled
+def plot_boards(result: xr.Dataset, output: str, ax: Axes | None = None) -> Axes:
     """Draw the histogram of one output over the drawn boards, the linearised spread, and the limits.
 
     Parameters
@@ -110,9 +121,24 @@ def plot_boards(result: xr.Dataset, output: str, ax: Axes) -> Axes:
         As `coilarray.tolerance.analyse` returns it, with samples.
     output : str
         Which one.
-    ax : Axes
+    ax : Axes, optional
         Where to draw.
+
+    Examples
+    --------
+    >>> result = xr.Dataset(
+    ...     {
+    ...         "value": (("sample", "output"), [[0.04], [0.05], [0.06]]),
+    ...         "nominal": ("output", [0.05]),
+    ...         "linear_deviation": ("output", [0.01]),
+    ...     },
+    ...     {"output": ["worst_k"]},
+    ... )
+    >>> ax = plot_boards(result, "worst_k")
+    >>> ax.get_xlabel(), ax.get_legend().get_texts()[0].get_text()
+    ('worst_k', '3 boards')
     """
+    ax = ax or new_axes(4.0, 3.0)
     at = result.sel(output=output)
     values: npt.NDArray[np.float64] = at.value.values[np.isfinite(at.value.values)]
     nominal, deviation = float(at.nominal), float(at.linear_deviation)
@@ -134,3 +160,8 @@ def plot_boards(result: xr.Dataset, output: str, ax: Axes) -> Axes:
     ax.set_ylim(top=_HEADROOM * ax.get_ylim()[1])
     ax.legend(loc="upper center", ncols=3, fontsize="xx-small", columnspacing=0.8, handlelength=1.2)
     return ax
+
+
+def _shares_size(outputs: int) -> tuple[float, float]:
+    """Size in inches of a figure of the shares."""
+    return 9.0, 0.9 + 0.24 * outputs

@@ -71,12 +71,9 @@ def impedance(
     if plot is not None:
         from matplotlib.figure import Figure
 
-        from coilarray.viz import plot_sweep
+        from coilarray.viz import plot_frequency_sweep
 
-        names = sweep.state.values.tolist()
-        ax = plot_sweep(
-            sweep.frequency, sweep.apparent_inductance, names, quantity="apparent inductance", unit="H", limited=True
-        )
+        ax = plot_frequency_sweep(sweep)
         assert isinstance(ax.figure, Figure)
         write_atomically(plot, ax.figure.savefig)
     states, limits = state_table(scan), limit_table(scan)

@@ -23,10 +23,22 @@ from coilarray.geometry import Indenter
 from coilarray.localize.ellipse_model import EllipseModel
 from coilarray.report.position import MapPositions
 from coilarray.viz import (
+    comparison_figure,
+    plot_bell_curve,
+    plot_board,
+    plot_copper,
+    plot_coupling,
+    plot_currents,
     plot_dent,
+    plot_effective_inductance,
     plot_ellipse_parameters,
     plot_ellipses,
+    plot_field_lines,
+    plot_field_map,
     plot_force_depth,
+    plot_frequency_sweep,
+    plot_inductance,
+    plot_readings,
     plot_response_profile,
     plot_x_error,
     rendering_problem,
@@ -34,12 +46,6 @@ from coilarray.viz import (
     save_board_picture,
     save_dent_picture,
 )
-from coilarray.viz.board_plots import plot_board, plot_copper
-from coilarray.viz.comparison_plots import comparison_figure, plot_readings
-from coilarray.viz.coupling_plots import plot_coupling, plot_currents, plot_effective_inductance, plot_inductance
-from coilarray.viz.field_plots import plot_field_lines, plot_field_map
-from coilarray.viz.frequency_plots import plot_frequency_sweep
-from coilarray.viz.response_plots import plot_bell_curve
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -201,7 +207,7 @@ def response_pictures(design: Design, response: xr.Dataset) -> list[Picture]:
         pictures.append(
             _draw(
                 "response_depths",
-                f"δ of the coil in the middle of the map along {along} for each depth, with its width at half the peak.",
+                f"δ of the coil in the middle along {along} for each depth, with its width at half the peak.",
                 lambda: plot_bell_curve(response, along=along),
             )
         )

@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import jinja2
 import numpy as np
@@ -32,7 +32,7 @@ from coilarray.quantities import QUANTITIES, Evaluation, request
 from coilarray.report.figures import Picture
 from coilarray.report.tables import Column, Table
 from coilarray.variation import vary
-from coilarray.viz.optimize_plots import boards_figure, plot_convergence, plot_front, plot_importance
+from coilarray.viz import boards_figure, plot_importance, plot_pareto, plot_search
 
 _DPI = 130
 _CHEAP = ("geometry", "coupling", "circuit")  # costs of quantities that the page shows though nobody asked
@@ -225,22 +225,14 @@ def _page(result: Optimization, chosen: Sequence[Chosen], parts: Sequence[Mappin
 
 
 def _convergence_pictures(result: Optimization) -> list[Picture]:
-    polished = next((k for k, trial in enumerate(result.trials) if trial.kind == "polish"), None)
-    feasible = [trial.feasible for trial in result.trials]
-    pictures = []
-    for k, objective in enumerate(result.goal.objectives):
-        axes = plot_convergence(
-            [trial.scores[k] if trial.scores else np.nan for trial in result.trials],
-            feasible,
-            label=_label(result, k),
-            maximized=objective.maximized,
-            polished_from=polished,
-            start=result.start.scores[k] if result.start.scores else None,
-            log=objective.target is not None,
+    return [
+        _picture(
+            f"convergence_{k}",
+            f"Score of every trial in turn: {objective.wish}. Points that break a bound may lie outside.",
+            plot_search(result, k),
         )
-        caption = f"Score of every trial in turn: {objective.wish}. Points that break a bound may lie outside."
-        pictures.append(_picture(f"convergence_{k}", caption, axes))
-    return pictures
+        for k, objective in enumerate(result.goal.objectives)
+    ]
 
 
 def _importance_pictures(result: Optimization, parts: Sequence[Mapping[str, float]]) -> list[Picture]:
@@ -256,28 +248,14 @@ def _importance_pictures(result: Optimization, parts: Sequence[Mapping[str, floa
 
 
 def _front_pictures(result: Optimization, chosen: Sequence[Chosen]) -> list[Picture]:
-    pairs = list(itertools.combinations(range(len(result.goal.objectives)), 2))[:_MOST_FRONTS]
-    possible = [trial for trial in result.trials if trial.scores]
-    place = {trial.name: k for k, trial in enumerate(possible)}
+    if not any(trial.scores for trial in result.trials):
+        return []
     pictures = []
-    for i, j in pairs if possible else []:
-        axes = plot_front(
-            [(trial.scores[i], trial.scores[j]) for trial in possible],
-            [trial.feasible for trial in possible],
-            [place[trial.name] for trial in result.front],
-            labels=(_label(result, i), _label(result, j)),
-            start=(result.start.scores[i], result.start.scores[j]) if result.start.scores else None,
-            named={place[one.trial.name]: one.label for one in chosen},
-            stairs=_stairs(result),
-        )
+    for i, j in list(itertools.combinations(range(len(result.goal.objectives)), 2))[:_MOST_FRONTS]:
+        axes = plot_pareto(result, (i, j), named={one.trial.name: one.label for one in chosen})
         wishes = " and ".join(result.goal.objectives[k].wish for k in (i, j))
         pictures.append(_picture(f"front_{i}_{j}", f"Pareto front: {wishes}. The star is the design as it was.", axes))
     return pictures
-
-
-def _stairs(result: Optimization) -> Literal["pre", "post"] | None:
-    first, *others = result.goal.objectives
-    return None if len(others) > 1 else "pre" if first.maximized else "post"
 
 
 def _board_picture(result: Optimization, chosen: Sequence[Chosen]) -> Picture:
@@ -292,11 +270,6 @@ def _picture(name: str, caption: str, drawn: Axes | Figure) -> Picture:
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=_DPI, bbox_inches="tight")
     return Picture(name, caption, "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii"))
-
-
-def _label(result: Optimization, k: int) -> str:
-    objective = result.goal.objectives[k]
-    return objective.quantity if objective.target is None else f"|{objective.quantity} − {objective.target:g}|"
 
 
 def _wishes(result: Optimization) -> dict[str, str]:
