@@ -537,7 +537,7 @@ def _describe(details: ErrorDetails, document: Mapping[str, Any]) -> str:
     key = ".".join(str(part) for part in where)
     kind, got = details["type"], details.get("input")
     if kind == "unknown_key":
-        return f"{key or 'the design'} {details['msg']}."
+        return f"{key or 'the file'} {details['msg']}."
     if kind == "missing":
         return f"{key} is missing."
     if kind in ("union_tag_not_found", "union_tag_invalid"):

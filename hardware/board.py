@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any, Self
 from coilarray.hardware.buses import ComputerClock
 from coilarray.hardware.direct import DirectReader
 from coilarray.hardware.ldc1614_registers import DEVICE, MANUFACTURER
-from coilarray.hardware.ports import EMULATOR, EmulatorPort, FtdiPort, LinuxPort, SerialPort, parse_port
+from coilarray.hardware.ports import EMULATOR, EmulatorPort, FtdiPort, LinuxPort, Port, SerialPort, parse_port
 from coilarray.hardware.reader import Identity, Reader
 from coilarray.hardware.signals import held_signals, orderly_termination
-from coilarray.hardware.wiring import Wiring, load_wiring
+from coilarray.hardware.wiring import Wiring, load_wiring, one_device_a_coil
 
 if TYPE_CHECKING:
     from coilarray.design import Design
@@ -68,6 +68,19 @@ class Board:
             converter = f"another chip than the LDC1614 ({ids})"
         return f"{self.port}: {identity.kind}; {converter}; wiring {self.wiring.name}; session {identity.boot:08X}"
 
+    def check_chain(self) -> str | None:
+        """Ask a microcontroller whether the chain of switches returns what it is sent.
+
+        Returns
+        -------
+        str or None
+            "same", "differ", or "none" where the end of the chain is not wired back; None for chips that this computer
+            drives itself.
+        """
+        from coilarray.hardware.microcontroller import MicrocontrollerReader
+
+        return self.reader.check_chain() if isinstance(self.reader, MicrocontrollerReader) else None
+
     def close(self) -> None:
         """Rest and let go of the port. Never raises; may be called again."""
         with held_signals():
@@ -104,7 +117,7 @@ def open_board(
     design : Design, optional
         Of the emulated coils; the reference design by default.
     wiring : Wiring, optional
-        Of the switches; six coils with one device each by default.
+        Of the switches; by default as `wiring_of_board` says.
     times : LinkTimes, optional
         How long a microcontroller may take.
     **emulation
@@ -129,7 +142,7 @@ def open_board(
     ...     scan = board.reader.scan()
     """
     place = parse_port(port)
-    wired = wiring or load_wiring()
+    wired = wiring or wiring_of_board(place, design)
     emulator = None
     reader: Reader
     match place:
@@ -138,15 +151,39 @@ def open_board(
             reader = DirectReader(
                 emulator.bus, emulator.switches, emulator.clock, wired.safe_words, kind=EMULATOR, emulated=True
             )
-        case SerialPort(name):
+        case SerialPort(name, bauds):
             from coilarray.hardware.microcontroller import open_microcontroller
 
-            reader = open_microcontroller(name, times=times)
+            reader = open_microcontroller(name, bauds=bauds, times=times)
         case LinuxPort():
             reader = _on_linux(place, wired)
         case FtdiPort():
             reader = _on_ft232h(place, wired)
     return Board(reader, port, wired, emulator)
+
+
+def wiring_of_board(port: Port, design: Design | None = None, name: str | None = None) -> Wiring:
+    """Return the wiring of the board at a port.
+
+    Parameters
+    ----------
+    port : Port
+        As `coilarray.hardware.ports.parse_port` returns it.
+    design : Design, optional
+        Of the emulator's coils.
+    name : str, optional
+        Of the wiring, as `load_wiring` takes it. By default six coils with one device each; for the emulator, whose
+        switches nobody has soldered, coils of the design's names with one device each.
+
+    Raises
+    ------
+    HardwareError
+        As `load_wiring` and `one_device_a_coil`.
+    """
+    bundled = load_wiring(name)
+    if name is not None or design is None or not isinstance(port, EmulatorPort):
+        return bundled
+    return bundled if set(design.array.names) == set(bundled.coils) else one_device_a_coil(design.array.names)
 
 
 def _emulator(design: Design | None, wiring: Wiring, emulation: dict[str, Any]) -> EmulatedBoard:

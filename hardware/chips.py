@@ -17,6 +17,8 @@ from coilarray.hardware.scans import RawSample, SampleFault
 
 ATTEMPTS = 3
 """How often something is tried that must not fail."""
+BUS_FAULTS = (SampleFault.NOT_ACKNOWLEDGED, SampleFault.BUS_TIMEOUT)
+"""Faults of a sample that the bus to the converter has."""
 _ADDRESS = {name: found.address for name, found in registers().items()}
 _CONFIGURED = ("RCOUNT0", "OFFSET0", "SETTLECOUNT0", "CLOCK_DIVIDERS0", "ERROR_CONFIG", "CONFIG", "MUX_CONFIG")
 _DATA_MSB, _DATA_LSB = _ADDRESS["DATA0_MSB"], _ADDRESS["DATA0_LSB"]

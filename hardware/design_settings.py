@@ -9,7 +9,7 @@ from coilarray.errors import HardwareError
 from coilarray.hardware.board_network import board_network
 from coilarray.hardware.kept_parts import keep_folder
 from coilarray.hardware.ldc1614_limits import drive_for
-from coilarray.hardware.ldc1614_timing import INTERNAL_CLOCK
+from coilarray.hardware.ldc1614_timing import BUS_RATE, INTERNAL_CLOCK
 from coilarray.hardware.scan_settings import ScanSettings, scan_settings
 from coilarray.hardware.wiring import Wiring
 from coilarray.network import loaded_quality, resonate
@@ -55,6 +55,7 @@ def design_settings(
     *,
     states: Sequence[str] | None = None,
     rate: float | None = None,
+    bus_rate: float = BUS_RATE,
     clock: float | None = None,
     external_clock: bool = False,
     drives: Mapping[str, int] | int | None = None,
@@ -71,6 +72,8 @@ def design_settings(
         Of the design's scan plan; all by default.
     rate : float, optional
         Scans per second; full resolution by default.
+    bus_rate : float
+        As in `scan_settings`; 400 kHz by default.
     clock : float, optional
         Of the converter in Hz; that of its own typical oscillator by default.
     external_clock : bool
@@ -118,6 +121,7 @@ def design_settings(
         wiring,
         plan,
         rate=rate,
+        bus_rate=bus_rate,
         clock=INTERNAL_CLOCK if clock is None else clock,
         external_clock=external_clock,
         frequency=highest,

@@ -16,7 +16,7 @@ from dataclasses import replace
 
 from coilarray.errors import HardwareError
 from coilarray.hardware.buses import Clock, RegisterBus, SwitchChain
-from coilarray.hardware.chips import ATTEMPTS, Chips, Orders, no_sample
+from coilarray.hardware.chips import ATTEMPTS, BUS_FAULTS, Chips, Orders, no_sample
 from coilarray.hardware.faults import BoardRestarted, BusFault, BusTimeout, SwitchFault
 from coilarray.hardware.ldc1614_registers import DEVICE, MANUFACTURER
 from coilarray.hardware.legal_switching import check_switching
@@ -25,8 +25,7 @@ from coilarray.hardware.scan_settings import ScanSettings
 from coilarray.hardware.scans import RawSample, RawScan, SampleFault
 from coilarray.hardware.signals import held_signals
 
-_FAULTY_SCANS = 3  # running, in the same state, before the stream ends
-_BUS_FAULTS = (SampleFault.NOT_ACKNOWLEDGED, SampleFault.BUS_TIMEOUT)
+_FAULTY_SCANS = 3  # running, with the same kind of fault in the same state, before the stream ends
 
 
 class DirectReader:
@@ -67,7 +66,8 @@ class DirectReader:
         self._safe_words = safe_words
         self._orders: Orders | None = None
         self._failure: HardwareError | None = None
-        self._faulty: Counter[int] = Counter()
+        self._faulty: Counter[int] = Counter()  # scans running, by state, with a fault of the bus
+        self._differing: Counter[int] = Counter()  # the same, of the chain of switches
         self._closed = False
         found = (0, 0)
         with held_signals():
@@ -94,6 +94,7 @@ class DirectReader:
         """
         self._orders, self._failure = None, None
         self._faulty.clear()
+        self._differing.clear()
         if self._closed:
             raise HardwareError("the board is closed; open it again.")
         check_switching(settings)
@@ -231,7 +232,7 @@ class DirectReader:
         """Return the samples of a scan after a look at what the converter still holds; set what ends the stream."""
         faults = [sample.fault for sample in samples]
         try:
-            kept = self._chips.hold(orders, thoroughly=any(fault in _BUS_FAULTS for fault in faults))
+            kept = self._chips.hold(orders, thoroughly=any(fault in BUS_FAULTS for fault in faults))
         except BusFault:  # what is not confirmed is no measurement
             faults = [fault or SampleFault.NOT_ACKNOWLEDGED for fault in faults]
         else:
@@ -243,8 +244,9 @@ class DirectReader:
     def _judge(self, orders: Orders, faults: Sequence[SampleFault]) -> None:
         """End the stream where these faults of a scan are reason to: rest, and let the next scan raise the reason."""
         for k, fault in enumerate(faults):
-            self._faulty[k] = self._faulty[k] + 1 if fault in _BUS_FAULTS else 0
-        reasons = (self._reason(orders.names[k], fault, self._faulty[k]) for k, fault in enumerate(faults))
+            self._faulty[k] = self._faulty[k] + 1 if fault in BUS_FAULTS else 0
+            self._differing[k] = self._differing[k] + 1 if fault == SampleFault.SWITCHES_DIFFER else 0
+        reasons = (self._reason(orders.names[k], k, fault) for k, fault in enumerate(faults))
         self._failure = next((reason for reason in reasons if reason is not None), None)
         if self._failure is None:
             return
@@ -254,15 +256,17 @@ class DirectReader:
                 self._chips.bus.clear()
             self.rest()
 
-    @staticmethod
-    def _reason(state: str, fault: SampleFault, running: int) -> HardwareError | None:
-        """Say why a stream ends with a state that has this fault, and a fault of the bus in so many scans running."""
+    def _reason(self, state: str, k: int, fault: SampleFault) -> HardwareError | None:
+        """Say why the stream ends with a state that has this fault in the last scan; None where it does not."""
         if fault == SampleFault.CONVERTER_RESET:
             return BoardRestarted("the converter lost its settings while it was measuring.")
-        if fault == SampleFault.SWITCHES_DIFFER:
-            return SwitchFault(f"state {state}: the chain of switches returns other words than it was sent.")
-        if running >= _FAULTY_SCANS:
-            return BusFault(f"state {state}: the converter did not answer in {running} scans running.")
+        if self._differing[k] >= _FAULTY_SCANS:
+            return SwitchFault(
+                f"state {state}: the chain of switches returned other words than it was sent in {_FAULTY_SCANS} scans "
+                "running."
+            )
+        if self._faulty[k] >= _FAULTY_SCANS:
+            return BusFault(f"state {state}: the converter did not answer in {_FAULTY_SCANS} scans running.")
         return None
 
     @contextlib.contextmanager

@@ -106,6 +106,7 @@ class GcodeStage:
         self._port, self._reach, self._dialect = port, reach, dialect
         self._patience, self._longest, self._now = patience, longest, now
         self._rest = b""  # of a line that has not ended yet
+        self._due = 0  # lines that were sent and not answered: more than one after an interrupt
         self._ready = False
         try:
             self._pass_greeting(greeting)
@@ -157,12 +158,15 @@ class GcodeStage:
         self._send(_WAIT[self._dialect], seconds)
 
     def _send(self, line: str, seconds: float) -> None:
+        self._due += 1
         self._port.write(f"{line}\n".encode("ascii"))
         until = self._now() + seconds + self._patience
         for answer in self._answers(until):
             low = answer.lower()
             if low == "ok" or low.startswith("ok "):
-                return
+                self._due -= 1
+                if not self._due:
+                    return
             if low.startswith(_REFUSALS):
                 raise self._failed(f"refused {line!r}: {_shown(answer)}")
             if self._ready and low.startswith(_GREETINGS):

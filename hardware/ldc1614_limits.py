@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
 
 from coilarray.hardware.ldc1614_timing import EXTERNAL_CLOCK_RANGE, INTERNAL_CLOCK, INTERNAL_CLOCK_RANGE
 
@@ -21,8 +20,7 @@ SENSOR_FREQUENCY = (1e3, 10e6)
 """Allowed frequency of a sensor in Hz."""
 _AMPLITUDE_ROUNDING = 0.01  # the rows of the table are rounded to three digits
 _LARGEST_REFERENCE = 35e6  # Hz, with one channel
-_LARGEST_INTERNAL_REFERENCE, _LARGEST_EXTERNAL_REFERENCE = 55e6, 40e6  # Hz, with several channels in turn
-_LEAST_RCOUNT, _LEAST_RCOUNT_OF_SEVERAL, _LEAST_SETTLE_COUNT_OF_SEVERAL = 5, 9, 4
+_LEAST_RCOUNT = 5
 _INPUT_FILTERS = ((1e6, 1), (3.3e6, 4), (10e6, 5), (33e6, 7))  # Hz and code of DEGLITCH
 _DIVIDED_FROM = 8.75e6  # Hz; FIN_DIVIDER must be at least 2 from here
 _LARGEST_SHARE_OF_REFERENCE = 0.25
@@ -241,9 +239,8 @@ def check_clock(
     external: bool = False,
     rcount: int = 0xFFFF,
     settle_count: int = 0xFFFF,
-    channels: Literal["one", "several"] = "one",
 ) -> tuple[Limit, ...]:
-    """Check the limits of the converter's clock and counts.
+    """Check the limits of the clock and the counts of a converter that uses one of its channels, as our boards do.
 
     Parameters
     ----------
@@ -255,13 +252,11 @@ def check_clock(
         Whether the clock comes from the pin CLKIN.
     rcount, settle_count : int
         Registers.
-    channels : {"one", "several"}
-        Whether the chip converts one of its own channels only, or several in turn.
 
     Returns
     -------
     tuple of Limit
-        With one channel and the internal oscillator the divider must be at least 2, whatever this unit's frequency.
+        With the internal oscillator the divider must be at least 2, whatever this unit's frequency.
 
     Raises
     ------
@@ -278,14 +273,12 @@ def check_clock(
     for name, value in (("clock", clock), ("divider", divider)):
         if not value > 0:
             raise ValueError(f"{name} must be positive; got {value}.")
-    one = channels == "one"
-    several_largest = _LARGEST_EXTERNAL_REFERENCE if external else _LARGEST_INTERNAL_REFERENCE
     return (
         Limit("clock (Hz)", clock, *(EXTERNAL_CLOCK_RANGE if external else INTERNAL_CLOCK_RANGE)),
-        Limit("FREF_DIVIDER", divider, 2 if one and not external else 1, 0x3FF),
-        Limit("reference frequency (Hz)", clock / divider, 0, _LARGEST_REFERENCE if one else several_largest),
-        Limit("RCOUNT", rcount, _LEAST_RCOUNT if one else _LEAST_RCOUNT_OF_SEVERAL, 0xFFFF),
-        Limit("SETTLECOUNT", settle_count, 0 if one else _LEAST_SETTLE_COUNT_OF_SEVERAL, 0xFFFF),
+        Limit("FREF_DIVIDER", divider, 1 if external else 2, 0x3FF),
+        Limit("reference frequency (Hz)", clock / divider, 0, _LARGEST_REFERENCE),
+        Limit("RCOUNT", rcount, _LEAST_RCOUNT, 0xFFFF),
+        Limit("SETTLECOUNT", settle_count, 0, 0xFFFF),
     )
 
 

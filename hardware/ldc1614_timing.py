@@ -18,7 +18,7 @@ INTERNAL_CLOCK_RANGE = (35e6, 55e6)
 EXTERNAL_CLOCK_RANGE = (2e6, 40e6)
 """Of the pin CLKIN in Hz."""
 BUS_RATE = 400e3
-"""Fastest clock of the I²C bus in Hz."""
+"""Fastest clock of the I²C bus in Hz; `coilarray.hardware.ports.bus_rate` tells what a board has."""
 SMALLEST_RCOUNT, LARGEST_RCOUNT = 5, 0xFFFF
 _WAKE_CLOCKS = 16384
 _READ_BITS, _WRITE_BITS = 48, 38  # start, stop and acknowledgements included
@@ -99,12 +99,6 @@ def wake_time(internal_clock: float = INTERNAL_CLOCK) -> float:
     """
     _check_clock(internal_clock)
     return _WAKE_CLOCKS / internal_clock
-
-
-def channel_switch_time(reference: float) -> float:
-    """Time between two of the chip's own channels in an automatic sequence in s, 692 ns + 5/f_ref."""
-    _check_clock(reference)
-    return 692e-9 + 5 / reference
 
 
 def bus_time(*, reads: int = 0, writes: int = 0, rate: float = BUS_RATE) -> float:

@@ -10,8 +10,8 @@ from collections.abc import Mapping
 
 from coilarray.errors import HardwareError
 from coilarray.hardware.scan_settings import ScanSettings
+from coilarray.hardware.wiring import UNUSED
 
-_UNUSED = 0xFF
 _NETS = ("ground", "INA", "INB", "another net")
 _GROUND, _INA, _INB, _ = range(4)
 _SWITCHES = 8
@@ -34,7 +34,7 @@ def check_switching(settings: ScanSettings) -> None:
     if not settings.states:
         raise HardwareError("a scan must have at least one state; got none.")
     nets = _nets(settings.wiring, settings.safe_words, "the safe words")
-    used = {code >> 2 for code in settings.wiring if code != _UNUSED}
+    used = {code >> 2 for code in settings.wiring if code != UNUSED}
     loose = next((terminal for terminal in sorted(used) if nets.get(terminal) != {_GROUND}), None)
     if loose is not None:
         raise HardwareError(f"the safe words must ground {_end(loose)} and nothing else; they do not.")
@@ -66,7 +66,7 @@ def _nets(wiring: bytes, words: bytes, where: str) -> dict[int, set[int]]:
             if not word >> bit & 1:
                 continue
             code = wiring[_SWITCHES * device + bit]
-            if code == _UNUSED:
+            if code == UNUSED:
                 raise HardwareError(f"{where}: bit {bit} of word {device} must be 0; its switch is not wired.")
             nets.setdefault(code >> 2, set()).add(code & 3)
     return nets

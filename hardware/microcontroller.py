@@ -39,10 +39,8 @@ from coilarray.hardware.reader import Identity
 from coilarray.hardware.scan_settings import ScanSettings
 from coilarray.hardware.scans import RawScan, SampleFault
 from coilarray.hardware.serial_ports import BAUD, BytePort, PortInfo, choose_serial_port, open_serial_port
-from coilarray.hardware.session import Session
+from coilarray.hardware.session import Session, read_nothing
 
-PROBED_BAUDS = (115200, 230400, 460800, 921600, 9600)
-"""Rates that a board may have been built for, the most likely first."""
 LONGEST_INTERVAL = 2147.0
 """Between two scans of a stream in s: half a wrap of the board's clock."""
 _LOOK_AGAIN = 0.1  # s between two looks for a port that is not back yet
@@ -91,7 +89,7 @@ def open_microcontroller(
     port : str, optional
         "/dev/ttyACM0", "COM5" or "usb:SERIALNUMBER"; the only port of a known board by default.
     bauds : sequence of int
-        Rates to try in turn; `PROBED_BAUDS` where the board's is not known.
+        Rates to try in turn; `coilarray.hardware.serial_ports.PROBED_BAUDS` where the board's is not known.
     times : LinkTimes, optional
         How long to wait for what.
 
@@ -166,6 +164,7 @@ class MicrocontrollerReader:
         self._hash = 0  # of the settings
         self._stream = 0  # number of the stream that runs; 0 where none does
         self._streams = 0
+        self._silent = False  # whether it gave no answer when it was told to stop
         self._unsure = False  # whether the board may be measuring unasked: it must be told to stop first
         self._faults: frozenset[SampleFault] = frozenset()  # of the last scan of the stream
         self._gates = GateCounts()  # of all scans before those of the stream
@@ -217,7 +216,7 @@ class MicrocontrollerReader:
         self._settings = None
         *draft, commit = draft_commands(settings)
         for command in draft:
-            self._session.ask(_anything, *command)
+            self._session.ask(read_nothing, *command)
         held = self._session.ask(_word, *commit, patience=_longest_scan(settings))
         if held != settings.hash:
             raise BusFault(f"the board holds the settings {held:04X}, not {settings.hash:04X}; configure it again.")
@@ -255,11 +254,14 @@ class MicrocontrollerReader:
         self._stream = 0
         self._unsure = True
         try:
-            self._session.ask(_anything, "STOP", patience=_longest_scan(self._settings))
+            self._session.ask(read_nothing, "STOP", patience=_longest_scan(self._settings))
         except (BusFault, CommandRefused):  # it has heard and grounded the coils, only the converter did not obey
-            self._unsure = False
+            self._unsure = self._silent = False
             raise
-        self._unsure = False
+        except (NoAnswer, NotABoard):
+            self._silent = True
+            raise
+        self._unsure = self._silent = False
 
     def check_chain(self) -> str:
         """Send the safe words twice through the chain of switches and compare what comes back.
@@ -280,10 +282,16 @@ class MicrocontrollerReader:
         return self._session.ask(_word, "PEEK", f"{address:02X}")
 
     def close(self) -> None:
-        """Rest, as far as the board still answers, and let go of the port. Never raises; may be called again."""
+        """Rest, as far as the board still answers, and let go of the port. Never raises; may be called again.
+
+        A board that gave no answer when it was told to stop is told once more, and not waited for again.
+        """
         try:
             with suppress(Exception):
-                self.rest()
+                if self._silent:
+                    self._session.post_stop()
+                else:
+                    self.rest()
         finally:
             self._session.close()
 
@@ -358,7 +366,7 @@ class MicrocontrollerReader:
         self._unsure, self._faults, self._gate = True, frozenset(), gate
         failed = True
         try:
-            self._session.ask(_anything, "START", f"{interval:08X}", patience=longest)
+            self._session.ask(read_nothing, "START", f"{interval:08X}", patience=longest)
             self._session.recall_early()
             yield from self._fetch(mine, gate, max(interval * 1e-6, settings.period), longest)
             failed = False
@@ -453,10 +461,6 @@ def _longest_scan(settings: ScanSettings | None) -> float:
 
 def _was_reset(scan: RawScan) -> bool:
     return any(sample.fault is SampleFault.CONVERTER_RESET for sample in scan.samples)
-
-
-def _anything(fields: tuple[str, ...]) -> None:
-    """Read the reply to a command that has nothing to tell; a later minor version may."""
 
 
 def _word(fields: tuple[str, ...]) -> int:

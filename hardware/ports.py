@@ -9,16 +9,20 @@ from typing import Any
 from urllib.parse import parse_qsl, urlsplit
 
 from coilarray.errors import HardwareError, MissingDependencyError
-from coilarray.hardware.ft232h import SwitchPins, ft232h_adapters
+from coilarray.hardware.ft232h import I2C_SPEED, SwitchPins, ft232h_adapters
+from coilarray.hardware.ldc1614_timing import BUS_RATE
 from coilarray.hardware.linux_host import linux_buses
+from coilarray.hardware.serial_ports import BAUD, PROBED_BAUDS
 from coilarray.hardware.shift_settings import ShiftSettings
 
 EMULATOR = "emulator"
 """The port of a board that is not there."""
 ADDRESSES = (0x2A, 0x2B)
 """Of the converter, by its pin ADDR."""
+_FIRMWARE_BUS_RATE = 150e3  # Hz, expected: hardware/firmware/README.md
 _LONGEST = 200  # characters shown of a port's name
 _MOST_OPTIONS = 20
+_LARGEST_BAUD = 10_000_000
 _ALLOWED = (
     "emulator, a serial port (/dev/ttyACM0, COM5 or usb:SERIALNUMBER), i2c:BUS[:ADDRESS][,spi:BUS.DEVICE] or ftdi://…/1"
 )
@@ -40,9 +44,12 @@ class SerialPort:
     ----------
     name : str
         As `coilarray.hardware.serial_ports.choose_serial_port` takes it.
+    bauds : tuple of int
+        Rates to try in turn.
     """
 
     name: str
+    bauds: tuple[int, ...] = (BAUD,)
 
 
 @dataclass(frozen=True)
@@ -98,7 +105,8 @@ def parse_port(text: str) -> Port:
     ----------
     text : str
         ``emulator``; ``/dev/ttyACM0``, ``COM5`` or ``usb:SERIALNUMBER``; ``i2c:1``, ``i2c:1:0x2B,spi:0.1``;
-        ``ftdi://ftdi:232h/1``. The last two may have options after a ``?``, joined by ``&``: ``mode=2`` (of SPI),
+        ``ftdi://ftdi:232h/1``. A serial port may have ``?baud=9600``, or ``?baud=any`` where the board's rate is not
+        known; 115200 is the firmware's. The last two may have options after a ``?``, joined by ``&``: ``mode=2`` (SPI),
         ``speed=500000`` (in Hz), ``order=lsb``, ``readback=yes`` (the end of the chain of switches is wired back), and
         with ``ftdi`` ``address=0x2B``, ``clock=0``, ``data=1``, ``sync=2``, ``back=3`` (pins C0 to C7 of the switches).
 
@@ -115,9 +123,11 @@ def parse_port(text: str) -> Port:
     name, question_mark, query = text.strip().partition("?")
     if name == EMULATOR and not question_mark:
         return EmulatorPort()
-    if _SERIAL.fullmatch(name) and not question_mark:
-        return SerialPort(name)
     options = _options(query, text) if question_mark else {}
+    if _SERIAL.fullmatch(name):
+        bauds = _bauds(options, text)
+        _refuse_rest(options, text)
+        return SerialPort(name, bauds)
     if linux := _LINUX.fullmatch(name):
         bus, address, spi_bus, spi_device = linux.groups()
         shift = _shift(options, text)
@@ -135,6 +145,29 @@ def parse_port(text: str) -> Port:
         _refuse_rest(options, text)
         return FtdiPort(name, address, pins, shift)
     raise _refused(text, f"it must be {_ALLOWED}")
+
+
+def bus_rate(port: Port) -> float:
+    """Clock in Hz that the I²C bus of a board has at a port.
+
+    Returns
+    -------
+    float
+        150 kHz with the firmware of `hardware/firmware`, 100 kHz with an FT232H; on buses of this computer, whose clock
+        the system's settings fix, and in the emulator the 400 kHz that the converter takes.
+
+    Examples
+    --------
+    >>> bus_rate(parse_port("COM5"))
+    150000.0
+    """
+    match port:
+        case SerialPort():
+            return _FIRMWARE_BUS_RATE
+        case FtdiPort():
+            return I2C_SPEED
+        case _:
+            return BUS_RATE
 
 
 def found_ports() -> Mapping[str, tuple[str, ...]]:
@@ -168,6 +201,15 @@ def _options(query: str, text: str) -> dict[str, str]:
     if len(options) < len(pairs):
         raise _refused(text, "an option is given twice")
     return options
+
+
+def _bauds(options: dict[str, str], text: str) -> tuple[int, ...]:
+    given = options.pop("baud", str(BAUD))
+    if given == "any":
+        return PROBED_BAUDS
+    if not (given.isdecimal() and given.isascii() and 0 < int(given[:8]) <= _LARGEST_BAUD):
+        raise _refused(text, f"baud must be 1 to {_LARGEST_BAUD}, or any")
+    return (int(given),)
 
 
 def _shift(options: dict[str, str], text: str) -> ShiftSettings:

@@ -17,12 +17,14 @@ from coilarray.hardware.ldc1614_limits import check_clock, deglitch_for, input_d
 from coilarray.hardware.ldc1614_limits import settle_count as settle_count_of
 from coilarray.hardware.ldc1614_registers import check_value, encode
 from coilarray.hardware.ldc1614_timing import (
+    BUS_RATE,
     EXTERNAL_CLOCK_RANGE,
     INTERNAL_CLOCK,
     INTERNAL_CLOCK_RANGE,
     LARGEST_RCOUNT,
     SMALLEST_RCOUNT,
     StateTime,
+    bus_time,
     conversion_time,
     rcount_for,
     state_time,
@@ -135,9 +137,8 @@ class ScanSettings:
 
     @property
     def state_time(self) -> StateTime:
-        """Where the time of one state goes."""
-        internal = INTERNAL_CLOCK if self.external_clock else self.clock
-        return state_time(self.rcount, self.settle_count, self.reference, internal_clock=internal)
+        """Where the time of one state goes, on an I²C bus of 400 kHz."""
+        return self._state_time(BUS_RATE)
 
     @property
     def scan_time(self) -> float:
@@ -146,8 +147,19 @@ class ScanSettings:
 
     @property
     def period(self) -> float:
-        """Shortest time from scan to scan in s, all work of the buses included."""
-        return len(self.states) * self.state_time.total
+        """Shortest time from scan to scan in s, all work of the buses included, on an I²C bus of 400 kHz."""
+        return self.period_on(BUS_RATE)
+
+    def period_on(self, bus_rate: float) -> float:
+        """Shortest time from scan to scan in s on an I²C bus whose clock is `bus_rate` in Hz.
+
+        Raises
+        ------
+        HardwareError
+            A clock that is not positive and finite.
+        """
+        # once a scan a register is read back, which tells whether the converter was reset
+        return len(self.states) * self._state_time(bus_rate).total + bus_time(reads=1, rate=bus_rate)
 
     @property
     def wait_us(self) -> int:
@@ -176,6 +188,10 @@ class ScanSettings:
         parts.append(bytes([len(self.states)]))
         parts += [state.words + self.drive_register(state).to_bytes(2, "big") for state in self.states]
         return b"".join(parts)
+
+    def _state_time(self, bus_rate: float) -> StateTime:
+        internal = INTERNAL_CLOCK if self.external_clock else self.clock
+        return state_time(self.rcount, self.settle_count, self.reference, internal_clock=internal, bus_rate=bus_rate)
 
     def to_json(self) -> str:
         """Return the settings as JSON in one line, with their hash; `from_json` reads it."""
@@ -225,6 +241,7 @@ def scan_settings(
     *,
     rate: float | None = None,
     rcount: int | None = None,
+    bus_rate: float = BUS_RATE,
     clock: float = INTERNAL_CLOCK,
     external_clock: bool = False,
     frequency: float = 2e6,
@@ -246,8 +263,12 @@ def scan_settings(
         States in which one coil is measured; each coil in turn with all others grounded by default.
     rate : float, optional
         Scans per second that the board must reach, all work of the buses included; RCOUNT is the largest that does.
+        What the computer or the microcontroller does between two transfers is not reckoned with.
     rcount : int, optional
         RCOUNT itself, 5 to 65535; full resolution by default. Not together with `rate`.
+    bus_rate : float
+        Clock in Hz of the I²C bus that `rate` is to be reached on, as `coilarray.hardware.ports.bus_rate` tells it of a
+        port; the fastest that the converter takes by default.
     clock : float
         Of the converter in Hz; the typical internal oscillator by default. This unit's may be a fifth off.
     external_clock : bool
@@ -286,7 +307,7 @@ def scan_settings(
     _check_states(states)
     if rate is not None and rcount is not None:
         raise HardwareError(f"give rate or rcount, not both; got {rate} and {rcount}.")
-    for name, value in (("clock", clock), ("frequency", frequency), ("quality", quality)):
+    for name, value in (("bus_rate", bus_rate), ("clock", clock), ("frequency", frequency), ("quality", quality)):
         if not (math.isfinite(value) and value > 0):
             raise HardwareError(f"{name} must be positive and finite; got {value}.")
     try:
@@ -321,7 +342,7 @@ def scan_settings(
         deglitch=deglitch,
     )
     if rate is not None:
-        settings = replace(settings, rcount=_rcount_of_rate(settings, rate))
+        settings = replace(settings, rcount=_rcount_of_rate(settings, rate, bus_rate))
     _check_limits(settings)
     return settings
 
@@ -352,17 +373,19 @@ def _drive(drives: Mapping[str, int] | int, coil: str) -> int:
     return drive
 
 
-def _rcount_of_rate(settings: ScanSettings, rate: float) -> int:
+def _rcount_of_rate(settings: ScanSettings, rate: float, bus_rate: float) -> int:
     if not (math.isfinite(rate) and rate > 0):
         raise HardwareError(f"rate must be positive and finite; got {rate} scans/s.")
-    time, count = settings.state_time, len(settings.states)
-    overhead = time.total - time.conversion
-    shortest = overhead + conversion_time(SMALLEST_RCOUNT, settings.reference)
-    if rate * count * shortest > 1:
+    count = len(settings.states)
+    fastest = 1 / replace(settings, rcount=SMALLEST_RCOUNT).period_on(bus_rate)
+    if rate > fastest:
         raise HardwareError(
-            f"rate must be at most {1 / (count * shortest):.4g} scans/s of {count} states; got {rate:g}."
+            f"rate must be at most {fastest:.4g} scans/s of {count} states on an I²C bus of {bus_rate * 1e-3:g} kHz; "
+            f"got {rate:g}."
         )
-    return rcount_for(1 / (rate * count) - overhead, settings.reference)
+    conversion = conversion_time(settings.rcount, settings.reference)
+    overhead = settings.period_on(bus_rate) / count - conversion
+    return max(rcount_for(1 / (rate * count) - overhead, settings.reference), SMALLEST_RCOUNT)
 
 
 def _check_limits(settings: ScanSettings) -> None:

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 
 from coilarray.blocks import Progress
+from coilarray.hardware.chips import BUS_FAULTS
 from coilarray.hardware.closure import Fault, Sight, Trial, faults, trials
 from coilarray.hardware.faults import BusFault, SwitchFault
 from coilarray.hardware.reader import Reader
@@ -25,7 +26,6 @@ NOTICEABLE = 2e-5
 _MOST_STATES = 16  # at a time: as many as every board takes
 _ATTEMPTS = 3
 _ANY_CAPACITANCE = 120e-12  # F; only frequencies are used
-_BUS_FAULTS = (SampleFault.NOT_ACKNOWLEDGED, SampleFault.BUS_TIMEOUT)
 
 
 @dataclass(frozen=True)
@@ -148,7 +148,7 @@ def _measured(reader: Reader, settings: ScanSettings, group: Sequence[Trial]) ->
     reader.configure(trying)
     for _ in range(_ATTEMPTS):
         scan = reader.scan()
-        if not any(sample.fault in _BUS_FAULTS for sample in scan.samples):
+        if not any(sample.fault in BUS_FAULTS for sample in scan.samples):
             break
     else:
         raise BusFault(f"the converter did not answer in {_ATTEMPTS} scans; no switch could be tried.")

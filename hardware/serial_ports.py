@@ -22,6 +22,8 @@ else:
 
 BAUD = 115200
 """Baud rate of the protocol."""
+PROBED_BAUDS = (BAUD, 230400, 460800, 921600, 9600)
+"""Rates that a board may have been built for, the most likely first."""
 BOARD_VENDORS = {0x1366: "SEGGER (J-Link of an XMC board)", 0x058B: "Infineon"}
 """USB vendors of the boards that are known; ports of others must be named."""
 _GONE: tuple[type[Exception], ...] = (*_LOSSES, TypeError)  # the last one from a port that was closed meanwhile

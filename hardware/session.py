@@ -109,6 +109,12 @@ class Session:
         with self._to_the_end():
             self._link.post("PING")
 
+    def post_stop(self) -> None:
+        """Tell the board to stop, and do not wait for its reply."""
+        with self._to_the_end():
+            self._link.wake()
+            self._link.post("STOP")
+
     def receive(self, wait: Wait) -> Message | None:
         """As `Link.receive`."""
         with self._to_the_end():
@@ -168,7 +174,7 @@ class Session:
         while True:
             link.wake()
             try:
-                link.ask(_anything, "STOP")
+                link.ask(read_nothing, "STOP")
                 break
             except BusFault:  # it has heard; what is wrong with its converter shows when it is configured
                 break
@@ -191,7 +197,7 @@ class Session:
         return greeting
 
 
-def _anything(fields: tuple[str, ...]) -> None:
+def read_nothing(fields: tuple[str, ...]) -> None:
     """Read the reply to a command that has nothing to tell; a later minor version may."""
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import tomllib
 from collections import Counter
 from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple, TypeVar, get_args
 
@@ -13,7 +13,7 @@ from pydantic import Field, ValidationError
 
 from coilarray.errors import HardwareError
 from coilarray.hardware import wirings
-from coilarray.hardware.adg739 import chain_bytes, chain_words, check_bits, closed_switches, switch_word
+from coilarray.hardware.adg739 import chain_bytes, check_bits, switch_word
 from coilarray.schema import first_error
 from coilarray.schema_table import Name, Table
 from coilarray.terminations import Passive, ScanState, check_state
@@ -188,61 +188,7 @@ class Wiring:
             if passive not in _GROUNDED:
                 raise HardwareError(f"state {state.name}: wiring {self.name} cannot make {coil} {passive!r}.")
             joins |= {(Terminal(coil, end), "ground") for end in _GROUNDED[passive]}
-        words = self._close(joins)
-        self.check(words)
-        return words
-
-    def nets(self, words: bytes) -> Mapping[Terminal, tuple[Net, ...]]:
-        """Nets that each end of each coil is joined to by these words; none for an end that hangs free.
-
-        Raises
-        ------
-        HardwareError
-            Words that are not one a device, or that close a switch that the wiring does not use.
-        """
-        joined: dict[Terminal, tuple[Net, ...]] = dict.fromkeys(self.terminals, ())
-        if len(words) != len(self.devices):
-            raise HardwareError(f"wiring {self.name} needs {len(self.devices)} words; got {len(words)}.")
-        for device, word in zip(self.devices, chain_words(words), strict=True):
-            switches = {switch.name: switch for switch in device.switches}
-            for name in closed_switches(word, device.bits):
-                if name not in switches:
-                    raise HardwareError(f"word {word:#04x} closes {name} of {device.name}, which is not wired.")
-                switch = switches[name]
-                joined[switch.terminal] = (*joined[switch.terminal], switch.net)
-        return joined
-
-    def check(self, words: bytes) -> None:
-        """Refuse words that no state of a scan may have.
-
-        Parameters
-        ----------
-        words : bytes
-            One byte a device, the first for the far end of the chain.
-
-        Raises
-        ------
-        HardwareError
-            An end on two nets, two ends on one pin of the converter, a pin without the other, ends of two coils on the
-            converter, or a switch that is not wired: which one.
-        """
-        joined = self.nets(words)
-        for terminal, nets in joined.items():
-            if len(nets) > 1:
-                raise HardwareError(f"words {words.hex()} join {terminal} to {' and '.join(nets)} at once.")
-        on: dict[Net, list[Terminal]] = {"INA": [], "INB": []}
-        for terminal, nets in joined.items():
-            for net in nets:
-                if net in on:
-                    on[net].append(terminal)
-        for net, terminals in on.items():
-            if len(terminals) > 1:
-                raise HardwareError(f"words {words.hex()} join {' and '.join(map(str, terminals))} to {net} at once.")
-        if bool(on["INA"]) != bool(on["INB"]):
-            net, (terminal, *_) = next((net, terminals) for net, terminals in on.items() if terminals)
-            raise HardwareError(f"words {words.hex()} join {terminal} to {net} and nothing to the other pin.")
-        if on["INA"] and on["INA"][0].coil != on["INB"][0].coil:
-            raise HardwareError(f"words {words.hex()} join {on['INA'][0]} to INA but {on['INB'][0]} to INB.")
+        return self._close(joins)
 
     def encode(self) -> bytes:
         """Eight bytes a device in the order of the words, bit 0 first: 4·terminal + net, 0xFF for an unused switch."""
@@ -330,6 +276,36 @@ def load_wiring(name_or_path: str | Path | None = None) -> Wiring:
     except ValueError as error:  # a name with a zero byte
         raise HardwareError(f"cannot read {given[:_LONGEST_NAME]!r}: {error}.") from None
     return parse_wiring(text, given)
+
+
+def one_device_a_coil(coils: Sequence[str]) -> Wiring:
+    """Return the wiring of any coils with one ADG739 each, as the bundled one of six coils has it.
+
+    Raises
+    ------
+    HardwareError
+        More coils than a wiring can have.
+
+    Examples
+    --------
+    >>> wiring = one_device_a_coil(["left", "right"])
+    >>> wiring.safe_words.hex(), wiring.safe_words == load_wiring().safe_words[:2]
+    ('1111', True)
+    """
+    bundled = load_wiring()
+    (pattern, *_) = bundled.devices
+    devices = tuple(
+        replace(
+            pattern,
+            name=f"U{k}",
+            switches=tuple(
+                replace(switch, terminal=Terminal(coil, switch.terminal.end)) for switch in pattern.switches
+            ),
+        )
+        for k, coil in enumerate(coils, start=1)
+    )
+    assumed = (("wiring", "one device a coil, as no wiring was given"), *bundled.assumed[1:])
+    return Wiring("one_device_a_coil", "One ADG739 a coil", tuple(coils), devices, assumed)
 
 
 def parse_wiring(text: str, origin: str = "wiring") -> Wiring:

@@ -280,7 +280,7 @@ class FirmwareHost:
         self._wake_out, self._wake_in = os.pipe()
         self._stalled = self._closing = False
         self._condition = threading.Condition()
-        self._pauses, self._resting = 0, False
+        self._pauses, self._resting, self._ended = 0, False, False
         self._error: BaseException | None = None
         self._started = (time.monotonic(), clock.now())
         self._plug()
@@ -309,7 +309,7 @@ class FirmwareHost:
         with self._condition:
             self._pauses += 1
             os.write(self._wake_in, b".")
-            self._condition.wait_for(lambda: self._resting or not self._thread.is_alive())
+            self._condition.wait_for(lambda: self._resting or self._ended)
         try:
             yield self.firmware
         finally:
@@ -390,6 +390,7 @@ class FirmwareHost:
             self._error = error
         finally:
             with self._condition:
+                self._ended = True  # not left to `is_alive`, which turns false after the last notification
                 self._condition.notify_all()
 
     def _turn(self) -> None:
@@ -434,7 +435,8 @@ class FirmwareHost:
 
     def _receive(self) -> None:
         with contextlib.suppress(BlockingIOError):
-            self.firmware.feed(self.to_board(os.read(self._master, 4096)))
+            data = os.read(self._master, 4096)  # first: the hook may be another one by the time that bytes come
+            self.firmware.feed(self.to_board(data))
 
     def _send(self, data: bytes) -> None:
         self._line += data

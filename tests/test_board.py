@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import contextlib
+import subprocess
 import sys
+from types import SimpleNamespace
 
 import pytest
 from emulated_reader import WIRING, at_rest, plain, quick_settings, reader_of
 from hypothesis import given
 from hypothesis import strategies as st
 
+from coilarray import hardware
 from coilarray.errors import HardwareError, MissingDependencyError
 from coilarray.hardware import emulator, ports
-from coilarray.hardware.board import Board, open_board
+from coilarray.hardware.board import Board, open_board, wiring_of_board
 from coilarray.hardware.emulator import VirtualClock, plain_board
 from coilarray.hardware.ft232h import SwitchPins
-from coilarray.hardware.ports import EmulatorPort, FtdiPort, LinuxPort, SerialPort, found_ports, parse_port
+from coilarray.hardware.ports import EmulatorPort, FtdiPort, LinuxPort, SerialPort, bus_rate, found_ports, parse_port
 from coilarray.hardware.shift_settings import ShiftSettings
 
 
@@ -35,6 +38,8 @@ def quick_emulator(monkeypatch):
         ("COM5", SerialPort("COM5")),
         ("com12", SerialPort("com12")),
         ("usb:000591234567", SerialPort("usb:000591234567")),
+        ("/dev/ttyACM0?baud=9600", SerialPort("/dev/ttyACM0", (9600,))),
+        ("COM5?baud=any", SerialPort("COM5", (115200, 230400, 460800, 921600, 9600))),
         ("i2c:1", LinuxPort(1, 0x2A, 0, 0)),
         ("i2c:1:0x2B", LinuxPort(1, 0x2B, 0, 0)),
         ("i2c:20:43,spi:1.2", LinuxPort(20, 0x2B, 1, 2)),
@@ -63,7 +68,9 @@ def test_names_of_ports(text, port):
         ("COM", "it must be emulator"),
         ("COM1234", "it must be emulator"),
         ("usb:", "it must be emulator"),
-        ("/dev/ttyACM0?baud=9600", "it must be emulator"),
+        ("/dev/ttyACM0?baud=0", "baud must be 1 to 10000000, or any"),
+        ("/dev/ttyACM0?baud=fast", "baud must be 1 to 10000000, or any"),
+        ("/dev/ttyACM0?speed=9600", "there is no option 'speed'"),
         ("i2c:", "it must be emulator"),
         ("i2c:one", "it must be emulator"),
         ("i2c:1,spi:0", "it must be emulator"),
@@ -169,3 +176,38 @@ def test_closing_twice_or_before_the_block_is_allowed():
     with board:
         pass
     assert at_rest(board.emulator)
+
+
+class Named:
+    """As much of a design as has the names of its coils."""
+
+    def __init__(self, *names):
+        self.array = SimpleNamespace(names=names)
+
+
+def test_the_wiring_of_an_emulated_board_fits_its_design():
+    assert wiring_of_board(EmulatorPort()) == WIRING
+    assert wiring_of_board(EmulatorPort(), Named(*WIRING.coils)) == WIRING
+    assert wiring_of_board(EmulatorPort(), Named("left", "right")).coils == ("left", "right")
+    with open_board(design=Named("left", "right")) as board:
+        assert board.wiring.coils == ("left", "right")
+    # what is soldered is not guessed, and what is said counts
+    assert wiring_of_board(SerialPort("COM5"), Named("left", "right")) == WIRING
+    assert wiring_of_board(EmulatorPort(), Named("left", "right"), "six_coils") == WIRING
+
+
+@pytest.mark.parametrize(
+    ("port", "rate"), [("emulator", 400e3), ("COM5", 150e3), ("i2c:1", 400e3), ("ftdi://ftdi:232h/1", 100e3)]
+)
+def test_the_clock_of_the_bus_is_that_of_the_port(port, rate):
+    assert bus_rate(parse_port(port)) == rate
+
+
+def test_the_package_offers_what_a_program_needs_and_loads_nothing_before():
+    script = "import sys, coilarray.hardware; print([m for m in sys.modules if m.startswith('coilarray.hardware.')])"
+    said = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout
+    assert said == "[]\n"
+    for name in hardware.__all__:
+        assert getattr(hardware, name).__name__ == name
+    with pytest.raises(AttributeError, match="has no attribute 'anything'"):
+        hardware.anything  # noqa: B018 - that it raises is the test

@@ -138,7 +138,7 @@ def test_lattice_colours_keep_neighbours_apart():
 
 BAD = {
     "unknown key": (changed("gap_mm", "gap_um"), r"coils.hexagon has no key 'gap_um'; did you mean gap_mm\?.*Allowed"),
-    "unknown table": (BASE + "\n[magnet]\nx = 1\n", "the design has no key 'magnet'"),
+    "unknown table": (BASE + "\n[magnet]\nx = 1\n", "the file has no key 'magnet'"),
     "unknown key deep down": (changed("drill_mm = 0.25", "dril_mm = 0.25"), "coils.hexagon.via has no key 'dril_mm'"),
     "wrong unit": (changed("pitch_mm = 11.0", "pitch_cm = 1.1"), "array has no key 'pitch_cm'"),
     "wrong type": (

@@ -504,14 +504,15 @@ def test_a_broken_data_line_of_the_switches_is_found_by_the_read_back():
     reader.configure(quick_settings())
     board.switches.broken = True
     stream = reader.scans()
-    assert SampleFault.SWITCHES_DIFFER in {sample.fault for sample in next(stream).samples}
-    with pytest.raises(SwitchFault, match="returns other words than it was sent"):
+    for _ in range(3):  # as the firmware does: `hardware/firmware/PROTOCOL.md`
+        assert SampleFault.SWITCHES_DIFFER in {sample.fault for sample in next(stream).samples}
+    with pytest.raises(SwitchFault, match=r"returned other words than it was sent in 3 scans running"):
         next(stream)
     assert board.chip.asleep
 
 
 @pytest.mark.parametrize("at", range(18))
-def test_one_wrong_shift_costs_the_scan_and_is_named(at):
+def test_one_wrong_shift_costs_one_state_and_no_other(at):
     board = plain()
     count = itertools.count()
 
@@ -529,9 +530,8 @@ def test_one_wrong_shift_costs_the_scan_and_is_named(at):
     # the last words of a scan come back with the first of the next one
     if at == 17:
         scan = reader.scan()
-    assert SampleFault.SWITCHES_DIFFER in {sample.fault for sample in scan.samples}
-    with pytest.raises(SwitchFault, match=r"state coil\d"):
-        reader.scan()
+    assert [sample.fault for sample in scan.samples].count(SampleFault.SWITCHES_DIFFER) == 1
+    assert not any(sample.fault for sample in reader.scan().samples)
 
 
 def test_after_a_transfer_that_was_cut_off_nothing_is_expected_back():

@@ -766,6 +766,13 @@ def test_notes_do_not_grow_without_end():
     assert len(misuse.notes) == 1000
 
 
+def test_nothing_oscillates_where_losses_are_too_large():
+    L, C = 50e-6, 120e-12
+    critical = math.sqrt(L / C)  # where ω² = 1/(LC) − (R/L)² is 0
+    assert series_tank(L, C, critical * (1 + 1e-9)) is None
+    assert series_tank(L, C, critical * (1 - 1e-9)).frequency > 0
+
+
 @given(st.floats(1e-6, 1e-3), st.floats(10e-12, 1e-9), st.floats(0.1, 10.0))
 def test_a_coil_with_losses(L, C, R):
     tank = series_tank(L, C, R)

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from coilarray.errors import HardwareError
 from coilarray.hardware.ldc1614_timing import (
     bus_time,
-    channel_switch_time,
     conversion_time,
     rcount_for,
     settle_time,
@@ -43,7 +42,6 @@ def test_parts():
     assert state_time(0xFFFF, 0, REFERENCE).control == pytest.approx(455e-6, rel=1e-12)
     # at a quarter of the bus clock four times as long
     assert bus_time(reads=3, writes=3, rate=100e3) == pytest.approx(4 * bus_time(reads=3, writes=3), rel=1e-12)
-    assert channel_switch_time(20e6) == pytest.approx(942e-9, rel=1e-12)
     # data sheet's example: RCOUNT 0x04D6 at 20 MHz converts in about 0.99 ms
     assert conversion_time(0x04D6, 20e6) == pytest.approx((16 * 0x04D6 + 4) / 20e6, rel=1e-12)
 
@@ -99,7 +97,6 @@ def test_state_is_its_parts(rcount, settle_count, reference):
         (lambda: settle_time(-1, 1e6), "SETTLECOUNT must be 0 to 65535; got -1"),
         (lambda: settle_time(0x10000, 1e6), "SETTLECOUNT must be 0 to 65535; got 65536"),
         (lambda: wake_time(-1.0), "a clock must be positive and finite; got -1.0 Hz"),
-        (lambda: channel_switch_time(math.inf), "a clock must be positive and finite; got inf Hz"),
         (lambda: bus_time(reads=1, rate=0.0), "a clock must be positive and finite; got 0.0 Hz"),
         (lambda: state_time(5, 0, 1e6, bus_rate=0.0), "a clock must be positive and finite; got 0.0 Hz"),
     ],

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 from dataclasses import replace
 
 import pytest
+from emulated_reader import plain, reader_of
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -70,8 +72,8 @@ def test_scan_time():
     # Gast & Zimmermann (2020): 293.5 ms; wake, full resolution and result alone take 293.6 ms, settling 0.2 ms more
     assert DEFAULT.scan_time == pytest.approx(293.6e-3, rel=1e-3)
     assert 6 * (DEFAULT.state_time.measuring - DEFAULT.state_time.settle) == pytest.approx(293.6e-3, abs=0.05e-3)
-    # status, sleeping, waking, drive current and switches on top: under half a millisecond a state
-    assert 0 < DEFAULT.period - DEFAULT.scan_time < 6 * 0.5e-3
+    # status, sleeping, waking, drive current and switches on top: 0.455 ms a state; a register of 0.12 ms a scan
+    assert DEFAULT.period - DEFAULT.scan_time == pytest.approx(6 * 0.455e-3 + 0.12e-3, rel=1e-9)
     assert scan_settings(WIRING, paper_plan(WIRING.coils)[:2]).scan_time == pytest.approx(DEFAULT.scan_time / 3)
 
 
@@ -86,12 +88,25 @@ def test_waits():
     assert external.timeout_us == math.ceil(1.1 * 52836.2 + 6000)
 
 
-@given(st.floats(0.01, 120))
-def test_rate_is_reached_and_no_more(rate):
-    settings = scan_settings(WIRING, rate=rate)
-    assert settings.period <= 1 / rate * (1 + 1e-9)  # rounding of the quotients
+@given(rate=st.floats(0.01, 50), bus_rate=st.floats(100e3, 400e3))
+def test_rate_is_reached_and_no_more(rate, bus_rate):
+    settings = scan_settings(WIRING, rate=rate, bus_rate=bus_rate)
+    period = settings.period_on(bus_rate)
+    assert period <= 1 / rate * (1 + 1e-9)  # rounding of the quotients
     one_more = replace(settings, rcount=min(settings.rcount + 1, 0xFFFF))
-    assert settings.rcount == 0xFFFF or one_more.period > 1 / rate
+    assert settings.rcount == 0xFFFF or one_more.period_on(bus_rate) > 1 / rate
+
+
+@pytest.mark.parametrize("bus_rate", [400e3, 150e3, 100e3])
+@pytest.mark.parametrize("rate", [10.0, 40.0])
+def test_rate_is_reached_by_the_emulated_board(rate, bus_rate):
+    board = plain()
+    board.bus.speed = bus_rate
+    reader = reader_of(board)
+    reader.configure(scan_settings(WIRING, rate=rate, bus_rate=bus_rate, drives=7))
+    times = [scan.time for scan in itertools.islice(reader.scans(), 6)]
+    # its switches take data at 8 MHz, not at 1 MHz: up to 50 µs less a state, of 4 ms at least, and 1 µs of rounding
+    assert rate * (1 - 1e-3) <= 5 / (times[-1] - times[0]) < rate * (1 + 50e-6 / 4e-3)
 
 
 @given(
@@ -136,7 +151,9 @@ def test_what_is_made_keeps_the_rules(frequency, quality, clock, external, rcoun
         ({"rcount": 100, "rate": 10.0}, "give rate or rcount, not both; got 10.0 and 100"),
         ({"rate": 0.0}, "rate must be positive and finite; got 0.0"),
         ({"rate": math.inf}, "rate must be positive and finite; got inf"),
-        ({"rate": 200.0}, r"rate must be at most \d+\.\d scans/s of 6 states; got 200"),
+        ({"rate": 200.0}, r"rate must be at most \d+\.\d scans/s of 6 states on an I²C bus of 400 kHz; got 200"),
+        ({"rate": 100.0, "bus_rate": 100e3}, r"rate must be at most \d+\.\d+ scans/s .* of 100 kHz; got 100"),
+        ({"rate": 1.0, "bus_rate": 0.0}, "bus_rate must be positive and finite; got 0.0"),
         ({"clock": 60e6}, r"clock \(Hz\) must be 3.5e\+07 to 5.5e\+07; got 6e\+07"),
         ({"clock": 34e6}, r"clock \(Hz\) must be"),
         ({"clock": 41e6, "external_clock": True}, r"clock \(Hz\) must be 2e\+06 to 4e\+07; got 4.1e\+07"),

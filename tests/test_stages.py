@@ -155,6 +155,26 @@ def test_retreat_never_raises():
     assert machine.lines[-1] == "G0 Z2.0000"
 
 
+def test_after_an_interrupt_no_answer_stands_for_that_of_the_next_line():
+    machine = Machine()
+    stage = stage_of(machine)
+    read, interrupted = machine.read, []
+
+    def read_until_the_indenter_moves(seconds):
+        if not interrupted and machine.lines[-1].startswith("G4") and machine.at["Z"] < 0:
+            interrupted.append(True)
+            raise KeyboardInterrupt
+        return read(seconds)
+
+    machine.read = read_until_the_indenter_moves
+    stage.move(0.0, 0.0)
+    with pytest.raises(KeyboardInterrupt):
+        stage.indent(1e-3, SPEED)
+    stage.retreat()
+    assert machine.at["Z"] == 2.0
+    assert machine.time >= machine.busy_until  # it is up when the call returns, not on its way
+
+
 @pytest.mark.parametrize(
     "place",
     [(-31e-3, 0.0, 1e-3), (31e-3, 0.0, 1e-3), (0.0, 11e-3, 1e-3), (0.0, 0.0, 2.1e-3), (float("nan"), 0.0, 1e-3)],

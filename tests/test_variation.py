@@ -127,11 +127,11 @@ def test_many_at_once_one_after_the_other_and_back(pitch, turns, columns, state)
 
 
 BAD = {
-    "unknown table": ({"aray.pitch_mm": 1}, "gast2020: the design has no key 'aray'; did you mean array?"),
+    "unknown table": ({"aray.pitch_mm": 1}, "gast2020: the file has no key 'aray'; did you mean array?"),
     "unknown key": ({"array.pich_mm": 1}, "gast2020: array has no key 'pich_mm'; did you mean pitch_mm?"),
     "unknown coil shape": ({"coils.hexagn.gap_mm": 1}, "gast2020: coils.hexagn.gap_mm names no coil shape; did you mean coils.hexagon? [coils] has hexagon."),
     "nothing like it": ({"coils.q.gap_mm": 1}, "gast2020: coils.q.gap_mm names no coil shape; [coils] has hexagon."),
-    "empty": ({"": 1}, "gast2020: the design has no key ''"),
+    "empty": ({"": 1}, "gast2020: the file has no key ''"),
     "two dots": ({"array..pitch_mm": 1}, "gast2020: array has no key ''"),
     "a table": ({"array": 1}, "gast2020: array is a table; an entry of it must be named, as array.lattice."),
     "a coil": ({"coils.hexagon": {}}, "gast2020: coils.hexagon is a table; an entry of it must be named, as coils.hexagon.shape."),

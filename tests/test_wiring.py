@@ -14,11 +14,12 @@ from itertools import product
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from named_switching import check_words, nets_of
 
 from coilarray.errors import HardwareError, NetworkError
 from coilarray.hardware import wirings
 from coilarray.hardware.adg739 import SWITCHES
-from coilarray.hardware.wiring import Device, Switch, Terminal, Wiring, load_wiring, parse_wiring
+from coilarray.hardware.wiring import Device, Switch, Terminal, Wiring, load_wiring, one_device_a_coil, parse_wiring
 from coilarray.terminations import ScanState, paper_plan
 
 SIX, FOUR = load_wiring("six_coils"), load_wiring("six_coils_4")
@@ -70,10 +71,10 @@ def _is_legal(wiring, words):
 
 def _agrees(wiring, words):
     if _is_legal(wiring, words):
-        wiring.check(words)
+        check_words(wiring, words)
         return
     with pytest.raises(HardwareError):
-        wiring.check(words)
+        check_words(wiring, words)
 
 
 @pytest.mark.parametrize("wiring", [TWO, TWO_ON_A_BUS], ids=["device a coil", "bus"])
@@ -82,7 +83,7 @@ def test_every_word_of_two_coils(wiring):
     legal = 0
     for words in map(bytes, product(range(256), repeat=2)):
         try:
-            wiring.check(words)
+            check_words(wiring, words)
         except HardwareError:
             assert not _is_legal(wiring, words)
             continue
@@ -130,9 +131,9 @@ def test_states_join_what_they_say(state):
         for end, pin in zip("ab", ("INA", "INB")[::sense], strict=True):
             passive = state.exceptions.get(coil, state.others)
             wanted[coil, end] = (pin,) if coil == measured else ("ground",) if end in GROUNDED[passive] else ()
-    assert SIX.nets(SIX.words(state)) == wanted
+    assert nets_of(SIX, SIX.words(state)) == wanted
     if sense > 0:
-        assert FOUR.nets(FOUR.words(state)) == wanted
+        assert nets_of(FOUR, FOUR.words(state)) == wanted
     else:
         with pytest.raises(HardwareError, match=rf"six_coils_4 has no switch from {measured}.a to INB"):
             FOUR.words(state)
@@ -159,10 +160,10 @@ def test_words_of_the_four(k):
 
 @BOTH
 def test_safe_words(wiring):
-    assert set(wiring.nets(wiring.safe_words).values()) == {("ground",)}
-    assert not any(wiring.nets(wiring.open_words).values())
-    wiring.check(wiring.safe_words)
-    wiring.check(wiring.open_words)
+    assert set(nets_of(wiring, wiring.safe_words).values()) == {("ground",)}
+    assert not any(nets_of(wiring, wiring.open_words).values())
+    check_words(wiring, wiring.safe_words)
+    check_words(wiring, wiring.open_words)
 
 
 @BOTH
@@ -188,7 +189,7 @@ def test_order_of_the_bits_is_a_table(bits):
     """Another order of the bits makes other words that join the same."""
     other = replace(SIX, devices=tuple(replace(device, bits=tuple(bits)) for device in SIX.devices))
     for state in paper_plan(SIX.coils):
-        assert other.nets(other.words(state)) == SIX.nets(SIX.words(state))
+        assert nets_of(other, other.words(state)) == nets_of(SIX, SIX.words(state))
     for plain, moved in zip(_bytes(SIX.encode()), _bytes(other.encode()), strict=True):
         assert dict(zip(SWITCHES, plain, strict=True)) == dict(zip(bits, moved, strict=True))
 
@@ -207,6 +208,15 @@ def test_every_bundled_wiring_loads():
         wirings.read("seven")
 
 
+def test_one_device_a_coil_is_the_bundled_wiring_with_other_names():
+    made = one_device_a_coil(SIX.coils)
+    assert (made.devices, made.encode(), made.safe_words) == (SIX.devices, SIX.encode(), SIX.safe_words)
+    other = one_device_a_coil(["coil one", "coil two"])
+    assert other.encode() == SIX.encode()[-16:]
+    with pytest.raises(HardwareError, match="must have 1 to 31 coils"):
+        one_device_a_coil([f"coil{k}" for k in range(32)])
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
@@ -222,7 +232,7 @@ def test_every_bundled_wiring_loads():
 )
 def test_conflicts_are_named(words, message):
     with pytest.raises(HardwareError, match=re.escape(message)):
-        SIX.check(bytes.fromhex(words))
+        check_words(SIX, bytes.fromhex(words))
 
 
 @pytest.mark.parametrize(

@@ -9,11 +9,13 @@ from firmware_chips import StubChain, StubConverter
 
 from coilarray.hardware.ldc1614_result import Reason, judge
 from coilarray.hardware.scans import SampleFault
+from coilarray.hardware.wiring import UNUSED
 
 SENSOR_GONE = (0xA000, 0x2A00)
 """Flags of the data and of STATUS where nothing oscillates: under-range, watchdog, amplitude low."""
 WRAP = 2**32 * 1e-6  # s of the board's clock; a new session begins with whatever it shows
 SCAN = 1.1  # s that a scan may take; the host's idle board lets up to a second pass within a command
+_PINS = (1, 2)  # nets INA and INB of a switch's code, 4·terminal + net
 _CODES = 0x1000000  # the smallest code; a quarter of the reference is at 0x4000000
 
 
@@ -28,6 +30,35 @@ class Held(NamedTuple):
     error: Reason | None
 
 
+class _Needed(NamedTuple):
+    """Bits of the words that a coil needs to oscillate, and their values.
+
+    They are its own, and all switches to the converter: another coil's would ground a pin. Whether another coil is
+    grounded or open changes the value, but not that there is one; no scan can tell.
+    """
+
+    mask: bytes
+    value: bytes
+
+    @classmethod
+    def by(cls, settings, words):
+        codes = [settings.wiring[8 * device : 8 * device + 8] for device in range(len(words))]
+        closed = {codes[d][bit] for d, word in enumerate(words) for bit in range(8) if word >> bit & 1}
+        (coil,) = {code >> 3 for code in closed if code & 3 in _PINS}
+        mask = bytes(
+            sum(1 << bit for bit, code in enumerate(row) if code != UNUSED and (code >> 3 == coil or code & 3 in _PINS))
+            for row in codes
+        )
+        return cls(mask, _masked(words, mask))
+
+    def hold(self, words):
+        return _masked(words, self.mask) == self.value
+
+
+def _masked(words, mask):
+    return bytes(word & own for word, own in zip(words, mask, strict=True))
+
+
 class WitnessedConverter(StubConverter):
     """A converter no two results of which are alike: the code tells the state and counts.
 
@@ -36,7 +67,7 @@ class WitnessedConverter(StubConverter):
 
     def __init__(self, clock, settings, **options):
         super().__init__(clock, conversion=settings.wait_us * 1e-6, **options)
-        self.states = {state.words: index for index, state in enumerate(settings.states)}
+        self.states = [_Needed.by(settings, state.words) for state in settings.states]
         self.chain = None
         self.held: dict[int, Held] = {}
         self.errors = lambda state: None
@@ -56,8 +87,12 @@ class WitnessedConverter(StubConverter):
             return self._now.lsb
         return super()._value(register)
 
+    def state_of(self, words):
+        """The state whose coil these words measure, whatever they do with the ends of the others; None for no state."""
+        return next((index for index, needed in enumerate(self.states) if needed.hold(words)), None)
+
     def _convert(self):
-        state = self.states.get(self.chain.effective)
+        state = self.state_of(self.chain.effective)
         error = (*SENSOR_GONE, Reason.WATCHDOG) if state is None else self.errors(state)
         flags, bits, reason = error or (0, 0, None)
         self._count += 1

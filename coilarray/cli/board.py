@@ -38,6 +38,11 @@ if TYPE_CHECKING:
     from coilarray.hardware.self_test import CoilCheck, SelfTest
 
 _KINDS = {"serial": "serial ports", "linux": "buses of this computer", "ftdi": "adapters"}
+_CHAIN = {
+    "same": "wired back, and returns what was sent",
+    "differ": "returns other words than were sent",
+    "none": "not wired back, so that a broken data line shows only as coils that do not oscillate",
+}
 _MOST_LINES = 6  # symptoms and faults shown; all of them with --json
 
 
@@ -65,26 +70,28 @@ def board(
     It tells stuck switches, broken and shorted coils and a wrong map from what oscillates and which coil feels which.
 
     Options of a port follow a question mark: i2c:1?mode=2&speed=500000&order=lsb&readback=yes for the switches, and
-    with ftdi://... also address=0x2B&clock=0&data=1&sync=2&back=3 (pins C0 to C7).
+    with ftdi://... also address=0x2B&clock=0&data=1&sync=2&back=3 (pins C0 to C7). A serial port has baud=9600, or
+    baud=any where the rate is not known.
 
     Example: coilarray board --port /dev/ttyACM0 --self-test
     """
-    from coilarray.hardware.board import open_board
+    from coilarray.hardware.board import open_board, wiring_of_board
     from coilarray.hardware.ports import parse_port
-    from coilarray.hardware.wiring import load_wiring
 
-    parse_port(port)
+    place = parse_port(port)
     options = BoardOptions(port, wiring, None, clock_mhz, external_clock, drive, None, emulate)
     opened = open_design(design, allow_violations=allow_violations)
     if self_test or find_drives:
         drives, result, record, line = _tried(options, opened, self_test=self_test, find_drives=find_drives)
     else:
-        with open_board(port, design=opened, wiring=load_wiring(wiring), **options.emulation) as one:
+        wired = wiring_of_board(place, opened, wiring)
+        with open_board(port, design=opened, wiring=wired, **options.emulation) as one:
             drives, result, record, line = None, None, _record(one), one.line
     if as_json:
         print_json(record | {"drives": _drives_record(drives), "self_test": _test_record(result)})
     else:
         parts = [_ports_text(record["ports"]), line]
+        parts += [] if record["chain"] is None else [f"end of the chain of switches: {_CHAIN[record['chain']]}"]
         parts += [] if drives is None else [_drives_text(drives)]
         parts += [] if result is None else [_test_text(result)]
         typer.echo(marked("\n".join(parts), emulated=record["emulated"]))
@@ -109,12 +116,13 @@ def _tried(
         if find_drives:
             drives = find(one.reader, settings)
             states = tuple(replace(state, drive=drives[state.name].code) for state in states)
+        chain = one.check_chain() if self_test else None
         if self_test:
             result = test(one.reader, one.wiring, replace(settings, states=states), progress=progress)
-        return drives, result, _record(one), one.line
+        return drives, result, _record(one, chain), one.line
 
 
-def _record(one: Board) -> dict[str, Any]:
+def _record(one: Board, chain: str | None = None) -> dict[str, Any]:
     from coilarray.hardware.ports import found_ports
 
     return {
@@ -124,6 +132,7 @@ def _record(one: Board) -> dict[str, Any]:
         "wiring": one.wiring.name,
         "assumed": dict(one.wiring.assumed),
         "ports": found_ports(),
+        "chain": chain,
     }
 
 

@@ -56,7 +56,7 @@ class Resonator:
         return max(kept, default=0)
 
 
-def series_tank(inductance: float, capacitance: float, resistance: float) -> Resonator:
+def series_tank(inductance: float, capacitance: float, resistance: float) -> Resonator | None:
     """Resonator of L and R in series, across C.
 
     Parameters
@@ -66,8 +66,9 @@ def series_tank(inductance: float, capacitance: float, resistance: float) -> Res
 
     Returns
     -------
-    Resonator
-        Where Im Y = 0: ω² = 1/(LC) − (R/L)², R_p = L/(R C).
+    Resonator or None
+        Where Im Y = 0: ω² = 1/(LC) − (R/L)², R_p = L/(R C). None where there is no such frequency: R ≥ √(L/C), at
+        which nothing oscillates.
 
     Examples
     --------
@@ -75,6 +76,8 @@ def series_tank(inductance: float, capacitance: float, resistance: float) -> Res
     2000000.0
     """
     squared = 1 / (inductance * capacitance) - (resistance / inductance) ** 2
+    if squared <= 0:
+        return None
     frequency = math.sqrt(squared) / (2 * math.pi)
     if resistance == 0:
         return Resonator(frequency, math.inf, math.inf)
