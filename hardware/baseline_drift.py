@@ -8,6 +8,7 @@ better than from the one before each indentation, so that δ loses the noise of 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -36,7 +37,9 @@ class Drift:
     session : int
         Index of the session in its recording.
     boot : int
-        Session number of the board, which tells it from others.
+        Session number of the board.
+    started : float
+        When the session began, in s since the epoch: it tells it from others of the same board.
     state : str
         Name.
     start, stop : float
@@ -62,6 +65,7 @@ class Drift:
 
     session: int
     boot: int
+    started: float
     state: str
     start: float
     stop: float
@@ -74,7 +78,7 @@ class Drift:
 
     def __post_init__(self) -> None:
         terms = len(self.coefficients) + 1
-        numbers = [self.start, self.stop, self.gap, self.inductance, self.scatter, *self.coefficients]
+        numbers = [self.started, self.start, self.stop, self.gap, self.inductance, self.scatter, *self.coefficients]
         if not all(map(math.isfinite, [*numbers, *(value for row in self.covariance for value in row)])):
             raise HardwareError(f"the drift of {self.state} must be of finite numbers.")
         if not (self.start < self.stop and self.inductance > 0 and self.scatter >= 0 and self.gap >= 0):
@@ -118,6 +122,7 @@ def fit_drift(
     order: int | None = None,
     session: int = 0,
     boot: int = 0,
+    started: float = 0.0,
     state: str = "",
 ) -> Drift:
     """Fit the drift of a state to its scans at rest.
@@ -130,7 +135,7 @@ def fit_drift(
         L_0 in H; NaN where a scan has no value.
     order : int, optional
         Of the polynomial, 1 to 3; by default the lowest one about which the scans scatter without a system.
-    session, boot, state
+    session, boot, started, state
         As in `Drift`.
 
     Returns
@@ -173,23 +178,25 @@ def fit_drift(
         raise HardwareError("the times of a drift must be finite and rise.")
     highest = min(HIGHEST_ORDER, len(t) - 1 - _SPARE)
     orders = list(range(1, highest + 1)) if order is None else [order]
-    drift = _fitted(t, values, orders[0], session, boot, state)
+    drift = _fitted(t, values, orders[0], session, boot, started, state)
     for higher in orders[1:]:
         if drift.smooth:
             break
-        drift = _fitted(t, values, higher, session, boot, state)
+        drift = _fitted(t, values, higher, session, boot, started, state)
     return drift
 
 
-def fit_drifts(series: xr.Dataset, boots: tuple[int, ...], *, order: int | None = None) -> tuple[Drift, ...]:
+def fit_drifts(
+    series: xr.Dataset, sessions: Sequence[tuple[int, float]], *, order: int | None = None
+) -> tuple[Drift, ...]:
     """Fit the drift of every session and state of a recording.
 
     Parameters
     ----------
     series : xarray.Dataset
         As `coilarray.hardware.recorded_response.recorded_series` returns it.
-    boots : tuple of int
-        Session number of the board for each session.
+    sessions : sequence of (int, float)
+        Session number of the board, and start in s since the epoch, for each session of the recording.
     order : int, optional
         As in `fit_drift`.
 
@@ -205,13 +212,21 @@ def fit_drifts(series: xr.Dataset, boots: tuple[int, ...], *, order: int | None 
     """
     _check_order(order)
     rest, drifts = at_rest(series), []
-    for session, boot in enumerate(boots):
+    for session, (boot, started) in enumerate(sessions):
         own = rest & (series.session.values == session)
         for k, state in enumerate(series.state.values.tolist()):
             values = series.inductance.values[own, k]
             if np.isfinite(values).sum() >= (order or 1) + 1 + _SPARE:
                 drifts.append(
-                    fit_drift(series.time.values[own], values, order=order, session=session, boot=boot, state=state)
+                    fit_drift(
+                        series.time.values[own],
+                        values,
+                        order=order,
+                        session=session,
+                        boot=boot,
+                        started=started,
+                        state=state,
+                    )
                 )
     return tuple(drifts)
 
@@ -226,7 +241,9 @@ def _check_order(order: int | None) -> None:
         raise HardwareError(f"the order of a drift must be 1 to {HIGHEST_ORDER}; got {order}.")
 
 
-def _fitted(t: FloatArray, values: FloatArray, order: int, session: int, boot: int, state: str) -> Drift:
+def _fitted(
+    t: FloatArray, values: FloatArray, order: int, session: int, boot: int, started: float, state: str
+) -> Drift:
     start, stop = float(t[0]), float(t[-1])
     u = (t - (start + stop) / 2) / ((stop - start) / 2)
     powers = u[:, None] ** np.arange(order + 1)
@@ -239,6 +256,7 @@ def _fitted(t: FloatArray, values: FloatArray, order: int, session: int, boot: i
     return Drift(
         session=session,
         boot=boot,
+        started=started,
         state=state,
         start=start,
         stop=stop,

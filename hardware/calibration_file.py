@@ -69,6 +69,7 @@ def calibration_to_toml(calibration: BoardCalibration) -> str:
         {
             "session": drift.session,
             "boot": f"{drift.boot:08X}",
+            "started_s": drift.started,
             "state": drift.state,
             "start_s": drift.start,
             "stop_s": drift.stop,
@@ -172,6 +173,7 @@ class _Drift(Table):
 
     session: _Count
     boot: Annotated[str, Field(pattern=r"^[0-9A-F]{8}$")]
+    started: float = Field(alias="started_s")
     state: _Name
     start: float = Field(alias="start_s")
     stop: float = Field(alias="stop_s")

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from itertools import pairwise, product
@@ -188,6 +188,8 @@ def run_campaign(
     recorder: Recorder,
     clock: Clock,
     progress: Progress | None = None,
+    *,
+    reconnect: Callable[[], Reader] | None = None,
 ) -> None:
     """Measure every position that is not measured yet.
 
@@ -205,9 +207,14 @@ def run_campaign(
         For the dwell.
     progress : callable, optional
         Called with (positions done, of how many).
+    reconnect : callable, optional
+        Opens another session with a board that has restarted, and returns its reader, not configured. The position is
+        then measured again, in a new session of the recording. Without it, such a board ends the campaign.
 
     Raises
     ------
+    BoardRestarted
+        The board restarted, and there is no `reconnect`.
     HardwareError
         What the reader and the stage raise; a position where a scan failed `TRIES` times. The indenter is then lifted
         where the stage can do that by itself.
@@ -218,7 +225,7 @@ def run_campaign(
     done = recorder.finished()
     count = len(done)
     _tell(progress, count, campaign.size)
-    run = _Run(campaign, reader, stage, recorder, clock)
+    run = _Run(campaign, reader, stage, recorder, clock, reconnect)
     try:
         for place in campaign.places:
             if place.number not in done:
@@ -234,13 +241,16 @@ class _BadScanError(HardwareError):
     """A scan in which a state has no value."""
 
 
-@dataclass(frozen=True)
+@dataclass
 class _Run:
+    """A campaign under way; its reader is another one after the board has restarted."""
+
     campaign: Campaign
     reader: Reader
     stage: Stage
     recorder: Recorder
     clock: Clock
+    reconnect: Callable[[], Reader] | None
 
     def measure(self, place: GridPlace) -> None:
         """Measure a position, from the beginning again where a scan fails."""
@@ -279,7 +289,13 @@ class _Run:
     def _configure_again(self) -> None:
         """After a fault a board wants its settings once more; one that restarted begins another session."""
         session = self.recorder.session
-        self.reader.configure(session.settings)
+        try:
+            self.reader.configure(session.settings)
+        except BoardRestarted as fault:  # the reader's session is over
+            if self.reconnect is None:
+                raise BoardRestarted(f"{str(fault).rstrip('.')}; run again to go on with the recording.") from None
+            self.reader = self.reconnect()
+            self.reader.configure(session.settings)
         if self.reader.identity.boot != session.identity.boot:
             again = replace(session, identity=self.reader.identity, started=time.time())
             self.recorder.start(again, self.campaign.to_json())

@@ -203,7 +203,7 @@ def calibrate_board(
         relative = math.hypot(2 * read_error[state] / read[state], inductance_error)
         channels.append(Channel(state, capacitance, capacitance * relative, inductance))
     capacitances = {**session.capacitances, **{channel.state: channel.capacitance for channel in channels}}
-    boots = tuple(one.identity.boot for one in recording.sessions)
+    sessions = [(one.identity.boot, one.started) for one in recording.sessions]
     return BoardCalibration(
         source=source,
         made=made,
@@ -215,7 +215,7 @@ def calibrate_board(
         clock_from="settings" if known_frequency is None else "known frequency",
         inductances_from=None if not channels else "design" if from_design else "known inductances",
         channels=tuple(channels),
-        drifts=fit_drifts(_with_inductances(series, capacitances, ratio), boots, order=order),
+        drifts=fit_drifts(_with_inductances(series, capacitances, ratio), sessions, order=order),
     )
 
 
@@ -227,21 +227,23 @@ def calibrated_response(recording: Recording, calibration: BoardCalibration, *, 
     recording : Recording
         Of a campaign.
     calibration : BoardCalibration
-        Of the board. Its drifts count where they are of sessions of this recording and smooth; elsewhere L_0 is the
-        one measured at every position, as in `recorded_response`.
+        Of the board, with this design. Its drifts count where they are of sessions of this recording and smooth;
+        elsewhere L_0 is the one measured at every position, as in `recorded_response`.
     partial : bool
         As in `recorded_response`.
 
     Returns
     -------
     xarray.Dataset
-        As `recorded_response`, with ``drift_removed`` (state), and the attributes ``calibration`` and, where it has
-        capacitances, ``capacitance_from``: what they stand on.
+        As `recorded_response`, with ``drift_removed`` (state), and the attributes ``calibration``, its source,
+        ``calibration_board``, of which board it is, and, where it has capacitances, ``capacitance_from``: what they
+        stand on. Where the drift was removed, ``delta_std`` is found from it.
 
     Raises
     ------
     HardwareError
-        A calibration of an emulated board for a real one or the other way round, and what `recorded_response` refuses.
+        A calibration of an emulated board for a real one or the other way round, or of another design, and what
+        `recorded_response` refuses.
     """
     if calibration.emulated != recording.emulated:
         kinds = ("a real", "an emulated")
@@ -249,21 +251,30 @@ def calibrated_response(recording: Recording, calibration: BoardCalibration, *, 
             f"the calibration is of {kinds[calibration.emulated]} board, {recording.path} of "
             f"{kinds[recording.emulated]} one."
         )
+    design = recording.sessions[0].design_hash
+    if calibration.design_hash != design:
+        raise HardwareError(
+            f"the calibration is of a board with the design {calibration.design_hash[:12] or 'unknown'}, "
+            f"{recording.path} of one with {design[:12]}."
+        )
     capacitances = {**recording.sessions[0].capacitances, **calibration.capacitances}
     response = recorded_response(recording, capacitances=capacitances, clock=calibration.clock, partial=partial)
     series = recorded_series(recording, capacitances=capacitances, clock=calibration.clock)
-    boots = [session.identity.boot for session in recording.sessions]
+    sessions = [(session.identity.boot, session.started) for session in recording.sessions]
     drifts = {
         (one.session, one.state): one
         for one in calibration.drifts
-        if one.smooth and one.session < len(boots) and boots[one.session] == one.boot
+        if one.smooth and (one.boot, one.started) in sessions[one.session : one.session + 1]
     }
     scans = Campaign.from_json(recording.campaign or "").scans
     removed = []
     for j, state in enumerate(recording.states):
-        of_sessions = [drifts.get((session, state)) for session in range(len(boots))]
+        of_sessions = [drifts.get((session, state)) for session in range(len(sessions))]
         removed.append(_remove_drift(response, series, j, of_sessions, scans))
-    said = {"calibration": calibration.source}
+    if any(removed):
+        before = response.delta_std.attrs["found_from"]
+        response.delta_std.attrs["found_from"] = "drift" if all(removed) else f"drift, or {before} where it stays"
+    said = {"calibration": calibration.source, "calibration_board": calibration.board}
     if calibration.inductances_from is not None:
         said["capacitance_from"] = calibration.inductances_from
     return response.assign(drift_removed=("state", removed)).assign_attrs(said)
@@ -294,7 +305,8 @@ def _remove_drift(
     response: xr.Dataset, series: xr.Dataset, state: int, drifts: Sequence[Drift | None], scans: int
 ) -> bool:
     """Put δ of a state from its drift in place of the recorded one, in place; False where a session has no drift."""
-    peaks = (series.stage.values == "peak") & np.isfinite(series.inductance.values[:, state])
+    peaks = (series.stage.values == "peak") & series.finished.values
+    peaks &= np.isfinite(series.inductance.values[:, state])
     sessions = series.session.values[peaks]
     used = [drifts[session] for session in np.unique(sessions)]
     if not used or any(drift is None for drift in used):

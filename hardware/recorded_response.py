@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from datetime import UTC, datetime
 from typing import NamedTuple
 
@@ -130,7 +130,8 @@ def recorded_series(
         Dimensions ``scan`` and ``state``: ``frequency`` in Hz, ``inductance`` in H and ``delta``, NaN where the verdict
         is bad; ``verdict`` 0 good, 1 doubtful, 2 bad; the raw words ``msb``, ``lsb``, ``status`` and ``fault``.
         Coordinates of a scan: ``time`` in s from the first one, by the board's clock within a session; ``received`` in
-        s since the epoch; ``session``, ``sequence``, ``stage``; ``depth``, ``y``, ``x`` in m, NaN where unknown.
+        s since the epoch; ``session``, ``sequence``, ``stage``; ``finished``, whether it is of a position of a campaign
+        that was measured to its end; ``depth``, ``y``, ``x`` in m, NaN where unknown.
 
     Raises
     ------
@@ -139,7 +140,8 @@ def recorded_series(
     """
     if baseline < 1:
         raise HardwareError(f"baseline must be at least 1 scan; got {baseline}.")
-    rows = [_row(scan, _reading(recording, scan, capacitances, clock)) for scan in recording.scans()]
+    finished = recording.positions()
+    rows = [_row(scan, _reading(recording, scan, capacitances, clock), finished) for scan in recording.scans()]
     if not rows:
         raise HardwareError(f"{recording.path} has no scan yet.")
     frequency, inductance, verdicts, raw = (np.array([row[k] for row in rows]) for k in range(4))
@@ -164,6 +166,7 @@ def recorded_series(
             "session": ("scan", [scan.session for scan in scans]),
             "sequence": ("scan", [scan.sequence for scan in scans]),
             "stage": ("scan", [scan.stage for scan in scans]),
+            "finished": ("scan", [scan.finished for scan in scans]),
             "depth": ("scan", [scan.depth for scan in scans], {"units": "m"}),
             "y": ("scan", [scan.y for scan in scans], {"units": "m"}),
             "x": ("scan", [scan.x for scan in scans], {"units": "m"}),
@@ -293,13 +296,14 @@ class _When(NamedTuple):
     time: float
     received: float
     stage: str
+    finished: bool
     depth: float
     y: float
     x: float
 
 
 def _row(
-    scan: RecordedScan, reading: ScanReading
+    scan: RecordedScan, reading: ScanReading, finished: Container[int | None]
 ) -> tuple[FloatArray, FloatArray, npt.NDArray[np.int8], npt.NDArray[np.uint16], _When]:
     """Return the frequency, inductance, verdict and raw words of the states of a scan, and when it was."""
     y, x = (math.nan, math.nan) if scan.place is None else (scan.place.y, scan.place.x)
@@ -309,7 +313,17 @@ def _row(
         np.array([_number(state.inductance) for state in reading.states]),
         np.array([VERDICTS.index(state.verdict) for state in reading.states], dtype=np.int8),
         np.array([(one.msb, one.lsb, one.status, one.fault) for one in raw.samples], dtype=np.uint16),
-        _When(scan.session, raw.sequence, raw.time, raw.received, scan.stage, _number(scan.depth), y, x),
+        _When(
+            scan.session,
+            raw.sequence,
+            raw.time,
+            raw.received,
+            scan.stage,
+            scan.position in finished,
+            _number(scan.depth),
+            y,
+            x,
+        ),
     )
 
 

@@ -11,7 +11,7 @@ import math
 import os
 import sqlite3
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import asdict
 from importlib import metadata
@@ -65,7 +65,8 @@ class Recorder:
         Raises
         ------
         HardwareError
-            A recording of another design, wiring, campaign or board, or with other settings.
+            A recording of another design, wiring or campaign, with other settings, or of an emulator where this is a
+            real board or the other way round.
         OutputError
             A file that cannot be written.
         """
@@ -156,6 +157,22 @@ class Recorder:
         self._write(
             lambda connection: connection.execute(
                 "UPDATE position SET finished = ? WHERE id = ?", (time.time(), position)
+            ),
+            durable=True,
+        )
+
+    def add_self_test(self, symptoms: Sequence[str], findings: Sequence[str]) -> None:
+        """Write what a self-test of the board has shown now; OutputError where that fails.
+
+        Parameters
+        ----------
+        symptoms, findings : sequence of str
+            As in `coilarray.hardware.self_test.SelfTest`.
+        """
+        values = (self._number, time.time(), json.dumps(list(symptoms)), json.dumps(list(findings)))
+        self._write(
+            lambda connection: connection.execute(
+                "INSERT INTO self_test (session, time, symptoms, findings) VALUES (?,?,?,?)", values
             ),
             durable=True,
         )

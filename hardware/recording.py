@@ -8,6 +8,7 @@ import sqlite3
 from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -109,6 +110,31 @@ class RecordedScan:
     depth: float | None
 
 
+@dataclass(frozen=True)
+class RecordedSelfTest:
+    """What a self-test showed, before or after a campaign.
+
+    Parameters
+    ----------
+    session : int
+        Index of its session in `Recording.sessions`.
+    time : float
+        In s since the epoch.
+    symptoms, findings : tuple of str
+        As in `coilarray.hardware.self_test.SelfTest`.
+    """
+
+    session: int
+    time: float
+    symptoms: tuple[str, ...]
+    findings: tuple[str, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether nothing was wrong, as far as can be seen."""
+        return not self.symptoms
+
+
 class Recording:
     """A recording that is open for reading; `open_recording` makes one.
 
@@ -151,6 +177,12 @@ class Recording:
     def states(self) -> tuple[str, ...]:
         """Names of the states of a scan, in order."""
         return tuple(state.name for state in self.sessions[0].settings.states)
+
+    def self_tests(self) -> tuple[RecordedSelfTest, ...]:
+        """Return the self-tests in the order of time; HardwareError for a damaged file."""
+        with reading(self.path):
+            rows = self._connection.execute("SELECT * FROM self_test ORDER BY id").fetchall()
+        return tuple(self._self_test(*row) for row in rows)
 
     def count(self) -> int:
         """Return how many scans there are."""
@@ -198,6 +230,7 @@ class Recording:
     def check(self) -> None:
         """Look through the whole file for damage; HardwareError names the first that is found."""
         check_pages(self._connection, self.path)
+        self.self_tests()
         for _ in self.scans():
             pass
 
@@ -217,8 +250,14 @@ class Recording:
             return RecordedScan(
                 int(rows[0][0]), scan, index, str(stage), position, at, None if depth is None else _finite(depth)
             )
-        except (KeyError, TypeError, ValueError) as error:
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise HardwareError(f"{self.path} is damaged: scan {rows[0][0]}: {error}.") from None
+
+    def _self_test(self, number: Any, session: Any, time: Any, symptoms: Any, findings: Any) -> RecordedSelfTest:
+        try:
+            return RecordedSelfTest(self._sessions[session], _date(time), _texts(symptoms), _texts(findings))
+        except (KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
+            raise HardwareError(f"{self.path} is damaged: self-test {number}: {error}.") from None
 
     def _session(self, row: Mapping[str, Any]) -> RecordedSession:
         try:
@@ -227,7 +266,7 @@ class Recording:
                 raise ValueError("the settings are not those of their hash")
             identity = _identity(json.loads(row["identity"]))
             return RecordedSession(
-                started=_finite(row["started"]),
+                started=_date(row["started"]),
                 identity=identity,
                 port=str(row["port"]),
                 settings=settings,
@@ -238,7 +277,7 @@ class Recording:
                 design_document=dict(json.loads(row["design_document"])),
                 version=str(row["version"]),
             )
-        except (KeyError, TypeError, ValueError, AttributeError, RecursionError, HardwareError) as error:
+        except (KeyError, TypeError, ValueError, OverflowError, AttributeError, RecursionError, HardwareError) as error:
             raise HardwareError(f"{self.path} is damaged: session {row['id']}: {error}.") from None
 
     def _one(self, query: str) -> Any:
@@ -282,6 +321,23 @@ def _word(value: Any) -> int:
     if not (isinstance(value, int) and 0 <= value <= 0xFFFF):
         raise ValueError(f"a register must hold 16 bits; got {value!r}")
     return value
+
+
+def _texts(text: Any) -> tuple[str, ...]:
+    """Read a list of texts in JSON."""
+    texts = json.loads(text)
+    if not (isinstance(texts, list) and all(isinstance(one, str) for one in texts)):
+        raise TypeError("a list of texts has values of another type")
+    return tuple(texts)
+
+
+def _date(value: Any) -> float:
+    """Return a time in s since the epoch that a calendar has."""
+    try:
+        datetime.fromtimestamp(_finite(value), UTC)
+    except (OverflowError, OSError, ValueError):
+        raise ValueError(f"a time must be on a day of the calendar; got {value!r} s") from None
+    return float(value)
 
 
 def _finite(value: Any) -> float:

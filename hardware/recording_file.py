@@ -32,6 +32,13 @@ CREATE TABLE session (              -- from opening a board to letting go of it
     design_document TEXT NOT NULL,  -- JSON: the design file
     version TEXT NOT NULL           -- of this program
 );
+CREATE TABLE self_test (            -- of the switches and coils, before and after a campaign
+    id INTEGER PRIMARY KEY,
+    session INTEGER NOT NULL REFERENCES session (id),
+    time REAL NOT NULL,             -- s since the epoch
+    symptoms TEXT NOT NULL,         -- JSON: what a good board does not show; none where it has passed
+    findings TEXT NOT NULL          -- JSON: faults that each alone explain it
+);
 CREATE TABLE campaign (             -- none or one row
     id INTEGER PRIMARY KEY CHECK (id = 1),
     plan TEXT NOT NULL              -- JSON: grid and sequence
@@ -68,7 +75,7 @@ CREATE TABLE sample (
     PRIMARY KEY (scan, state)
 ) WITHOUT ROWID;
 """
-_NAMES = {"session", "campaign", "position", "scan", "sample"}
+_NAMES = {"session", "self_test", "campaign", "position", "scan", "sample"}
 
 
 def create_tables(connection: sqlite3.Connection) -> None:
@@ -118,6 +125,8 @@ def connect_to_read(path: Path) -> sqlite3.Connection:
         A file that is not there, cannot be read or is no database.
     """
     try:
+        if path.is_dir():
+            raise HardwareError(f"cannot read {path}: it is a folder.")
         if not path.is_file():
             raise HardwareError(f"there is no file {path}.")
         with path.open("rb"):
@@ -142,10 +151,10 @@ def reading(path: Path) -> Iterator[None]:
     try:
         yield
     except sqlite3.OperationalError as error:
-        raise HardwareError(f"cannot read {path}: {error}.") from None
+        raise HardwareError(f"cannot read {path}: {_one_line(str(error))}.") from None
     except sqlite3.DatabaseError as error:
         what = "no recording" if "not a database" in str(error) else "damaged"
-        raise HardwareError(f"{path} is {what}: {error}.") from None
+        raise HardwareError(f"{path} is {what}: {_one_line(str(error))}.") from None
 
 
 def check_pages(connection: sqlite3.Connection, path: Path) -> None:
@@ -160,7 +169,7 @@ def check_pages(connection: sqlite3.Connection, path: Path) -> None:
         for pragma in ("integrity_check(1)", "foreign_key_check"):
             first = connection.execute(f"PRAGMA {pragma}").fetchone()
             if first is not None and first != ("ok",):
-                raise HardwareError(f"{path} is damaged: {' '.join(str(part) for part in first)}.")
+                raise HardwareError(f"{path} is damaged: {_one_line(' '.join(map(str, first)))}.")
 
 
 def _connected(path: Path, how: str) -> sqlite3.Connection:
@@ -173,6 +182,11 @@ def _connected(path: Path, how: str) -> sqlite3.Connection:
         connection.close()
         raise
     return connection
+
+
+def _one_line(text: str) -> str:
+    """Return a text of SQLite, which may have several lines and names out of a damaged file, in one."""
+    return "".join(character if character.isprintable() else " " for character in " ".join(text.split()))
 
 
 def _pragma(connection: sqlite3.Connection, name: str) -> int:

@@ -11,7 +11,7 @@ from typing import Any
 from coilarray.hardware.campaign import Campaign
 from coilarray.hardware.ldc1614_result import Reason, Verdict
 from coilarray.hardware.readings import read_scan
-from coilarray.hardware.recording import Recording
+from coilarray.hardware.recording import RecordedSelfTest, Recording
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,12 +61,16 @@ class RecordingSummary:
         Scans of streams that the board numbered and nobody received.
     seconds : float
         From the first to the last scan of every session, by the board's clock.
+    rate : float or None
+        Scans per second that came, without the pauses between sessions; None for a campaign, or too few scans.
     states : tuple of StateSummary
         In the order of the scan.
     campaign : Campaign or None
         Where there is one.
     positions : int
         How many of the campaign were measured to their end.
+    self_tests : tuple of RecordedSelfTest
+        Before and after a campaign.
     """
 
     file: str
@@ -79,9 +83,11 @@ class RecordingSummary:
     scans: int
     lost: int
     seconds: float
+    rate: float | None
     states: tuple[StateSummary, ...]
     campaign: Campaign | None
     positions: int
+    self_tests: tuple[RecordedSelfTest, ...]
 
     def to_record(self) -> dict[str, Any]:
         """Return everything as plain values in SI, for JSON."""
@@ -109,6 +115,7 @@ class RecordingSummary:
             "scans": self.scans,
             "lost_scans": self.lost,
             "seconds": self.seconds,
+            "rate_per_s": self.rate,
             "states": [
                 {
                     "state": state.name,
@@ -121,6 +128,16 @@ class RecordingSummary:
                 for state in self.states
             ],
             "campaign": campaign,
+            "self_tests": [
+                {
+                    "session": test.session,
+                    "time": datetime.fromtimestamp(test.time, UTC).isoformat(timespec="seconds"),
+                    "passed": test.passed,
+                    "symptoms": list(test.symptoms),
+                    "findings": list(test.findings),
+                }
+                for test in self.self_tests
+            ],
         }
 
 
@@ -160,6 +177,8 @@ def summarize_recording(recording: Recording) -> RecordingSummary:
         times[scan.session].append(scan.scan.time)
         count += 1
     first = recording.sessions[0]
+    seconds = sum(of_session[-1] - of_session[0] for of_session in times if of_session)
+    steps = sum(len(of_session) - 1 for of_session in times if of_session)
     return RecordingSummary(
         file=str(recording.path),
         emulated=recording.emulated,
@@ -180,10 +199,12 @@ def summarize_recording(recording: Recording) -> RecordingSummary:
         ),
         scans=count,
         lost=lost,
-        seconds=sum(of_session[-1] - of_session[0] for of_session in times if of_session),
+        seconds=seconds,
+        rate=steps / seconds if recording.campaign is None and seconds > 0 else None,
         states=tuple(state.summary() for state in states),
         campaign=None if recording.campaign is None else Campaign.from_json(recording.campaign),
         positions=len(recording.positions()),
+        self_tests=recording.self_tests(),
     )
 
 

@@ -116,7 +116,7 @@ def test_bad_input(time, values, options, words):
     ],
 )
 def test_a_drift_that_cannot_be(change, words):
-    good = Drift(0, 1, "coil1", 0.0, 1.0, 0.1, L_0, (1e-6,), ((1e-12, 0.0), (0.0, 1e-12)), 1e-6, True)
+    good = Drift(0, 1, 1.7e9, "coil1", 0.0, 1.0, 0.1, L_0, (1e-6,), ((1e-12, 0.0), (0.0, 1e-12)), 1e-6, True)
     with pytest.raises(HardwareError, match=words):
         replace(good, **change)
 
@@ -126,7 +126,7 @@ def test_an_emulated_boards_warming_is_found(tmp_path):
     path = stream_file(tmp_path / "run.sqlite", 200, noise=2e-7, drift=Warming(rate=0.02))
     with open_recording(path) as recording:
         series = recorded_series(recording)
-        drifts = fit_drifts(series, (recording.sessions[0].identity.boot,))
+        drifts = fit_drifts(series, ((recording.sessions[0].identity.boot, recording.sessions[0].started),))
     assert [drift.state for drift in drifts] == ["coil1", "coil2"]
     for drift in drifts:
         assert drift.rate == pytest.approx(-26e-6 * 0.02, abs=4 * drift.rate_error)
@@ -140,13 +140,13 @@ def test_baselines_of_a_campaign_alone_count(tmp_path):
     path = campaign_file(tmp_path / "run.sqlite", noise=2e-7, drift=Warming(rate=0.01))
     with open_recording(path) as recording:
         series = recorded_series(recording)
-        boots = tuple(session.identity.boot for session in recording.sessions)
-        drifts = fit_drifts(series, boots, order=1)
+        sessions = tuple((session.identity.boot, session.started) for session in recording.sessions)
+        drifts = fit_drifts(series, sessions, order=1)
         with pytest.raises(HardwareError, match="must be 1 to 3"):
-            fit_drifts(series, boots, order=7)
+            fit_drifts(series, sessions, order=7)
     assert (series.stage == "baseline").sum() == GRID.size
     for drift in drifts:  # peaks would be up to 8e-4 above
         assert drift.rate == pytest.approx(-26e-8, abs=4 * drift.rate_error)
-        assert drift.boot == boots[0]
+        assert (drift.boot, drift.started) == sessions[0]
     short = series.isel(scan=slice(0, 8))
-    assert fit_drifts(short, boots) == ()
+    assert fit_drifts(short, sessions) == ()

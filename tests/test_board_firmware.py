@@ -66,6 +66,17 @@ def test_samples_are_the_same_as_of_the_chips_driven_directly():
     assert scan.configuration == wanted.configuration
 
 
+def test_the_chain_can_be_asked_through_the_firmware():
+    board = plain()
+    with behind_firmware(board) as host, open_board(host.port) as opened:
+        assert opened.check_chain() in ("same", "none")
+        with host.paused():
+            board.switches.broken = True
+        assert opened.check_chain() in ("differ", "none")
+    with open_board() as opened:
+        assert opened.check_chain() is None
+
+
 def raising(error):
     def way_out():
         raise error

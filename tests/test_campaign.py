@@ -20,7 +20,7 @@ from coilarray.hardware.board_network import board_network
 from coilarray.hardware.campaign import TRIES, Campaign, design_campaign, run_campaign
 from coilarray.hardware.design_settings import design_plan, design_settings
 from coilarray.hardware.emulator import Drift
-from coilarray.hardware.faults import BusFault, DeviceLost, NoAnswer
+from coilarray.hardware.faults import BoardRestarted, BusFault, DeviceLost, NoAnswer
 from coilarray.hardware.recorded_response import recorded_response, recorded_series, response_csv
 from coilarray.hardware.recorder import open_recorder
 from coilarray.hardware.recording import open_recording
@@ -384,6 +384,65 @@ def test_a_failed_position_is_measured_again(tmp_path, name):
     with open_recording(path) as recording:
         assert len(recording.sessions) == (TRIES if name == "restart" else 1)
         assert len(recording.positions()) == SMALL.size
+
+
+class Over(Wrapped):
+    """A session that is over at a scan, because the board restarted: nothing of it answers any more."""
+
+    def __init__(self, inner, at):
+        super().__init__(inner)
+        self.at, self.count, self.over = at, 0, False
+
+    def configure(self, settings):
+        self.ended()
+        self.inner.configure(settings)
+
+    def scan(self):
+        self.count += 1
+        self.over |= self.count == self.at
+        self.ended()
+        return self.inner.scan()
+
+    def ended(self):
+        if self.over:
+            raise BoardRestarted("this session has ended: the board restarted.")
+
+
+def run_reconnecting(path, first, again=None):
+    """Run a campaign whose reader is over at a scan; `again` gives the scans at which those after it are."""
+    made = []
+    with open_recorder(path) as recorder, quick_board() as board:
+        recorder.start(session_of(board, configured(board), DESIGN), SMALL.to_json())
+
+        def reconnect():
+            board.reader._identity = replace(board.reader._identity, boot=len(made))
+            made.append(Over(board.reader, again[len(made)]))
+            return made[-1]
+
+        reader, stage = Over(board.reader, first), EmulatedStage(board.emulator)
+        options = {} if again is None else {"reconnect": reconnect}
+        run_campaign(SMALL, reader, stage, recorder, board.emulator.clock, **options)
+    return made
+
+
+def test_a_board_that_restarted_is_opened_again(tmp_path):
+    path = tmp_path / "run.sqlite"
+    assert len(run_reconnecting(path, 6, [1, 3, 10, 10**9])) == 4  # at once again, then in two later positions
+    xr.testing.assert_equal(response_of(path), response_of(run(tmp_path / "whole.sqlite", SMALL)))
+    with open_recording(path) as recording:
+        assert [one.identity.boot for one in recording.sessions[1:]] == [0, 1, 2, 3]
+        assert len(recording.positions()) == SMALL.size
+
+
+def test_a_board_that_restarts_for_ever_is_given_up(tmp_path):
+    with pytest.raises(HardwareError, match=f"a scan failed {TRIES} times: .*restarted"):
+        run_reconnecting(tmp_path / "run.sqlite", 6, [1] * 100)
+
+
+def test_a_board_that_restarted_and_cannot_be_opened_again(tmp_path):
+    with pytest.raises(BoardRestarted, match="the board restarted; run again to go on with the recording"):
+        run_reconnecting(tmp_path / "run.sqlite", 6)
+    run(tmp_path / "run.sqlite", SMALL, resume=True)
 
 
 @pytest.mark.parametrize(

@@ -8,12 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from quick_recordings import DESIGN, GRID, campaign_file, quick_map, stream_file
-from recorded_boards import QuickWorld
+from recorded_boards import QuickWorld, configured, quick_board, session_of
 
 from coilarray.comparison import compare_responses
 from coilarray.errors import HardwareError
 from coilarray.hardware.baseline_drift import Drift
 from coilarray.hardware.calibration_file import calibration_from_toml, calibration_to_toml, load_calibration
+from coilarray.hardware.campaign import Campaign, run_campaign
 from coilarray.hardware.channel_calibration import (
     BoardCalibration,
     Channel,
@@ -24,7 +25,10 @@ from coilarray.hardware.emulator import Drift as Warming
 from coilarray.hardware.emulator import Oscillator
 from coilarray.hardware.emulator.tank import series_tank
 from coilarray.hardware.recorded_response import recorded_response, recorded_series
+from coilarray.hardware.recorder import open_recorder
 from coilarray.hardware.recording import open_recording
+from coilarray.hardware.scans import RawSample, SampleFault
+from coilarray.hardware.stages import EmulatedStage
 from coilarray.response import response_map
 
 TRUE = 52e-6  # H, of the quick board's coils
@@ -143,17 +147,21 @@ def test_emulator_to_recording_to_comparison_ends_at_scale_one(campaign):
 def test_drifts_of_another_session_do_not_count(campaign):
     found = calibrated(campaign)
     others = replace(found, drifts=tuple(replace(one, boot=one.boot ^ 1) for one in found.drifts))
+    later_in_it = replace(found, drifts=tuple(replace(one, started=one.started + 60) for one in found.drifts))
     rough = replace(found, drifts=tuple(replace(one, smooth=False) for one in found.drifts))
     later = replace(found, drifts=tuple(replace(one, session=7) for one in found.drifts))
     half = replace(found, drifts=found.drifts[:1])
     with open_recording(campaign) as recording:
         plain = recorded_response(recording)
-        for calibration in (others, rough, later):
+        for calibration in (others, later_in_it, rough, later):
             response = calibrated_response(recording, calibration)
             assert not response.drift_removed.any()
+            assert response.delta_std.attrs["found_from"] == "baselines"
             np.testing.assert_allclose(response.delta, plain.delta, rtol=0, atol=1e-15)
         response = calibrated_response(recording, half)
         assert response.drift_removed.values.tolist() == [True, False]
+        assert response.delta_std.attrs["found_from"] == "drift, or baselines where it stays"
+        assert calibrated_response(recording, found).delta_std.attrs["found_from"] == "drift"
         np.testing.assert_allclose(response.delta[..., 1], plain.delta[..., 1], rtol=0, atol=1e-15)
 
 
@@ -164,6 +172,76 @@ def test_a_calibration_of_an_emulator_is_not_for_a_board(campaign):
         pytest.raises(HardwareError, match=r"is of a real board, .* of an emul"),
     ):
         calibrated_response(recording, found)
+
+
+def test_a_calibration_of_another_design_is_refused(campaign):
+    found = calibrated(campaign)
+    other = replace(found, design_hash="0" * 64)
+    with (
+        open_recording(campaign) as recording,
+        pytest.raises(HardwareError, match=rf"with the design 000000000000, .* with {found.design_hash[:12]}"),
+    ):
+        calibrated_response(recording, other)
+
+
+def test_the_board_of_a_calibration_is_named(campaign):
+    found = replace(calibrated(campaign), board="another board")
+    with open_recording(campaign) as recording:
+        response = calibrated_response(recording, found)
+    assert (response.attrs["calibration_board"], response.attrs["board"]) == ("another board", "emulator")
+
+
+def test_recordings_of_one_session_of_the_board_have_drifts_of_their_own(tmp_path):
+    """Two recordings one after the other without a restart: the drift of the first says nothing of the second."""
+    few = replace(GRID, y=(0.0,))
+    with quick_board(noise=NOISE, drift=Warming(rate=0.05)) as board:
+        for name in ("first", "second"):
+            with open_recorder(tmp_path / f"{name}.sqlite") as recorder:
+                recorder.start(session_of(board, configured(board), DESIGN), few.to_json())
+                stage = EmulatedStage(board.emulator)
+                run_campaign(few, board.reader, stage, recorder, board.emulator.clock)
+    found = calibrated(tmp_path / "first.sqlite")
+    with open_recording(tmp_path / "second.sqlite") as recording:
+        assert recording.sessions[0].identity.boot == found.drifts[0].boot
+        response = calibrated_response(recording, found)
+        assert not response.drift_removed.any()
+        np.testing.assert_array_equal(response.delta, recorded_response(recording).delta)
+
+
+def test_positions_that_were_broken_off_do_not_count(tmp_path):
+    """The indenter stops half-way, and the last scan there has no result: the position is measured again."""
+    campaign = Campaign(x=(-2e-3, 0.0, 2e-3, 4e-3), y=(0.0, 2e-3), depths=(1e-3,), scans=2)
+    path, pressed, scans = tmp_path / "run.sqlite", 0, 0
+    with open_recorder(path) as recorder, quick_board(noise=NOISE) as board:
+        indent, scan = EmulatedStage.indent, board.reader.scan
+
+        class Stage(EmulatedStage):
+            def indent(self, depth, speed):
+                nonlocal pressed
+                pressed += 1
+                indent(self, depth * (0.5 if pressed == 3 else 1.0), speed)
+
+        class Reader:
+            def __getattr__(self, name):
+                return getattr(board.reader, name)
+
+            def scan(self):
+                nonlocal scans
+                scans += 1
+                found = scan()
+                if scans == 12:  # the second peak of the third position
+                    return replace(found, samples=(found.samples[0], RawSample(0, 0, 0, SampleFault.NO_RESULT)))
+                return found
+
+        recorder.start(session_of(board, configured(board), DESIGN), campaign.to_json())
+        run_campaign(campaign, Reader(), Stage(board.emulator), recorder, board.emulator.clock)
+    found = calibrated(path)
+    with open_recording(path) as recording:
+        assert recording.count() == 4 * campaign.size + 4  # all of it is in the file
+        plain, corrected = recorded_response(recording), calibrated_response(recording, found)
+    assert corrected.drift_removed.all()
+    # of the noise of two scans each, of L_0 and of its drift; a peak of half the depth would be 1e-4 off
+    np.testing.assert_allclose(corrected.delta, plain.delta, rtol=0, atol=5 * 2 * NOISE)
 
 
 def test_states_without_enough_scans_are_refused(tmp_path):
@@ -214,7 +292,7 @@ GOOD = calibration_to_toml(
     BoardCalibration(
         "by hand", "2025-01-01", "XMC 2Go", False, "abc", 43.2e6, 10.0, "known frequency", "known inductances",
         (Channel("coil1", 120e-12, 1e-13, 52e-6),),
-        (Drift(0, 1, "coil1", 0.0, 1.0, 0.1, 52e-6, (1e-6,), ((1e-12, 0.0), (0.0, 1e-12)), 1e-6, True),),
+        (Drift(0, 1, 1.7e9, "coil1", 0.0, 1.0, 0.1, 52e-6, (1e-6,), ((1e-12, 0.0), (0.0, 1e-12)), 1e-6, True),),
     )
 )  # fmt: skip
 

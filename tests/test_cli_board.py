@@ -72,6 +72,16 @@ def test_the_same_as_json(capsys):
     assert (told["drives"], told["self_test"]) == (None, None)
 
 
+def test_the_emulator_has_the_coils_of_any_design(capsys):
+    code, out, err = run(capsys, "starter", "--json")  # three coils
+    assert (code, err) == (0, "")
+    told = json.loads(out)
+    assert (told["wiring"], told["chain"]) == ("one_device_a_coil", None)
+    code, _, err = run(capsys, "starter", "--wiring", "six_coils")
+    assert code == 2
+    assert "the wiring has the coil 'coil4', the design starter only coil1, coil2, coil3" in err
+
+
 def test_a_good_board_passes_its_self_test(capsys):
     code, out, err = run(capsys, "--self-test", "--find-drives")
     assert (code, err) == (0, "")

@@ -21,6 +21,8 @@ from coilarray.report.comparison import scale_table
 from coilarray.storage import load_part, save_dataset
 
 run, refused = runner("compare")
+fit, fit_refused = runner("fit")
+locate, locate_refused = runner("locate")
 
 WIDE = (np.arange(-12e-3, 25.1e-3, 1e-3), np.arange(-10e-3, 10.1e-3, 1e-3))
 
@@ -77,13 +79,57 @@ def test_every_line_of_an_emulated_board_says_so(capsys, files):
     assert (code, err) == (0, "")
     assert marked(out)
     assert "wrote page.html" in out
-    assert Path("page.html").read_text(encoding="utf-8").startswith("\n<!DOCTYPE html>") or Path("page.html").exists()
+    page = Path("page.html").read_text(encoding="utf-8").strip()
+    assert page.startswith("<!DOCTYPE html>")
+    assert page.endswith("</html>")
     assert sorted(Path().iterdir()) == [Path("page.html")]
     code, out, _ = run(capsys, files / "quick.nc", files / "quick.sqlite", "--replicates", "0")
     assert marked(out)  # on either side
+    run(capsys, files / "quick.nc", files / "quick.sqlite", "--replicates", "0", "--out", "other.html")
+    lead = Path("other.html").read_text(encoding="utf-8").split("<h2>")[0]
+    assert "quick.sqlite</strong> (from the emulator: no real board was read)" in lead
+    assert lead.count("from the emulator") == 1
     code, out, _ = run(capsys, files / "quick.nc", files / "quick.nc", "--replicates", "0")
     assert "emulator" not in out
     assert "1.0000" in out
+
+
+def test_a_recording_is_known_by_its_content(capsys, files):
+    """Whatever its name is; and what asks for a response says how to make one."""
+    plain = run(capsys, files / "quick.sqlite", files / "quick.nc", "--replicates", "0", "--json")[1]
+    for name in ("renamed.db", "renamed.nc"):
+        Path(name).write_bytes((files / "quick.sqlite").read_bytes())
+        code, out, err = run(capsys, name, files / "quick.nc", "--replicates", "0", "--json")
+        assert (code, err) == (0, "")
+        assert json.loads(out)["scales"] == json.loads(plain)["scales"]
+        wanted = f"{name} is a recording; make a response of it: coilarray scan-info {name} --to nc"
+        assert wanted in fit_refused(capsys, name)
+        assert wanted in locate_refused(capsys, "--model", name, "coil1=1e-4,coil2=1e-4")
+
+
+def test_emulated_maps_are_told_once(capsys, files):
+    with open_recording(files / "quick.sqlite") as recording:
+        save_dataset(recorded_response(recording), Path("emulated.nc"))
+    line = "[emulator] emulated.nc is of an emulated board: no real one was measured.\n"
+    assert locate(capsys, "--model", "emulated.nc", "coil1=1e-4,coil2=1e-4")[::2] == (0, line)
+    assert fit(capsys, "emulated.nc", "--coil", "coil1")[2].startswith(line)
+    assert locate(capsys, "--model", files / "quick.nc", "coil1=1e-4,coil2=1e-4")[::2] == (0, "")
+
+
+def test_what_does_not_belong_together_is_told(capsys, files):
+    with open_recording(files / "quick.sqlite") as recording:
+        other = recorded_response(recording).assign_attrs(design="other", design_hash="f" * 64)
+    save_dataset(other, Path("other.nc"))
+    answer = json.loads(run(capsys, files / "quick.sqlite", "other.nc", "--replicates", "0", "--json")[1])
+    (note,) = [note for note in answer["notes"] if "different designs" in note]
+    assert note.startswith("The two are of different designs: measured two_coils (")
+    assert note.endswith("simulated other (ffffffffffff).")
+    text = (files / "board.toml").read_text(encoding="utf-8")
+    Path("board.toml").write_text(text.replace('board = "emulator"', 'board = "XMC 2Go"'), encoding="utf-8")
+    options = ("--calibration", "board.toml", "--replicates", "0", "--json")
+    answer = json.loads(run(capsys, files / "quick.sqlite", files / "quick.nc", *options)[1])
+    assert "The calibration is of the board “XMC 2Go”, the measurement of “emulator”." in answer["notes"]
+    assert not [note for note in answer["notes"] if "different designs" in note]
 
 
 def test_a_calibration_is_applied(capsys, files):

@@ -22,6 +22,7 @@ from recorded_boards import WIRING_TEXT, configured, quick_board, two_coils
 
 from coilarray import load_design
 from coilarray.cli import live as live_command
+from coilarray.cli.board_options import BoardOptions, opened_board
 from coilarray.hardware.campaign import Campaign
 from coilarray.hardware.faults import DeviceLost
 from coilarray.response import response_map
@@ -171,6 +172,47 @@ def test_without_a_path_a_finger_goes_round(capsys, board):
     values = [float(line.split("coil1 ")[1].split()[0].replace("−", "-")) for line in lines[3:]]
     assert max(np.abs(values)) > 30  # 1e-6
     assert abs(values[0]) < 10
+
+
+def test_a_finger_that_presses_is_not_in_the_baseline(capsys, board):
+    code, out, err = run(
+        capsys, board / "two_coils.toml", "--wiring", board / "wiring.toml", "--no-locate", "--json",
+        "--rate", "30", "--scans", "15", "--baseline-scans", "5", "--emulate", "press=0,0,1",
+    )  # fmt: skip
+    assert (code, err) == (0, "")
+    answers = lines_of(out)
+    assert abs(answers[4]["delta"]["coil1"]) < 1e-5  # noise: ten times that of a scan at this rate
+    # a conversion may have begun before the finger came
+    assert all(answer["delta"]["coil1"] > 3e-4 for answer in answers[7:])
+
+
+@pytest.mark.parametrize("emulate", [None, ["press=0,0,1"]])
+def test_the_table_of_the_emulator_is_there_before_the_first_scan(board, emulate):
+    options = BoardOptions(wiring=str(board / "wiring.toml"), rate=30, emulate=emulate)
+    opened = []
+
+    def opening(*arguments, **keywords):
+        @contextlib.contextmanager
+        def remembered():
+            with opened_board(*arguments, **keywords) as (one, settings):
+                opened.append(one)
+                yield one, settings
+
+        return remembered()
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(live_command, "opened_board", opening)
+        with live_command._stream(options, load_design(str(board / "two_coils.toml")), quiet=True):
+            (one,) = opened
+            assert "table" in vars(one.emulator.world)
+            assert one.emulator.place().depth == 0
+
+
+def test_a_finger_beside_the_sample_is_refused_before_the_first_scan(capsys, board):
+    assert "x of the emulated indenter must be" in refused(
+        capsys, board / "two_coils.toml", "--wiring", board / "wiring.toml", "--no-locate", "--json",
+        "--emulate", "press=500,0,1",
+    )  # fmt: skip
 
 
 # boards that break, and interrupts

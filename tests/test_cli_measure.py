@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import sqlite3
@@ -17,6 +18,9 @@ from coilarray import load_design
 from coilarray.cli import board_options
 from coilarray.cli import measure as measure_command
 from coilarray.errors import HardwareError
+from coilarray.hardware import campaign as campaign_module
+from coilarray.hardware.direct import DirectReader
+from coilarray.hardware.readings import read_scan
 from coilarray.hardware.recording import open_recording
 from coilarray.storage import load_part
 
@@ -65,6 +69,46 @@ def test_single(board, tmp_path, capsys, monkeypatch):
     assert list(tmp_path.iterdir()) == []  # no file
 
 
+def test_single_with_a_name_is_recorded(board, tmp_path, capsys):
+    path = tmp_path / "one.sqlite"
+    code, out, err = measure(capsys, *board, "--single", "--out", path, "--json")
+    assert (code, err) == (0, "")
+    with open_recording(path) as recording:
+        (scan,) = recording.scans()
+        told = recording.sessions[0]
+        frequencies = [state.frequency for state in read_scan(scan.scan, told.settings, told.capacitances).states]
+    assert scan.stage == "single"
+    assert [state["frequency_Hz"] for state in json.loads(out)["states"]] == frequencies
+    assert "is a recording of 1 scans already" in measure_refused(capsys, *board, "--single", "--out", path)
+
+
+def test_folders_where_nothing_may_be_written(board, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(os, "access", lambda *_: False)  # root may write everywhere
+    line = measure_refused(capsys, *board, "--out", tmp_path / "run.sqlite")
+    assert f"run.sqlite: nothing may be written in the folder {tmp_path}" in line
+
+
+def test_a_rate_that_is_not_reached_is_told(board, tmp_path, capsys, monkeypatch):
+    code, out, _ = measure(capsys, *board, "--scans", 20, "--rate", 20, "--out", tmp_path / "a.sqlite", "--json")
+    reached = json.loads(out)["rate_per_s"]
+    assert reached == pytest.approx(20, rel=0.02)
+    code, out, _ = measure(capsys, *board, "--scans", 20, "--rate", 20, "--out", tmp_path / "b.sqlite")
+    assert "asked for" not in out
+    slow = DirectReader.scan  # a board that takes its time between two scans
+
+    def scans(self, interval=0.0):
+        while True:
+            self._clock.sleep(0.01)
+            yield slow(self)
+
+    monkeypatch.setattr(DirectReader, "scans", scans)
+    code, out, _ = measure(capsys, *board, "--scans", 20, "--rate", 20, "--out", tmp_path / "c.sqlite")
+    assert code == 0
+    (line,) = [line for line in out.splitlines() if "asked for" in line]
+    assert line.startswith("[emulator] the board reached 16.")  # 50 ms and 10 ms
+    assert line.endswith(" scans/s; --rate asked for 20")
+
+
 def test_stream(board, tmp_path, capsys):
     path = tmp_path / "run.sqlite"
     code, out, err = measure(capsys, *board, "--scans", 12, "--out", path)
@@ -94,6 +138,7 @@ def test_campaign(board, campaign, tmp_path, capsys):
     assert (code, err) == (0, "")
     assert all_marked(out)
     assert "campaign: 12 of 12 positions are measured" in out
+    assert [line for line in out.splitlines() if "self-test" in line] == ["[emulator] self-test passed"] * 2
     response = load_part(tmp_path / "campaign.nc")
     assert response.delta.shape == (2, 2, 3, 2)
     assert response.attrs["emulated"] == 1
@@ -120,6 +165,51 @@ def test_campaign(board, campaign, tmp_path, capsys):
     assert before != campaign.read_bytes()  # but that it was tried
 
 
+@pytest.fixture
+def stuck(monkeypatch):
+    """Let a switch to ground stay open, which changes L by little: every scan is good."""
+    opened_board = measure_command.opened_board
+
+    @contextlib.contextmanager
+    def with_fault(*arguments, **options):
+        with opened_board(*arguments, **options) as (opened, settings):
+            chain = opened.emulator.chain
+            chain.stick(*chain.find(1, 0, "ground"), "open")
+            yield opened, settings
+
+    monkeypatch.setattr(measure_command, "opened_board", with_fault)
+
+
+def test_a_campaign_on_a_board_with_a_stuck_switch_is_refused(board, stuck, tmp_path, capsys):
+    path = tmp_path / "run.sqlite"
+    line = measure_refused(capsys, *board, *GRID, "--out", path)
+    assert "the self-test before the campaign has failed: " in line
+    assert line.endswith("or go on with --ignore-self-test.")
+    assert list(tmp_path.iterdir()) == []
+    code, out, _ = measure(capsys, *board, *GRID, "--out", path, "--ignore-self-test")
+    assert code == 0
+    assert out.count("[emulator] self-test failed: ") == 2
+    code, out, _ = scan_info(capsys, path, "--json")
+    record = json.loads(out)
+    assert [test["passed"] for test in record["self_tests"]] == [False, False]
+    assert any("stays open" in text for text in record["self_tests"][0]["findings"])
+    assert {state["bad"] for state in record["states"]} == {0}  # the scans do not tell
+
+
+def test_a_switch_that_sticks_during_a_campaign_is_told(board, tmp_path, capsys, monkeypatch):
+    run_campaign = campaign_module.run_campaign
+
+    def sticking(plan, reader, stage, recorder, clock, progress, **options):
+        run_campaign(plan, reader, stage, recorder, clock, progress, **options)
+        chain = stage._board.chain
+        chain.stick(*chain.find(1, 0, "ground"), "open")
+
+    monkeypatch.setattr(campaign_module, "run_campaign", sticking)
+    code, out, _ = measure(capsys, *board, *GRID, "--out", tmp_path / "run.sqlite")
+    lines = [line.split(":")[0] for line in out.splitlines() if "self-test" in line]
+    assert (code, lines) == (0, ["[emulator] self-test passed", "[emulator] self-test failed"])
+
+
 def test_series_for_locate(board, tmp_path, capsys):
     path = tmp_path / "path.csv"
     path.write_text("time_s,x_mm,y_mm,depth_mm\n0,0,0,0\n4,0,0,0\n4.5,2,1,0.8\n100,2,1,0.8\n")
@@ -140,7 +230,8 @@ def test_series_for_locate(board, tmp_path, capsys):
     assert code == 0
     code, _, _ = scan_info(capsys, tmp_path / "map.sqlite", "--to", "nc")
     code, out, err = locate(capsys, "--model", tmp_path / "map.nc", tmp_path / "last.csv", "--noise", 1e-6, "--json")
-    assert (code, err) == (0, "")
+    assert code == 0
+    assert all_marked(err)  # that the map is of an emulator
     (position,) = json.loads(out)["positions"]
     assert position["x_m"] == pytest.approx(2e-3, abs=0.1e-3)  # a cubic through steps of 2 mm
     assert abs(position["y_m"]) == pytest.approx(1e-3, abs=0.2e-3)  # both coils are symmetric in y
@@ -241,7 +332,16 @@ def test_never_overwritten(board, campaign, tmp_path, capsys):
         (["--scans", "x"], "--scans"),
         (["--seconds", 0], "--seconds must be positive"),
         (["--seconds", "nan"], "--seconds must be positive"),
-        (["--x-mm", "0"], "are for --campaign"),
+        (["--x-mm", "0"], "--x-mm is for --campaign"),
+        (["--y-mm", "0", "--stage", "person"], "--y-mm and --stage are for --campaign"),
+        (["--repeats", 1], "--repeats is for --campaign"),
+        (["--average", 4], "--average is for --campaign"),
+        (["--dwell-s", 0], "--dwell-s is for --campaign"),
+        (["--single", "--speed-mm-s", 1.5], "--speed-mm-s is for --campaign"),
+        (["--scans", 3, "--clearance-mm", 2], "--clearance-mm is for --campaign"),
+        (["--seconds", 3, "--ignore-self-test"], "--ignore-self-test is for --campaign"),
+        (["--single", "--resume"], "--resume is not for --single"),
+        (["--campaign", "--clearance-mm", 2], "--clearance-mm is for a stage of G-code"),
         (["--campaign", "--x-mm", "3,1"], "--x-mm must be rising"),
         (["--campaign", "--depth-mm", "0"], "depths of a campaign must be positive"),
         (["--campaign", "--repeats", 0], "repeats of a campaign must be"),
@@ -295,8 +395,10 @@ def test_never_overwritten(board, campaign, tmp_path, capsys):
         (["--emulate", "press=1,2,-3"], "--emulate press must not have a negative depth"),
         (["--emulate", "press=0,0,1", "--emulate", "path=x.csv"], "cannot read x.csv"),
         (["--emulate", "press=0,0,1", "--emulate", "press=0,0,1"], "--emulate must say press once"),
-        (["--out", "no/folder/run.sqlite"], "cannot write no/folder/run.sqlite"),
-        (["--out", "."], "cannot write|is no recording|unable"),
+        (["--out", "no/folder/run.sqlite"], "cannot write no/folder/run.sqlite: there is no folder no/folder"),
+        (["--single", "--out", "no/run.sqlite"], "cannot write no/run.sqlite: there is no folder no"),
+        (["--out", "."], "cannot write .: it is a folder"),
+        (["--out", "/proc/self"], "cannot write /proc/self: it is a folder"),
     ],
 )
 def test_bad_input(board, tmp_path, capsys, monkeypatch, arguments, message):
@@ -333,6 +435,8 @@ def test_a_design_of_other_coils(board, tmp_path, capsys):
 
 def test_bad_conversions(campaign, tmp_path, capsys):
     assert "there is no file" in scan_info_refused(capsys, tmp_path / "nothing.sqlite")
+    assert f"cannot read {tmp_path}: it is a folder" in scan_info_refused(capsys, tmp_path)
+    assert "cannot read /: it is a folder" in scan_info_refused(capsys, "/", "--to", "nc")
     assert "--to must be nc or csv; got 'xls'" in scan_info_refused(capsys, campaign, "--to", "xls")
     assert "--out must end in .nc" in scan_info_refused(capsys, campaign, "--to", "nc", "--out", tmp_path / "a.csv")
     assert "--out must end in .nc or .csv" in scan_info_refused(capsys, campaign, "--out", tmp_path / "a.txt")
@@ -355,6 +459,9 @@ def test_calibration(campaign, tmp_path, capsys):
     assert code == 0
     np.testing.assert_allclose(load_part(scaled).base_inductance, 50e-6, rtol=1e-6)
     np.testing.assert_allclose(load_part(scaled).delta, load_part(plain).delta, atol=2e-6)  # noise of the drift
+    constants.write_text(constants.read_text().replace('board = "emulator"', 'board = "XMC 2Go"'))
+    code, out, _ = scan_info(capsys, campaign, "--out", scaled, "--calibration", constants)
+    assert out.endswith("[emulator] the calibration is of the board “XMC 2Go”, the recording of “emulator”\n")
     assert "--calibration is for the response" in scan_info_refused(
         capsys, campaign, "--series", "--to", "nc", "--calibration", constants
     )

@@ -41,7 +41,8 @@ from coilarray.hardware.faults import (
     SwitchFault,
     VersionMismatch,
 )
-from coilarray.hardware.microcontroller import PROBED_BAUDS, open_microcontroller
+from coilarray.hardware.microcontroller import open_microcontroller
+from coilarray.hardware.ports import SerialPort, parse_port
 from coilarray.hardware.scan_settings import scan_settings
 from coilarray.hardware.scans import SampleFault
 from coilarray.hardware.wiring import load_wiring
@@ -61,9 +62,10 @@ PORT = os.environ.get("COILARRAY_TEST_PORT", "")
 
 
 @pytest.mark.hardware
-@pytest.mark.skipif(not PORT or PORT.startswith(("i2c:", "ftdi:")), reason="no board with a microcontroller")
+@pytest.mark.skipif(not (PORT and isinstance(parse_port(PORT), SerialPort)), reason="no board with a microcontroller")
 def test_a_real_board():
-    with closing(open_microcontroller(PORT, bauds=PROBED_BAUDS)) as reader:
+    place = parse_port(PORT)
+    with closing(open_microcontroller(place.name, bauds=place.bauds)) as reader:
         assert (reader.peek(0x7E), reader.peek(0x7F)) == (0x5449, 0x3055)
         reader.configure(SETTINGS)
         assert len(reader.scan().samples) == 6

@@ -197,6 +197,35 @@ def test_closing_rests_the_board_and_never_raises(board, reader):
     assert list(stream) == []
 
 
+def test_a_silent_board_is_waited_for_once_after_an_interrupt(board, reader):
+    stream = stream_of(reader)
+    board.silent = board.deaf = True
+
+    def read(seconds):
+        del board.read
+        raise KeyboardInterrupt
+
+    board.read = read
+    with Lasting(board) as it, pytest.raises(KeyboardInterrupt):
+        next(stream)
+    assert it.seconds == pytest.approx(REPLY, abs=0.05)
+    with Lasting(board) as it:
+        reader.close()
+    assert (it.seconds, board.closed) == (0.0, True)
+
+
+def test_a_board_that_comes_back_is_stopped_at_the_end(board, reader):
+    stream = stream_of(reader)
+    board.deaf = True
+    with pytest.raises(NoAnswer):
+        reader.rest()
+    board.deaf = False
+    reader.close()
+    assert board.sent[-1] == ("STOP",)
+    assert board.mode == "i"
+    stream.close()
+
+
 @pytest.mark.parametrize("state", ["deaf", "unplugged"])
 def test_closing_a_board_that_is_gone_does_not_raise(board, reader, state):
     setattr(board, state, True)

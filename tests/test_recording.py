@@ -86,6 +86,46 @@ def test_every_bit_comes_back(tmp_path_factory, session, rows):
         recording.check()
 
 
+def test_damage_is_told_in_one_line(tmp_path, session):
+    """SQLite's own check names a table of the file, whose name may have several lines."""
+    path = recorded(tmp_path / "run.sqlite", session, [raw_scan(session, k) for k in range(3)])
+    connection = sqlite3.connect(path)
+    connection.executescript(
+        """CREATE TABLE "a
+        b\x1b[31m" (scan INTEGER REFERENCES scan (id)); INSERT INTO "a
+        b\x1b[31m" VALUES (77);"""
+    )
+    connection.close()
+    with pytest.raises(HardwareError, match="is damaged: a b") as caught, open_recording(path) as recording:
+        recording.check()
+    assert str(caught.value).isprintable()
+
+
+def test_self_tests_come_back(tmp_path, session):
+    path = tmp_path / "run.sqlite"
+    with open_recorder(path) as recorder:
+        recorder.start(session)
+        recorder.add_self_test((), ())
+        recorder.add_self_test(["coil1 is “odd”"], ["this\n", "that"])
+    with open_recording(path) as recording:
+        first, second = recording.self_tests()
+        assert summarize_recording(recording).self_tests == (first, second)
+    assert (first.session, first.symptoms, first.findings, first.passed) == (0, (), (), True)
+    assert (second.symptoms, second.findings, second.passed) == (("coil1 is “odd”",), ("this\n", "that"), False)
+    assert second.time >= first.time >= session.started
+
+
+def test_the_rate_is_told(tmp_path, board, session):
+    path = tmp_path / "run.sqlite"
+    for sequence in range(2):  # the pause between two sessions is none of it
+        with open_recorder(path, resume=True) as recorder:
+            recorder.start(session)
+            for k in range(5):
+                recorder.add(raw_scan(session, k, 100.0 * sequence + 0.25 * k), "stream")
+    with open_recording(path) as recording:
+        assert summarize_recording(recording).rate == pytest.approx(4.0)
+
+
 def test_read_while_it_is_written(tmp_path, board, session):
     path = tmp_path / "run.sqlite"
     with open_recorder(path) as recorder:
@@ -260,7 +300,7 @@ def overwritten(path):
 
 WRONG_FILES = {
     "missing": (lambda path: path.unlink(), "there is no file"),
-    "folder": (lambda path: (path.unlink(), path.mkdir()), "there is no file|cannot read|unable to open"),
+    "folder": (lambda path: (path.unlink(), path.mkdir()), "cannot read .*: it is a folder"),
     "text": (lambda path: path.write_text("state,delta\n" * 100), "is no recording: file is not a database"),
     "other program": (lambda path: (path.unlink(), other_program(path)), "database of another program"),
     "newer": (
@@ -306,6 +346,15 @@ def test_wrong_files(tmp_path, session, name):
         ("UPDATE sample SET msb = 65536 WHERE scan = 2", "damaged: scan 2: a register must hold 16 bits"),
         ("UPDATE sample SET lsb = 'x' WHERE scan = 2", "damaged: scan 2"),
         ("UPDATE sample SET fault = 99 WHERE scan = 2", "damaged: scan 2"),
+        ("UPDATE session SET started = 1e300", "damaged: session 1: a time must be on a day of the calendar"),
+        ("UPDATE session SET started = 1e18", "damaged: session 1: a time must be on a day of the calendar"),
+        (f"UPDATE session SET capacitances = '{{\"coil1\": {'9' * 400}}}'", "damaged: session 1"),
+        ("UPDATE scan SET sequence = 1e999 WHERE id = 2", "damaged: scan 2: cannot convert"),
+        ("UPDATE self_test SET time = 1e300", "damaged: self-test 1: a time must be on a day of the calendar"),
+        ("UPDATE self_test SET session = 9", "damaged"),
+        ("UPDATE self_test SET symptoms = '[1]'", "damaged: self-test 1: a list of texts"),
+        ("UPDATE self_test SET findings = 'x'", "damaged: self-test 1"),
+        ("ALTER TABLE scan RENAME TO 'two\nlines'", "damaged: the table scan is missing"),
         ("UPDATE scan SET time = 1e999 WHERE id = 2", "damaged: scan 2: a number must be finite"),
         ("UPDATE scan SET time = 'x' WHERE id = 2", "damaged: scan 2"),
         ("UPDATE scan SET session = 5 WHERE id = 2", "damaged"),
@@ -313,7 +362,12 @@ def test_wrong_files(tmp_path, session, name):
     ],
 )
 def test_values_are_data(tmp_path, session, statement, message):
-    path = recorded(tmp_path / "run.sqlite", session, [raw_scan(session, k) for k in range(3)])
+    path = tmp_path / "run.sqlite"
+    with open_recorder(path) as recorder:
+        recorder.start(session)
+        recorder.add_self_test((), ())
+        for k in range(3):
+            recorder.add(raw_scan(session, k), "stream")
     changed(path, statement)
     with pytest.raises(HardwareError, match=message) as caught, open_recording(path) as recording:
         recording.check()

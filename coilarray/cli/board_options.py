@@ -29,14 +29,17 @@ Port = Annotated[
     typer.Option(
         "--port",
         help="Board: /dev/ttyACM0, COM5 or usb:SERIALNUMBER (microcontroller), i2c:1[:0x2A][,spi:0.0] (Linux), "
-        "ftdi://...; the emulator by default.",
+        "ftdi://...; the emulator by default. /dev/ttyACM0?baud=any tries every rate.",
     ),
 ]
 WiringName = Annotated[
     str | None, typer.Option("--wiring", help="Wiring file (TOML) or name of a bundled one; six_coils by default.")
 ]
 Rate = Annotated[
-    float | None, typer.Option("--rate", help="Scans per second; the converter's full resolution by default.")
+    float | None,
+    typer.Option(
+        "--rate", help="Scans per second, reckoned with the I²C clock of the port; full resolution by default."
+    ),
 ]
 ClockMHz = Annotated[
     float | None,
@@ -60,7 +63,8 @@ Emulate = Annotated[
     typer.Option(
         "--emulate",
         help="What the emulator does; may be repeated: seed=1, noise=1e-7 (relative, of a frequency), drift=0.01 "
-        "(K/s), press=X,Y,DEPTH (mm), path=FILE.csv (columns time_s, x_mm, y_mm, depth_mm).",
+        "(K/s), press=X,Y,DEPTH (mm; in live after the baseline), path=FILE.csv (columns time_s, x_mm, y_mm, "
+        "depth_mm).",
     ),
 ]
 
@@ -136,12 +140,13 @@ def opened_board(
     HardwareError
         As `coilarray.hardware.board.open_board`, `coilarray.hardware.design_settings` and `Reader.configure`.
     """
-    from coilarray.hardware.board import open_board
+    from coilarray.hardware.board import open_board, wiring_of_board
     from coilarray.hardware.buses import ComputerClock
     from coilarray.hardware.design_settings import design_settings
-    from coilarray.hardware.wiring import load_wiring
+    from coilarray.hardware.ports import bus_rate, parse_port
 
-    wiring = load_wiring(options.wiring)
+    port = parse_port(options.port)
+    wiring = wiring_of_board(port, design, options.wiring)
     settings = design_settings(
         design,
         wiring,
@@ -150,6 +155,7 @@ def opened_board(
         clock=None if options.clock_MHz is None else options.clock_MHz * 1e6,
         external_clock=options.external_clock,
         drives=options.drives,
+        bus_rate=bus_rate(port),
     )
     emulation = dict(options.emulation)
     if options.port == EMULATOR and real_time:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from coilarray.cli.board_options import marked
-from coilarray.cli.maps import PICTURES, check_file, is_map, read_map
+from coilarray.cli.maps import PICTURES, check_file, is_map, is_recording, read_response
 from coilarray.cli.shared import AllowViolations, AsJson, open_design, print_json, progress_bar, table_text
 from coilarray.errors import LocalizeError
 
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     FloatArray = npt.NDArray[np.float64]
 
 _PUBLISHED = "published"
-_RECORDING = ".sqlite"
 _PAGE = ".html"
 _LONGEST_MM = 1000.0
 _ALONE = 2e-3  # m; spacing of a simulated map along an axis on which there is a single measured position
@@ -36,7 +35,7 @@ def compare(
         str,
         typer.Argument(
             metavar="MEASURED",
-            help="Recording of a campaign (.sqlite), response (.nc), a design, or `published` for Table A1.",
+            help="Recording of a campaign, response (.nc), a design, or `published` for Table A1.",
         ),
     ],
     simulated: Annotated[
@@ -73,7 +72,7 @@ def compare(
     """
     if reach_mm is not None and not (math.isfinite(reach_mm) and 0 <= reach_mm <= _LONGEST_MM):
         raise LocalizeError(f"--reach-mm must be 0 to {_LONGEST_MM:g}; got {reach_mm:g}.")
-    if calibration is not None and not measured.lower().endswith(_RECORDING):
+    if calibration is not None and not is_recording(measured):
         raise LocalizeError(f"--calibration is for a recording; {measured} is none.")
     if out is not None and out.suffix.lower() == _PAGE:
         check_file("--out", out, (_PAGE,))
@@ -124,10 +123,10 @@ def _response(
     name: str, beside: xr.Dataset | None, reach: float | None, calibration: Path | None, *, allow_violations: bool
 ) -> _Source:
     """Read or compute a response; what is computed beside another one has positions around all of its own."""
-    if is_map(name):
-        return _Source(read_map(Path(name)))
-    if name.lower().endswith(_RECORDING):
+    if is_recording(name):
         return _recorded(Path(name), calibration)
+    if is_map(name):
+        return _Source(read_response(Path(name)))
     if name == _PUBLISHED:
         from coilarray.localize.published import published_map
 

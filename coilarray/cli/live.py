@@ -9,7 +9,7 @@ import sys
 import time
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
@@ -37,6 +37,7 @@ from coilarray.errors import HardwareError
 
 if TYPE_CHECKING:
     from coilarray.design import Design, Indentation
+    from coilarray.hardware.board import Board
     from coilarray.hardware.live_tracking import LiveReading, LiveState, LiveTracker
     from coilarray.hardware.readings import ScanReading
     from coilarray.hardware.recording import RecordedScan
@@ -54,6 +55,7 @@ _FADE = 0.98  # of the scale of the bars from scan to scan
 _BLOCKS = " ▏▎▍▌▋▊▉█"
 _TOUR = 3600.0  # s that the emulated finger goes round
 _STEP = 3.2  # s of the tour at one place
+_FIRST = 5  # points of the tour until the finger has pressed once
 _TELLING = ("found", "border")  # verdicts whose positions are shown
 _SHOWN, _TOLD = 2, 10e-3  # positions in a line; standard deviation in m above which none is shown
 
@@ -182,20 +184,41 @@ def _stream(options: BoardOptions, design: Design, *, quiet: bool) -> Iterator[_
     """Give readings of a board, which rests afterwards."""
     from coilarray.hardware.readings import read_scan
 
+    lifted = replace(options, emulate=[text for text in options.emulate or () if text not in _held_back(options)])
     with ExitStack() as opened:
         with progress_bar("emulator") as progress:  # over before the first scan is shown
-            board, settings = opened.enter_context(opened_board(options, design, real_time=True, progress=progress))
+            board, settings = opened.enter_context(opened_board(lifted, design, real_time=True, progress=progress))
+            begin = _finger(board, design, options)
         if not quiet:
             typer.echo(marked(board.line, emulated=board.emulated))
-
-        def begin() -> None:
-            """Let the finger of an emulator go round, where nothing else is said of it."""
-            if board.emulator is not None and "path" not in options.emulation and design.indentation is not None:
-                board.emulator.indenter.follow(_tour(design.indentation, board.emulator.clock.now()))
 
         capacitance = design.circuit.switches.tank_capacitance
         scans = opened.enter_context(closing(cast("Generator[RawScan]", board.reader.scans())))
         yield _Source(((read_scan(scan, settings, capacitance), True) for scan in scans), board.emulated, begin)
+
+
+def _finger(board: Board, design: Design, options: BoardOptions) -> Callable[[], None]:
+    """Return what moves the finger of an emulator once the baseline is there; what that needs is computed here."""
+    from coilarray.hardware.emulator.indenter import Place
+
+    emulator, setup = board.emulator, design.indentation
+    if emulator is None:
+        return lambda: None
+    path = options.emulation.get("path")
+    if path is not None and _held_back(options):
+        ((_, x, y, depth),) = path
+        emulator.world.check(Place(x, y, depth))
+        return lambda: emulator.indenter.press(x, y, depth)
+    if path is not None or setup is None:
+        return lambda: None
+    for _, *place in _tour(setup, 0.0)[:_FIRST]:
+        emulator.world.check(Place(*place))
+    return lambda: emulator.indenter.follow(_tour(setup, emulator.clock.now()))
+
+
+def _held_back(options: BoardOptions) -> list[str]:
+    """Options of the emulator that must wait for the baseline: a finger that presses from the first scan on."""
+    return [text for text in options.emulate or () if text.startswith("press=")]
 
 
 @contextmanager

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import typer
+
+from coilarray.cli.board_options import marked
 from coilarray.cli.shared import open_design, progress_bar
 from coilarray.errors import LocalizeError, OutputError
 
@@ -18,17 +22,22 @@ if TYPE_CHECKING:
 PICTURES = (".png", ".svg", ".pdf")
 
 
-def check_file(option: str, path: Path | None, suffixes: Sequence[str]) -> None:
+_SQLITE = b"SQLite format 3\0"  # begins every file of SQLite
+_RECORDING = ".sqlite"
+
+
+def check_file(option: str, path: Path | None, suffixes: Sequence[str] | None) -> None:
     """Refuse before a long computation what could not be written after it; no path is right.
 
     Raises
     ------
     OutputError
-        Another suffix, a folder of that name, a folder that is not there or cannot be looked into.
+        Another suffix, where there are some; a folder of that name, or a folder that is not there, cannot be looked
+        into, or where nothing may be written.
     """
     if path is None:
         return
-    if path.suffix.lower() not in suffixes:
+    if suffixes is not None and path.suffix.lower() not in suffixes:
         listed = " or ".join([", ".join(suffixes[:-1]), suffixes[-1]] if len(suffixes) > 1 else suffixes)
         raise OutputError(f"{option} must end in {listed}; got {path}.")
     try:
@@ -39,6 +48,8 @@ def check_file(option: str, path: Path | None, suffixes: Sequence[str]) -> None:
         raise OutputError(f"cannot write {path}: it is a folder.")
     if not placed:
         raise OutputError(f"cannot write {path}: there is no folder {path.parent}.")
+    if not os.access(path.parent, os.W_OK):
+        raise OutputError(f"cannot write {path}: nothing may be written in the folder {path.parent}.")
 
 
 def depth_in_metres(depth_mm: float | None) -> float | None:
@@ -55,11 +66,39 @@ def depth_in_metres(depth_mm: float | None) -> float | None:
 
 
 def is_map(source: str | None) -> bool:
-    """Whether a response is given as a netCDF file; else it is a design."""
+    """Whether a response is given as a netCDF file; else it is a design.
+
+    Raises
+    ------
+    LocalizeError
+        A recording, which is neither.
+    """
+    if source is not None and is_recording(source):
+        raise LocalizeError(f"{source} is a recording; make a response of it: coilarray scan-info {source} --to nc")
     return source is not None and source.lower().endswith(".nc")
 
 
+def is_recording(source: str) -> bool:
+    """Whether a file is a database of SQLite, whatever its name; where there is no file, by its ending."""
+    try:
+        if not Path(source).is_file():
+            return source.lower().endswith(_RECORDING)
+        with Path(source).open("rb") as file:
+            return file.read(len(_SQLITE)) == _SQLITE or source.lower().endswith(_RECORDING)
+    except (OSError, ValueError):  # a file that may not be read; a name with a zero byte
+        return source.lower().endswith(_RECORDING)
+
+
 def read_map(path: Path) -> xr.Dataset:
+    """As `read_response`; one of an emulated board is told on standard error."""
+    response = read_response(path)
+    if response.attrs.get("emulated", 0):
+        text = f"{path} is of an emulated board: no real one was measured."
+        typer.echo(marked(text, emulated=True), err=True)
+    return response
+
+
+def read_response(path: Path) -> xr.Dataset:
     """Read a response from a netCDF file.
 
     Raises

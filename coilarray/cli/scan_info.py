@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -88,6 +88,7 @@ def print_summary(summary: RecordingSummary) -> None:
     lines.append(f"{summary.scans} scans of {len(summary.states)} states in {summary.seconds:.1f} s{lost}")
     if summary.campaign is not None:
         lines.append(f"campaign: {summary.positions} of {summary.campaign.size} positions are measured")
+    lines += [self_test_line(test.symptoms) for test in summary.self_tests]
     rows = [
         (
             state.name,
@@ -103,10 +104,20 @@ def print_summary(summary: RecordingSummary) -> None:
     typer.echo(marked("\n".join([*lines, table]), emulated=summary.emulated))
 
 
+def self_test_line(symptoms: Sequence[str]) -> str:
+    """Return the verdict of a self-test in one line."""
+    if not symptoms:
+        return "self-test passed"
+    more = f", and {len(symptoms) - 1} more" if len(symptoms) > 1 else ""
+    return f"self-test failed: {symptoms[0]}{more}"
+
+
 def _target(run: Path, to: str | None, out: Path | None) -> Path | None:
     """Return the file to write, with its format as its ending; None where nothing is converted."""
     if to is not None and to not in _FORMATS:
         raise OutputError(f"--to must be {' or '.join(_FORMATS)}; got {to!r}.")
+    if run.is_dir():
+        raise HardwareError(f"cannot read {run}: it is a folder.")
     if out is None:
         out = None if to is None else run.with_suffix(f".{to}")
     check_file("--out", out, [f".{to}"] if to else [f".{one}" for one in _FORMATS])
@@ -121,11 +132,15 @@ def _write_response(recording: Recording, target: Path, calibration: Path | None
     from coilarray.hardware.channel_calibration import calibrated_response
     from coilarray.hardware.recorded_response import recorded_response, response_csv
 
+    note = ""
     if calibration is None:
         response = recorded_response(recording, partial=partial)
     else:
-        response = calibrated_response(recording, load_calibration(calibration), partial=partial)
-    return _write(response, response_csv, target, "the response")
+        known = load_calibration(calibration)
+        response = calibrated_response(recording, known, partial=partial)
+        if known.board != response.attrs["board"]:
+            note = f"\nthe calibration is of the board “{known.board}”, the recording of “{response.attrs['board']}”"
+    return _write(response, response_csv, target, "the response") + note
 
 
 def _write_series(recording: Recording, target: Path, baseline: int) -> str:

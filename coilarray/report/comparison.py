@@ -208,6 +208,15 @@ def comparison_notes(comparison: xr.Dataset) -> list[str]:
     for side in comparison.source.values.tolist():
         if said[f"only_{side}"]:
             notes.append(f"Only {side}, not compared: {said[f'only_{side}']}.")
+    designs = [str(said.get(f"{side}_design_hash", "")) for side in ("measured", "simulated")]
+    if all(designs) and designs[0] != designs[1]:
+        notes.append(
+            f"The two are of different designs: measured {said.get('measured_design', '?')} ({designs[0][:12]}), "
+            f"simulated {said.get('simulated_design', '?')} ({designs[1][:12]})."
+        )
+    boards = [said.get(f"measured_{key}") for key in ("calibration_board", "board")]
+    if boards[0] is not None and boards[0] != boards[1]:
+        notes.append(f"The calibration is of the board “{boards[0]}”, the measurement of “{boards[1]}”.")
     if said["depths_left_out"]:
         depths = ", ".join(f"{float(value) * 1e3:.4g}" for value in said["depths_left_out"].split(", "))
         notes.append(f"Measured at depths that the simulated response does not reach, not compared: {depths} mm.")
@@ -262,7 +271,7 @@ def write_comparison_page(
         tables={table.name: table for table in comparison_tables(comparison)},
         notes=comparison_notes(comparison),
         pictures=figures.comparison_pictures(comparison, outlines),
-        emulated=bool(comparison.attrs.get("measured_emulated", 0)),
+        emulated=[bool(comparison.attrs.get(f"{side}_emulated", 0)) for side in ("measured", "simulated")],
         made=_provenance(comparison.attrs),
     )
     write_text(path, page)
