@@ -40,6 +40,8 @@ up to 1 % of k where windings lie on each other (tests/test_inductance_screen.py
 _Sums = tuple[IntArray, FloatArray]  # numbers of distinct pairs, and what is to be added to their sums
 _Block = Callable[[], _Sums]
 
+BYTES_A_PAIR = 400.0
+"""Of memory that sums over many pairs take."""
 OWN_REACH = 160.0
 """Widths up to which the cross-section counts within one path (tests/test_inductance_convergence.py)."""
 MUTUAL_REACH = 40.0
@@ -100,6 +102,8 @@ def path_sums(
     node_pairs = nodes[:, 0] ** 4 * nodes[:, 1] ** 2
     near = nodes.max(axis=1) > MOST_NODES
     near |= node_pairs > _NODE_PAIRS_A_BAR_PAIR * segments[classes.first] * segments[classes.second]
+    thin = np.array([shape.is_filament for shape in shapes])
+    near |= thin[classes.first] & thin[classes.second]  # these are promised to 1e-11, not to a part of L
     blocks = _near_blocks(shapes, classes, np.flatnonzero(near), accuracy)
     blocks += _far_blocks(shapes, classes, np.flatnonzero(~near), nodes)
     sums = np.zeros(len(classes.shift))

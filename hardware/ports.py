@@ -134,7 +134,10 @@ def parse_port(text: str) -> Port:
         _refuse_rest(options, text)
         return LinuxPort(int(bus), _address(address, text), int(spi_bus or 0), int(spi_device or 0), shift)
     if name.lower().startswith("ftdi://"):
-        parts = urlsplit(name)
+        try:
+            parts = urlsplit(name)
+        except ValueError as error:  # as of ftdi://[
+            raise _refused(text, f"{error}") from None
         if not parts.netloc or not _FTDI_PATH.fullmatch(parts.path):
             raise _refused(text, "an adapter is named as ftdi://ftdi:232h/1 or ftdi://ftdi:232h:SERIALNUMBER/1")
         address = _address(options.pop("address", None), text)

@@ -20,7 +20,7 @@ from coilarray.hardware.serial_ports import open_serial_port
 COILS = ("coil1", "coil3", "coil4")
 SETTINGS = quick_settings(coils=COILS)
 LONGEST = 0.05  # s: a scan in which no state has a result
-TIMES = LinkTimes(reply=0.04, attempts=14, opening=0.1, gap=3.0, least_gap=0.8, heartbeat=1.0, ping=0.05, foreign=200)
+TIMES = LinkTimes(reply=0.04, attempts=14, opening=0.1, gap=3.0, least_gap=1.6, heartbeat=2.0, ping=0.05, foreign=200)
 COMMAND = TIMES.attempts * (TIMES.reply + LONGEST)  # s until a command is given up
 GAP = TIMES.least_gap + 2 * LONGEST  # s until a stream is
 OPENING = 2 * COMMAND + 30 * (TIMES.reply + LONGEST)  # s that a new session and its settings may take
