@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, get_args
@@ -14,6 +15,7 @@ from coilarray.conductors import Source, as_conductors
 from coilarray.constants import MU_0
 from coilarray.errors import GeometryError
 from coilarray.kernels.segments import add_magnetic_field, add_vector_potential
+from coilarray.memory import require_memory
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -23,6 +25,9 @@ Backend = Literal["cpu", "cuda"]
 _BLOCK = 512
 # blocks a task: enough work to outweigh the hand-over to a thread; fewer where a core would get too few tasks
 _BLOCKS_A_TASK, _TASKS_A_CORE = 16, 4
+# beside the points: the field, and which of them are finite; the axes of a grid spread out, and the points
+_BYTES_A_POINT, _BYTES_A_GRID_POINT = 27.0, 48.0
+_IN_PIECES = "compute it in pieces, or write it block by block with coilarray.volumes"
 
 
 def magnetic_field(
@@ -57,6 +62,8 @@ def magnetic_field(
     ------
     GeometryError
         Points or currents of another shape, or that are not finite; another backend.
+    MemoryLimitError
+        More points than `coilarray.memory.allowed_memory` has room for.
     MissingDependencyError
         ``"cuda"`` where there is no GPU that numba can use.
 
@@ -99,7 +106,7 @@ def vector_potential(
 
     Raises
     ------
-    GeometryError
+    GeometryError, MemoryLimitError
         As `magnetic_field`.
 
     Notes
@@ -122,8 +129,15 @@ def grid_points(x: npt.ArrayLike, y: npt.ArrayLike, z: npt.ArrayLike) -> FloatAr
     -------
     ndarray, shape (nx, ny, nz, 3)
         In m.
+
+    Raises
+    ------
+    MemoryLimitError
+        More points than `coilarray.memory.allowed_memory` has room for.
     """
-    axes = (np.atleast_1d(np.asarray(axis, dtype=np.float64)) for axis in (x, y, z))
+    axes = [np.atleast_1d(np.asarray(axis, dtype=np.float64)) for axis in (x, y, z)]
+    count = math.prod(axis.size for axis in axes)
+    require_memory(_BYTES_A_GRID_POINT * count, f"a grid of {count} points", _IN_PIECES)
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
 
 
@@ -143,6 +157,7 @@ def _paths(source: Source, points: npt.ArrayLike, currents: npt.ArrayLike) -> _P
     where = np.asarray(points, dtype=np.float64)
     if where.ndim == 0 or where.shape[-1] != 3:
         raise GeometryError(f"points must have shape (..., 3); got {where.shape}.")
+    require_memory(_BYTES_A_POINT * (where.size // 3), f"the field at {where.size // 3} points", _IN_PIECES)
     if not np.isfinite(where).all():
         raise GeometryError("points must be finite; at least one is not.")
     try:

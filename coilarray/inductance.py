@@ -13,8 +13,9 @@ from coilarray.geometry import Conductor
 from coilarray.kernels.bars import bar_self, parallel_bars
 from coilarray.kernels.filaments import filament_pair
 from coilarray.kernels.turns import find_series, series_members, series_rules
+from coilarray.memory import require_memory
+from coilarray.path_sums import BYTES_A_PAIR, path_sums, segment_table
 from coilarray.path_sums import Accuracy as Accuracy
-from coilarray.path_sums import path_sums, segment_table
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -152,6 +153,8 @@ def mutual_inductance(first: Source, second: Source, *, accuracy: Accuracy = "fu
     ------
     GeometryError
         Two thin filaments that run over each other on one line.
+    MemoryLimitError
+        More pairs than `coilarray.memory.allowed_memory` has room for.
 
     Examples
     --------
@@ -161,6 +164,7 @@ def mutual_inductance(first: Source, second: Source, *, accuracy: Accuracy = "fu
     2.6301
     """
     a, b = as_conductors(first), as_conductors(second)
+    _require_memory(len(a) + len(b), len(a) * len(b))
     rows, columns = np.indices((len(a), len(b)))
     return _matrix(a + b, rows.ravel(), len(a) + columns.ravel(), accuracy)[: len(a), len(a) :]
 
@@ -186,6 +190,8 @@ def inductance_matrix(source: Source, progress: Progress | None = None, *, accur
     ------
     GeometryError
         A thin filament: its self-inductance is infinite.
+    MemoryLimitError
+        More paths than `coilarray.memory.allowed_memory` has room for.
 
     Notes
     -----
@@ -205,6 +211,7 @@ def inductance_matrix(source: Source, progress: Progress | None = None, *, accur
     37.64
     """
     conductors = as_conductors(source)
+    _require_memory(len(conductors), len(conductors) * (len(conductors) + 1) // 2)
     return _matrix(conductors, *np.triu_indices(len(conductors)), accuracy, progress)
 
 
@@ -266,6 +273,14 @@ def standing_for_all(path: Conductor, accuracy: Accuracy) -> tuple[IntArray, Flo
         return np.arange(len(path.lengths)), np.ones(len(path.lengths))
     series = find_series(segment_table(path))
     return series_members(series, *series_rules(int(series[:, 2].max())))
+
+
+def _require_memory(paths: int, pairs: int) -> None:
+    require_memory(
+        BYTES_A_PAIR * pairs + 8.0 * paths**2,
+        f"the inductance matrix of {paths} paths",
+        "compute it in pieces, or write it block by block with coilarray.large_matrix",
+    )
 
 
 def _matrix(

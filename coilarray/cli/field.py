@@ -3,21 +3,40 @@
 from __future__ import annotations
 
 import math
+from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from coilarray.cli.shared import AllowViolations, AsJson, DesignArgument, open_design, print_json, progress_bar
-from coilarray.errors import GeometryError, OutputError
+from coilarray.cli.shared import (
+    AllowViolations,
+    AsJson,
+    Cluster,
+    DesignArgument,
+    Workers,
+    open_design,
+    print_json,
+    progress_bar,
+)
+from coilarray.errors import ClusterError, GeometryError, OutputError
 
 if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
     import xarray as xr
+
+    from coilarray.design import Design
+
+    FloatArray = npt.NDArray[np.float64]
+    Axes = tuple[FloatArray, FloatArray, FloatArray]
 
 _SUFFIXES = (".nc", ".vtr")
 _FARTHEST_MM = 100_000.0
 _LARGEST_MA = 1e9
 _MOST_POINTS = 20_000_000  # 24 bytes a point and array; more needs more memory than a desk computer has to spare
+_MOST_LARGE = 100_000_000_000  # 4.8 TB
 
 
 def field(
@@ -30,6 +49,11 @@ def field(
     spacing_mm: Annotated[float, typer.Option("--spacing-mm", help="Distance of the points.")] = 0.5,
     current_mA: Annotated[float, typer.Option("--current-mA", help="Current in the coil.")] = 1.0,
     others_open: Annotated[bool, typer.Option("--others-open", help="All other coils open.")] = False,
+    large: Annotated[
+        bool, typer.Option("--large", help="Write block by block (.nc), for more points than fit into memory.")
+    ] = False,
+    workers: Workers = None,
+    cluster: Cluster = None,
     out: Annotated[Path, typer.Option("--out", "-o", help="File to write: .nc (netCDF) or .vtr (ParaView).")] = Path(
         "field.nc"
     ),
@@ -41,7 +65,12 @@ def field(
     B on a plane or in a volume while one coil is measured, as netCDF or VTK, in free space. Traces count as thin wires
     on their middle lines, so points nearer to the copper than a trace is wide show the wire's field, not the trace's.
 
+    With --large the file is written block by block, by local processes or a cluster; an interrupted one goes on from
+    the folder FILE.parts when the same command runs again.
+
     Example: coilarray field gast2020 --coil coil3 --z-mm 1:9 --out field.vtr
+
+    Example: coilarray field gast2020 --z-mm 1:9 --spacing-mm 0.05 --large --out volume.nc
     """
     if out.suffix.lower() not in _SUFFIXES:
         raise OutputError(f"--out must end in {' or '.join(_SUFFIXES)}; got {out}.")
@@ -49,42 +78,27 @@ def field(
         raise GeometryError(f"--spacing-mm must be 1e-06 to {_FARTHEST_MM:g}; got {spacing_mm:g}.")
     if not abs(current_mA) <= _LARGEST_MA:
         raise GeometryError(f"--current-mA must be at most {_LARGEST_MA:g}; got {current_mA:g}.")
+    if large and out.suffix.lower() != ".nc":
+        raise OutputError(f"--large writes .nc; got {out}.")
+    if not large and (workers is not None or cluster is not None):
+        raise ClusterError("--workers and --cluster are for --large.")
+    if workers is not None and cluster is not None:
+        raise ClusterError("--workers is for processes of this machine; it cannot be given with --cluster.")
     heights = None if z_mm is None else _heights(z_mm)
     from coilarray.coupling import couple_design
-    from coilarray.near_field import operating_field
 
     opened = open_design(design, allow_violations=allow_violations)
     names = opened.array.names
     active = names[(len(names) - 1) // 2] if coil is None else coil
     if active not in names:
         raise GeometryError(f"--coil must be one of {', '.join(names)}; got {active}.")
-    x_min, y_min, x_max, y_max = opened.array.bounds
-    step = spacing_mm * 1e-3
-    low, high = (opened.field_height, opened.field_height) if heights is None else heights
-    ranges = ((x_min, x_max), (y_min, y_max), (low, high))
-    count = math.prod(_points(start, end, step) for start, end in ranges)
-    if count > _MOST_POINTS:
-        raise GeometryError(
-            f"--spacing-mm {spacing_mm:g} gives {count} points; at most {_MOST_POINTS} are allowed: widen the spacing."
-        )
-    import numpy as np
-
-    axes = tuple(np.linspace(start, end, _points(start, end, step)) for start, end in ranges)
+    axes = _axes(opened, heights, spacing_mm, large=large)
+    setting = _Setting(active, current_mA * 1e-3, terminated=not others_open)
     coupling = couple_design(opened)
-    with progress_bar(f"field at {count} points") as progress:
-        result = operating_field(
-            opened,
-            coupling,
-            active,
-            axes[0],
-            axes[1],
-            axes[2],
-            current=current_mA * 1e-3,
-            terminated=not others_open,
-            progress=progress,
-        )
-    _save(result, out)
-    peak = abs(result.B.sel(component="z")).max().item()
+    if large:
+        peak = _write_large(opened, coupling, setting, axes, out, workers, cluster)
+    else:
+        peak = _write(opened, coupling, setting, axes, out)
     if as_json:
         print_json(
             {
@@ -96,6 +110,87 @@ def field(
     else:
         shape = " × ".join(str(len(axis)) for axis in axes)
         typer.echo(f"wrote {out}: {shape} points, {active} active, largest |B_z| {peak * 1e6:.4g} µT")
+
+
+@dataclass(frozen=True)
+class _Setting:
+    """Which coil carries how much current in A, and whether the others are closed as terminated."""
+
+    active: str
+    current: float
+    terminated: bool
+
+
+def _axes(design: Design, heights: tuple[float, float] | None, spacing_mm: float, *, large: bool) -> Axes:
+    """x, y and z of the grid in m."""
+    import numpy as np
+
+    x_min, y_min, x_max, y_max = design.array.bounds
+    low, high = (design.field_height, design.field_height) if heights is None else heights
+    ranges = ((x_min, x_max), (y_min, y_max), (low, high))
+    counts = [_points(start, end, spacing_mm * 1e-3) for start, end in ranges]
+    count, most = math.prod(counts), _MOST_LARGE if large else _MOST_POINTS
+    if count > most:
+        instead = "widen the spacing" if large else "widen the spacing, or write block by block with --large"
+        raise GeometryError(f"--spacing-mm {spacing_mm:g} gives {count} points; at most {most} are allowed: {instead}.")
+    x, y, z = (np.linspace(start, end, n) for (start, end), n in zip(ranges, counts, strict=True))
+    return x, y, z
+
+
+def _write(design: Design, coupling: xr.Dataset, setting: _Setting, axes: Axes, out: Path) -> float:
+    """Compute the field in memory and write it; return the largest |B_z| in T."""
+    from coilarray.near_field import operating_field
+
+    with progress_bar(f"field at {math.prod(map(len, axes))} points") as progress:
+        result = operating_field(
+            design, coupling, setting.active, *axes,
+            current=setting.current, terminated=setting.terminated, progress=progress,
+        )  # fmt: skip
+    _save(result, out)
+    return float(abs(result.B.sel(component="z")).max())
+
+
+def _write_large(
+    design: Design,
+    coupling: xr.Dataset,
+    setting: _Setting,
+    axes: Axes,
+    out: Path,
+    workers: int | None,
+    cluster: str | None,
+) -> float:
+    """Write the field block by block; return the largest |B_z| in T."""
+    from coilarray.large_file import parts_folder
+    from coilarray.volumes import block_count, bytes_needed, write_field_volume
+    from coilarray.workers import default_count
+    from coilarray.workers import workers as open_workers
+
+    blocks = block_count(design, axes)
+    count = min(default_count(), blocks) if workers is None else workers
+    done = 0
+    try:
+        with open_workers(count, cluster) as pool, ExitStack() as bars:
+            on_disk, in_memory = (size / 1e9 for size in bytes_needed(design, axes, pool))
+            text = f"{blocks} blocks, {on_disk:.3g} GB on the disk, {in_memory:.2g} GB of memory"
+            show = bars.enter_context(progress_bar(text))
+
+            def progress(now: int, total: int) -> None:
+                nonlocal done
+                done = now
+                show(now, total)
+
+            return write_field_volume(
+                out, design, coupling, setting.active, *axes, pool,
+                current=setting.current, terminated=setting.terminated, progress=progress,
+            )  # fmt: skip
+    except (KeyboardInterrupt, ClusterError):
+        if done:
+            typer.echo(
+                f"coilarray: {done} of {blocks} blocks are kept in {parts_folder(out)}; "
+                "the same command goes on from there",
+                err=True,
+            )
+        raise
 
 
 def _heights(text: str) -> tuple[float, float]:

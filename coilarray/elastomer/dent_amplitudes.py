@@ -1,0 +1,153 @@
+"""What a dent takes of a coil's field, as a few numbers that depend only on where the coil lies from the dent.
+
+The energies of `coilarray.elastomer.scattering` are one matrix a harmonic between the incident patterns. Turned into
+their own axes they are
+
+    ΔL_ij = Σ_r s_r a_r(i) a_r(j)
+
+with strengths s_r of the dent and amplitudes a_r(i) that are smooth functions of the offset of coil i from the
+indenter, the same ones for all coils of one shape. So an array of any number of coils needs them once a shape, at the
+offsets that occur or on a grid of offsets with splines between.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import NdBSpline, make_interp_spline
+
+from coilarray.blocks import run_blocks
+from coilarray.constants import MU_0
+from coilarray.elastomer.coil_spectrum import CoilSpectra
+from coilarray.elastomer.scattering import Scattering
+from coilarray.memory import require_memory
+
+FloatArray = npt.NDArray[np.float64]
+ComplexArray = npt.NDArray[np.complex128]
+
+_STEPS_A_CLEARANCE = 3  # of a table: the splines err by some 1e-5 of the peak (tests/test_dent_amplitudes.py)
+_DEGREE = 5  # of the splines
+_SPARE_ANGLES = 20  # on half a circle, as in coil_spectrum
+
+
+@dataclass(frozen=True, eq=False)
+class DentAmplitudes:
+    """Strengths of a dent and the amplitudes of coils at offsets.
+
+    Parameters
+    ----------
+    strengths : ndarray, shape (n,)
+        s in H, of either sign.
+    amplitudes : tuple of ndarray, shape (offsets, n)
+        a for every shape of coil at its offsets.
+    """
+
+    strengths: FloatArray
+    amplitudes: tuple[FloatArray, ...]
+
+
+def dent_amplitudes(
+    scattering: Scattering, spectra: CoilSpectra, offsets: Sequence[FloatArray], tolerance: float
+) -> DentAmplitudes:
+    """Compute the amplitudes of coils at offsets from the indenter's axis.
+
+    Parameters
+    ----------
+    scattering : Scattering
+        The solved dent.
+    spectra : CoilSpectra
+        Of the coils, at the wavenumbers of the dent.
+    offsets : sequence of ndarray, shape (offsets, 2)
+        One a shape of `spectra`: the indenter's position less the coil's centre in m; within the extent that the
+        wavenumbers resolve.
+    tolerance : float
+        Amplitudes below this part of the largest are left out; the energies err by about a tenth of it.
+
+    Returns
+    -------
+    DentAmplitudes
+
+    Raises
+    ------
+    MemoryLimitError
+        More offsets than there is memory for.
+    """
+    orders = len(scattering.energies)
+    count = sum(len(points) for points in offsets)
+    require_memory(24.0 * count * len(spectra.wavenumbers) * orders, f"the field of coils at {count} offsets")
+    incident = [_incident(spectra, shape, points, orders) for shape, points in enumerate(offsets)]
+    weighted = [patterns * scattering.weights for patterns in scattering.patterns]
+    axes, strengths = [], []
+    largest = 0.0
+    for m in range(orders):
+        gram = sum((part @ part.T for waves in incident for part in weighted[m] @ waves[m]), start=np.zeros(()))
+        sizes, vectors = np.linalg.eigh(gram)
+        largest = max(largest, float(sizes[-1]))
+        kept = vectors[:, sizes > tolerance**2 * largest]
+        energy = kept.T @ (scattering.energies[m] + scattering.energies[m].T) @ kept / 2
+        strength, turned = np.linalg.eigh(energy)
+        axes.append((kept @ turned).T @ weighted[m])
+        # the integral over the angle, of the harmonics −m and m; once for the real and once for the imaginary part
+        strengths.append(np.tile((2 if m else 1) * 2 * np.pi * MU_0 * strength, 2))
+    amplitudes = [np.concatenate([part for m in range(orders) for part in axes[m] @ waves[m]]) for waves in incident]
+    return DentAmplitudes(np.concatenate(strengths), tuple(np.ascontiguousarray(values.T) for values in amplitudes))
+
+
+def offset_grid(reach: float, clearance: float) -> tuple[FloatArray, FloatArray]:
+    """Grid of offsets on which amplitudes make a table.
+
+    Parameters
+    ----------
+    reach : float
+        Largest offset along x and y in m.
+    clearance : float
+        Of the dent in m.
+
+    Returns
+    -------
+    axis : ndarray, shape (n,)
+        Offsets along x and along y in m.
+    points : ndarray, shape (n², 2)
+        All of them, x first.
+    """
+    half = max(int(np.ceil(_STEPS_A_CLEARANCE * reach / clearance)), _DEGREE)
+    axis = np.linspace(-reach, reach, 2 * half + 1)
+    return axis, np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
+
+
+def amplitude_table(axis: FloatArray, amplitudes: FloatArray) -> NdBSpline:
+    """Splines through amplitudes on the grid of `offset_grid`; takes offsets (…, 2) in m."""
+    along = make_interp_spline(axis, amplitudes.reshape(len(axis), len(axis), -1), k=_DEGREE, axis=0)
+    across = make_interp_spline(axis, along.c, k=_DEGREE, axis=1)
+    return NdBSpline((along.t, across.t), np.ascontiguousarray(np.moveaxis(across.c, 0, 1)), _DEGREE)
+
+
+def _incident(spectra: CoilSpectra, shape: int, offsets: FloatArray, orders: int) -> FloatArray:
+    """Harmonics c_m k/2π of one coil's potential about offsets from it, (harmonics, real or imaginary, k, offsets).
+
+    As `coilarray.elastomer.coil_spectrum.harmonics_about`, with the waves of distinct x and of distinct y multiplied.
+    In opposite directions S e^{ik·p} are conjugates, so half a circle does: 2 Re for even m and 2i Im for odd m.
+    """
+    (x, of_x), (y, of_y) = (np.unique(np.round(values, 12), return_inverse=True) for values in offsets.T)  # to 1 pm
+    distance = float(np.hypot(*offsets.T).max(initial=0.0))
+    harmonics = np.empty((orders, 2, len(spectra.wavenumbers), len(offsets)))
+
+    def at(index: int) -> None:
+        k = float(spectra.wavenumbers[index])
+        series = spectra.series[shape][index]
+        half = int(np.ceil(k * (distance + spectra.radius))) + orders + _SPARE_ANGLES
+        alpha = np.pi * np.arange(half) / half
+        spectrum = np.exp(1j * np.outer(alpha, np.fft.fftfreq(len(series), 1 / len(series)))) @ series
+        along_x = spectrum * np.exp(1j * np.outer(x, k * np.cos(alpha)))
+        wave = along_x[of_x] * np.exp(1j * np.outer(y, k * np.sin(alpha)))[of_y]
+        for odd, part in enumerate((wave.real, wave.imag)):
+            m = np.arange(odd, orders, 2)
+            factor = (-1.0) ** ((m + odd) // 2) * k / (2 * np.pi * half)  # of them i^m, or i^(m+1)
+            turns = np.stack((np.cos(np.outer(m, alpha)), -np.sin(np.outer(m, alpha))), axis=1) * factor[:, None, None]
+            harmonics[m, :, index] = (turns.reshape(-1, half) @ part.T).reshape(len(m), 2, -1)
+
+    run_blocks(at, range(len(spectra.wavenumbers)))
+    return harmonics

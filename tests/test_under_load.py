@@ -1,0 +1,208 @@
+"""Several threads and processes at once, and an interrupt in the middle of every long command.
+
+Threads and processes must give the numbers of one that is alone, to the last bit: every sum is cut in the same places.
+Commands are run as processes of their own, whose progress is told on standard output so that the interrupt comes within
+the work; what was there before must still be there, and what is kept must be whole. `test_cli_sweep` does the same with
+a sweep, `test_cli_measure_broken_off` with a scan, `test_optimize_kill` and `test_recording_kill` with signal 9.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sqlite3
+import subprocess
+import sys
+import threading
+import tomllib
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tomli_w
+from load_work import digests, results
+
+from coilarray.designs import read
+from coilarray.large_file import parts_folder
+from coilarray.storage import load_part
+
+PATIENCE = 120.0  # s for what takes a few where nobody else computes
+DOCUMENT = tomllib.loads(read("starter"))
+
+
+@pytest.fixture(scope="module")
+def alone():
+    return digests(results())
+
+
+def test_threads_at_once_give_what_one_gives(alone):
+    found, start = [], threading.Barrier(2)
+
+    def work():
+        start.wait()
+        found.append(digests(results()))
+
+    threads = [threading.Thread(target=work) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(PATIENCE)
+    assert found == [alone, alone]
+
+
+def test_processes_at_once_give_what_one_gives(alone):
+    code = "import json; from load_work import digests, results; print(json.dumps(digests(results())))"
+    environment = {
+        **os.environ,
+        "PYTHONPATH": os.pathsep.join((str(Path(__file__).parent), os.environ.get("PYTHONPATH", ""))),
+    }
+    running = [
+        subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True, env=environment)
+        for _ in range(4)
+    ]
+    outputs = [process.communicate(timeout=PATIENCE)[0] for process in running]
+    assert [process.returncode for process in running] == [0] * 4
+    assert [json.loads(output) for output in outputs] == [alone] * 4
+
+
+KERNEL = """
+from coilarray.kernels.compiled import kernel
+
+@kernel
+def total(x):
+    s = 0.0
+    for value in x:
+        s += value**0.5
+    return s
+"""
+
+
+def test_processes_at_once_compile_into_one_cache(tmp_path):
+    """A kernel in a folder of its own, so that nothing of it is compiled before."""
+    (tmp_path / "fresh_kernel.py").write_text(KERNEL)
+    code = "import numpy as np; from fresh_kernel import total; print(total(np.arange(9.0)).hex())"
+    path = os.pathsep.join((str(tmp_path), os.environ.get("PYTHONPATH", "")))
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": path}
+    command = [sys.executable, "-c", code]
+    running = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) for _ in range(4)]
+    outputs = {process.communicate(timeout=PATIENCE)[0] for process in running}
+    assert any((tmp_path / "cache").rglob("*.nbc"))
+    after = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)  # from what they left
+    assert outputs == {after.stdout}
+    assert float.fromhex(after.stdout) == pytest.approx(np.sqrt(np.arange(9.0)).sum(), rel=1e-15)
+
+
+# interrupts
+
+START = """
+import signal, sys
+from contextlib import contextmanager
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs hand their deafness down
+import coilarray.cli.shared as shared
+
+@contextmanager
+def telling(*_):
+    yield lambda done, total, *_: print(done, total, flush=True)
+
+shared.progress_bar = telling
+from coilarray.cli import main, optimize
+optimize._progress = telling
+sys.exit(main.main(sys.argv[1:]))
+"""
+
+
+def interrupted(folder, *arguments, after=1):
+    """Run a command, interrupt it when it tells so much progress, and return its lines on standard error."""
+    with subprocess.Popen(
+        [sys.executable, "-c", START, *map(str, arguments)],
+        cwd=folder,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        env={**os.environ, "COILARRAY_CACHE": str(folder / "cache")},
+    ) as process:
+        try:
+            for line in process.stdout:
+                done, total = map(int, line.split())
+                if done >= after:
+                    assert done < total, "over before the interrupt"
+                    break
+            os.killpg(process.pid, signal.SIGINT)  # to all of the group, as a terminal does
+            rest, err = process.communicate(timeout=PATIENCE)
+        finally:
+            process.kill()
+    assert process.returncode == 130, err
+    assert "wrote" not in rest
+    assert err.splitlines()[-1] == "coilarray: interrupted"
+    return err.splitlines()[:-1]
+
+
+def files(folder):
+    """Names of all files in a folder, hidden ones of unfinished writing included."""
+    return sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "targets"),
+    [
+        (["report", "flat.toml", "--out", "r"], ["r/report.html", "r/report/coupling.nc"]),
+        (["field", "starter", "--z-mm", "1:4", "--spacing-mm", "0.25", "--out", "f.nc"], ["f.nc"]),
+        (["distortion", "gast2020", "--out", "d.csv", "--plot", "d.png"], ["d.csv", "d.png"]),
+    ],
+    ids=lambda value: value[0] if isinstance(value, list) else None,
+)
+def test_what_keeps_nothing_leaves_everything_as_it_was(tmp_path, arguments, targets):
+    for target in targets:
+        path = tmp_path / target
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("before")
+    flat = {key: value for key, value in DOCUMENT.items() if key not in ("indenter", "indentation")}  # a short report
+    (tmp_path / "flat.toml").write_text(tomli_w.dumps(flat))
+    assert interrupted(tmp_path, *arguments) == []
+    assert files(tmp_path) == sorted(["flat.toml", *targets])
+    assert {(tmp_path / target).read_text() for target in targets} == {"before"}
+
+
+def test_an_interrupted_response_keeps_whole_parts(tmp_path):
+    """A depth is a part; the interrupt comes in the second one, so that the first is kept."""
+    arguments = ["response", "gast2020", "--depth-mm", "0.5,1", "--x-mm", "0,1", "--y-mm", "0", "--out", "m.nc"]
+    assert interrupted(tmp_path, *arguments, after=101) == []
+    (part,) = files(tmp_path)
+    assert part.startswith("m.nc.parts/")
+    assert load_part(tmp_path / part).change.shape == (2, 6, 6)
+
+
+def test_an_interrupted_volume_keeps_whole_blocks(tmp_path):
+    grid = ["--z-mm", "1:9", "--spacing-mm", "0.15"]
+    (told,) = interrupted(tmp_path, "field", "starter", *grid, "--large", "--workers", "1", "--out", "f.nc")
+    assert told.endswith(" blocks are kept in f.nc.parts; the same command goes on from there")
+    assert files(tmp_path) == ["f.nc.parts/data.nc", "f.nc.parts/journal.db"]
+    with closing(sqlite3.connect(parts_folder(tmp_path / "f.nc") / "journal.db")) as journal:
+        blocks = journal.execute("SELECT number FROM block").fetchall()
+    assert told.startswith(f"coilarray: {len(blocks)} of ")
+
+
+def test_an_interrupted_tolerance_keeps_whole_boards(tmp_path):
+    arguments = ["tolerance", "starter", "--samples", "256", "--workers", "2", "--out", "t.nc"]
+    (told,) = interrupted(tmp_path, *arguments, after=2)
+    kept = files(tmp_path)
+    number, rest = told.removeprefix("coilarray: ").split(" ", 1)
+    assert rest == f"boards are kept in {tmp_path / 'cache'}; the same command goes on there"
+    assert all(name.startswith("cache/") for name in kept)
+    assert len(kept) >= int(number) - 1  # the nominal board may be one of the drawn ones
+    for name in kept:
+        assert {"values", "reason"} & set(json.loads((tmp_path / name).read_text()))
+
+
+def test_an_interrupted_search_keeps_whole_trials(tmp_path):
+    arguments = ["optimize", "starter", "worst_k", "--trials", "100", "--workers", "1", "--out", "o"]
+    (told,) = interrupted(tmp_path, *arguments, after=2)
+    assert told.endswith(" points are kept in o; the same command goes on from there")
+    number = int(told.removeprefix("coilarray: ").split(" ", 1)[0])
+    with closing(sqlite3.connect(tmp_path / "o" / "study.db")) as study:
+        states = [state for (state,) in study.execute("SELECT state FROM trials")]
+    assert states == ["COMPLETE"] * len(states)
+    assert number - 1 <= len(states) <= number + 1
