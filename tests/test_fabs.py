@@ -232,7 +232,7 @@ def test_a_wrong_table_is_one_clear_line(table, message):
 
 
 def test_the_old_table_is_refused_by_its_name():
-    with pytest.raises(DesignError, match=r"^design: the design has a table \[rules\], which is now called \[fab\]\.$"):
+    with pytest.raises(DesignError, match=r"^design: the file has a table \[rules\], which is now called \[fab\]\.$"):
         parse_design(f"{WITHOUT_FAB}\n[rules]\nmin_trace_mm = 0.1\n")
     text = f'{WITHOUT_FAB}\n[assumed]\n"rules.min_trace_mm" = "not given"\n'
     with pytest.raises(DesignError, match=r"names no value of the design; did you mean fab\.min_trace_mm\?"):
