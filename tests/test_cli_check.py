@@ -188,7 +188,7 @@ def test_mistakes_are_one_line_and_leave_no_file(capsys, arguments, message):
 def test_a_file_with_the_old_table(capsys):
     code, out, err = run(capsys, changed("[fab] ", "[rules] "))
     assert (code, out) == (2, "")
-    assert err == "coilarray: error: d.toml: the design has a table [rules], which is now called [fab].\n"
+    assert err == "coilarray: error: d.toml: the file has a table [rules], which is now called [fab].\n"
 
 
 def test_a_file_with_an_unknown_profile(capsys):
