@@ -92,10 +92,12 @@ def local_response(
     Notes
     -----
     δ_a = Re(w_a i_aᵀ ΔL i_a) with the currents of the flat board, to first order in ΔL, see
-    `coilarray.state_sensitivity`. What this leaves out is 1.4e-5 of the peak for 1 mm in the sheets of gast2020, and
+    `coilarray.state_sensitivity`. What this leaves out is 1.4e-5 of the peak for 1 mm in the sheets of gast2020 and
     4e-5 for 2 mm; the circuit is counted in full. With the default error of 1e-3, δ differs from `response_map` by
-    8e-4 of the peak on that board, 3e-4 on 4 × 4 of its coils in a hexagonal lattice, and 6e-4 on 16 × 16, where 37
-    states and 110 coils are within reach (tests/test_local_response.py).
+    8e-4 of the peak on that board and by 3e-4 on 4 × 4 of its coils in a hexagonal lattice
+    (tests/test_local_response.py), and by 9e-4 from the currents and inductance changes of all coils on 16 × 16, where
+    38 states and 110 coils are within reach (benchmarks/large_response.py). Tilted samples, noise and dielectrics are
+    left to `response_map`.
 
     Examples
     --------

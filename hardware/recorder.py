@@ -306,12 +306,12 @@ def _require_same(recording: Recording, session: RecordedSession, campaign: str 
     """Refuse to go on with a recording of something else."""
     before = recording.sessions[0]
     pairs = (
+        ("board", _kind(before), _kind(session)),  # first: another board has other settings too
         ("design", before.design_hash[:12], session.design_hash[:12]),
         ("wiring", before.wiring, session.wiring),
         ("hash of settings", f"{before.settings.hash:04X}", f"{session.settings.hash:04X}"),
         ("states", ",".join(recording.states), ",".join(state.name for state in session.settings.states)),
         ("clock", f"{before.settings.clock:.10g} Hz", f"{session.settings.clock:.10g} Hz"),
-        ("board", _kind(before), _kind(session)),
     )
     for what, then, now in pairs:
         if then != now:

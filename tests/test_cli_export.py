@@ -227,15 +227,21 @@ def test_a_missing_extra_is_named(capsys, monkeypatch, to, module, extra):
 def test_a_read_only_folder(capsys):
     folder = Path("locked")
     folder.mkdir(mode=0o555)
-    assert "the folder locked is read-only" in refused(capsys, "starter", "--to", "svg", "--out", "locked/a.svg")
+    assert "nothing may be written in the folder locked" in refused(
+        capsys, "starter", "--to", "svg", "--out", "locked/a.svg"
+    )
     assert list(folder.iterdir()) == []
 
 
 def test_a_folder_without_permission(capsys, monkeypatch):
     # root may write everywhere, so the refusal of the system is played
     monkeypatch.setattr("coilarray.cli.export.os.access", lambda path, mode: False)
-    assert "cannot write starter.svg: the folder . is read-only" in refused(capsys, "starter", "--to", "svg")
-    assert "cannot write starter-kicad: the folder . is read-only" in refused(capsys, "starter", "--to", "kicad")
+    assert "cannot write starter.svg: nothing may be written in the folder ." in refused(
+        capsys, "starter", "--to", "svg"
+    )
+    assert "cannot write starter-kicad: nothing may be written in the folder ." in refused(
+        capsys, "starter", "--to", "kicad"
+    )
     assert list(Path().iterdir()) == []
 
 

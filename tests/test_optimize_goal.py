@@ -106,7 +106,7 @@ def test_what_tells_studies_apart(design):
         ("schema = 1", "variable is missing"),
         ("schema = 1\nvariable = []\n" + LEAST, "variable must have at least 1 entries"),
         ("schema = 1\n" + PITCH, "objective is missing"),
-        ("schema = 1\nvariables = []", "the goal has no key 'variables'; did you mean variable?"),
+        ("schema = 1\nvariables = []", "the file has no key 'variables'; did you mean variable?"),
         ("schema = 1\n" + PITCH + "hihg = 2\n" + LEAST, "variable.0 has no key 'hihg'; did you mean high?"),
         ("schema = 1\n" + PITCH.replace("14", '"14"') + LEAST, "variable.0.high must be a number; got '14'"),
         ("schema = 1\n" + PITCH.replace("14", "11") + LEAST, "variable.0 needs low below high; got 11 and 11"),

@@ -104,7 +104,7 @@ def _check(target: Path, to: Format, *, force: bool) -> None:
             check_file("--out", target, _SUFFIXES[to])
         folder = target if target.is_dir() else target.parent
         if not os.access(folder, os.W_OK | os.X_OK):
-            raise OutputError(f"cannot write {target}: the folder {folder} is read-only.")
+            raise OutputError(f"cannot write {target}: nothing may be written in the folder {folder}.")
         occupied = any(target.iterdir()) if target.is_dir() else target.exists()
     except OSError as error:
         raise OutputError(f"cannot write {target}: {error.strerror}.") from None

@@ -29,6 +29,7 @@ from coilarray.cli import (
     report,
     response,
     scan_info,
+    studio,
     sweep,
     tolerance,
     view,
@@ -65,6 +66,7 @@ app.command("tolerance")(tolerance.tolerance)
 app.command("export")(export.export)
 app.command("import")(import_board.import_board)
 app.command("view")(view.view)
+app.command("studio")(studio.studio)
 app.command("board")(board.board)
 app.command("measure")(measure.measure)
 app.command("scan-info")(scan_info.scan_info)

@@ -1,0 +1,198 @@
+"""``coilarray studio``."""
+
+from __future__ import annotations
+
+import math
+import webbrowser
+from collections.abc import Callable, Generator
+from contextlib import suppress
+from pathlib import Path
+from threading import Thread
+from typing import TYPE_CHECKING, Annotated, cast
+
+import typer
+
+from coilarray.cli.board_options import EMULATOR, WiringName, marked
+from coilarray.cli.shared import DesignArgument
+from coilarray.errors import OutputError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from coilarray.blocks import Progress
+    from coilarray.design import Indentation
+    from coilarray.hardware.live_tracking import LiveReading
+    from coilarray.hardware.scans import RawScan
+    from coilarray.viz.studio.services import BoardFrame, BoardRequest, Document
+
+_LONGEST = 86_400.0  # s
+_TOUR, _TOUR_PERIOD, _TOUR_STEP = (
+    3600.0,
+    40.0,
+    1.0,
+)  # s that the emulated finger goes round, once, and from place to place
+
+
+def studio(
+    design: DesignArgument = None,
+    host: Annotated[
+        str | None,
+        typer.Option("--host", help="Name or number to listen on; every browser then needs the token of the address."),
+    ] = None,
+    port: Annotated[int, typer.Option("--port", help="TCP port of the page; 0 takes a free one.")] = 8070,
+    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")] = True,
+    folder: Annotated[
+        Path | None,
+        typer.Option("--folder", help="Designs, reports and runs of the page; that of DESIGN or this one by default."),
+    ] = None,
+    board: Annotated[
+        str, typer.Option("--board", help="Board of the tab of that name, as --port of coilarray live.")
+    ] = EMULATOR,
+    wiring: WiringName = None,
+    linger: Annotated[
+        float, typer.Option("--linger", help="Seconds that it goes on after the last page is closed; 0 for ever.")
+    ] = 20.0,
+) -> None:
+    """Change a design in the browser, with everything that follows from it.
+
+    Sliders for the design, the board in three dimensions, couplings and margins as they change; switches for every
+    coil with the field; an indenter to be dragged over the board; runs of an optimisation; the live board or its
+    emulator. The page is served to this computer alone unless --host is given, and asks no other host for anything.
+    Ctrl-C ends it.
+
+    Example: coilarray studio gast2020
+
+    Example: coilarray studio better.toml --host 0.0.0.0 --no-browser
+    """
+    if not 0 <= linger <= _LONGEST:
+        raise OutputError(f"--linger must be 0 to {_LONGEST:g}; got {linger:g}.")
+    where = _folder(design, folder)
+    from coilarray.viz.studio.server import LOOPBACK, Address, bind, check_studio, new_token
+
+    address = Address(LOOPBACK if host is None else host, port, "" if host is None else new_token())
+    check_studio()
+    from coilarray.design import load_design
+    from coilarray.viz.studio.services import Services
+    from coilarray.viz.studio.shelf import Shelf
+    from coilarray.viz.studio.work import work_on
+
+    opened = load_design(design)
+    work = work_on(opened, Path(design).name if design else opened.name)
+    with bind(address) as listening:
+        from coilarray.viz.studio.server import serve
+
+        services = Services(
+            response_table=kept_response, write_report=write_report, watch_board=watch_board, port=board, wiring=wiring
+        )
+        with suppress(KeyboardInterrupt):  # where the loop cannot handle signals
+            serve(work, Shelf(where), services, address, listening, linger=linger, ready=_ready(browser=browser))
+    typer.echo("coilarray: the studio has ended", err=True)
+
+
+def _folder(design: str | None, folder: Path | None) -> Path:
+    """Return the folder that the page may read and write."""
+    named = Path(design).parent if design and Path(design).is_file() else Path()
+    where = (folder or named).resolve()
+    if not where.is_dir():
+        raise OutputError(f"--folder must be a folder; got {where}.")
+    return where
+
+
+def _ready(*, browser: bool) -> Callable[[str], None]:
+    def ready(url: str) -> None:
+        typer.echo(f"studio: {url} (Ctrl-C ends it)")
+        if browser:
+            Thread(target=webbrowser.open, args=(url,), daemon=True).start()
+
+    return ready
+
+
+# What runs in processes of its own: functions of this module with plain arguments.
+
+
+def write_report(document: Document, name: str, folder: Path, progress: Progress) -> Path:
+    """See `coilarray.viz.studio.services.WriteReport`."""
+    from coilarray.design import build_design
+    from coilarray.report import write_report as write
+
+    return write(build_design(document, name), folder, progress).page
+
+
+def kept_response(document: Document, name: str, progress: Progress) -> xr.Dataset:
+    """See `coilarray.viz.studio.services.ResponseTable`; kept as that of ``coilarray live`` is."""
+    from coilarray.design import build_design
+    from coilarray.hardware.board_network import board_network
+    from coilarray.hardware.kept_parts import keep_folder, kept
+    from coilarray.localize.forward import table_for
+
+    design, folder = build_design(document, name), keep_folder()
+
+    def make() -> xr.Dataset:
+        return table_for(design, network=board_network(design, folder), progress=progress)
+
+    return kept(folder, "positions", design, "", make)
+
+
+def watch_board(request: BoardRequest, send: Callable[[BoardFrame], None], stopped: Callable[[], bool]) -> None:
+    """See `coilarray.viz.studio.services.WatchBoard`; a finger goes round on an emulated board."""
+    from contextlib import closing
+
+    from coilarray.cli.board_options import BoardOptions, opened_board
+    from coilarray.design import build_design
+    from coilarray.hardware.live_tracking import LiveTracker
+    from coilarray.hardware.readings import read_scan
+    from coilarray.localize.forward import forward_model
+    from coilarray.viz.studio.services import BoardFrame
+
+    design = build_design(request.document, request.name)
+    line, emulated = request.port, request.port == EMULATOR
+
+    def wait(done: int, total: int) -> None:
+        part = f" {100 * done / total:.0f} %" if total else ""
+        send(BoardFrame(f"{line}; response of the design{part} …", emulated, 0, {}))
+
+    options = BoardOptions(request.port, request.wiring)
+    with opened_board(options, design, real_time=True, progress=wait) as (board, settings):
+        line = marked(board.line, emulated=board.emulated)
+        model = None
+        if design.indentation is not None:
+            model = forward_model(kept_response(request.document, request.name, wait))
+        tracker, going = LiveTracker(model), False
+        capacitance = design.circuit.switches.tank_capacitance
+        with closing(cast("Generator[RawScan]", board.reader.scans())) as scans:
+            for scan in scans:
+                if stopped():
+                    return
+                reading = tracker.take(read_scan(scan, settings, capacitance))
+                send(_frame(reading, line, emulated=board.emulated))
+                if board.emulator is not None and design.indentation is not None and not (going or reading.waiting):
+                    going = True
+                    board.emulator.indenter.follow(_round(design.indentation, board.emulator.clock.now()))
+
+
+def _frame(reading: LiveReading, line: str, *, emulated: bool) -> BoardFrame:
+    from coilarray.viz.studio.services import BoardFrame
+
+    return BoardFrame(
+        line,
+        emulated,
+        reading.sequence,
+        {state.name: state.delta for state in reading.states},
+        {state.name: f"{state.verdict}: {', '.join(state.reasons)}" for state in reading.states if state.reasons},
+        reading.waiting,
+        reading.location,
+        reading.problem,
+        reading.rate,
+        reading.lost,
+    )
+
+
+def _round(setup: Indentation, start: float) -> list[tuple[float, float, float, float]]:
+    """Path of a finger that slowly goes round on the map of a design: time in s, x, y and depth in m."""
+    (x, a), (y, b) = (((axis[0] + axis[-1]) / 2, 0.4 * (axis[-1] - axis[0])) for axis in (setup.x, setup.y))
+    path = [(start, x + a, y, 0.0)]
+    for k in range(int(_TOUR / _TOUR_STEP)):
+        angle = 2 * math.pi * k * _TOUR_STEP / _TOUR_PERIOD
+        at = start + 1.0 + k * _TOUR_STEP
+        path.append((at, x + a * math.cos(angle), y + b * math.sin(angle), setup.depths[-1]))
+    return path

@@ -1,0 +1,370 @@
+"""A real browser on a studio that is served by a process of its own; as a script, that process.
+
+The studio's page is the package's own. What would take long beside it is replaced by quick stand-ins: a response of
+smooth bells, a report of one line, a board that reads the same again and again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from coilarray.design import build_design
+from coilarray.geometry.extras import import_extra
+from coilarray.localize.forward import table_grid
+
+HERE = Path(__file__).parent
+ARTIFACTS = "COILARRAY_ARTIFACTS"
+"""Environment variable: folder where screenshots are kept."""
+
+SLOW = 2.0  # s that the report takes
+_START = 90.0  # s that a studio may take to start on a busy machine
+_ENDED = 20.0  # s that it may take to end
+_SIZE = {"width": 1280, "height": 760}
+
+
+# ------------------------------------------------------------------------ what is there
+
+
+def missing():
+    """Say why there can be no browser test here, or None."""
+    try:
+        import playwright.sync_api  # noqa: F401
+    except ImportError:
+        return "Playwright is not installed"
+    if chromium() is None:
+        return "there is no chromium"
+    return missing_studio()
+
+
+def missing_studio():
+    """Say why there can be no studio here, or None."""
+    from coilarray.errors import MissingDependencyError
+
+    try:
+        for module in ("trame.app", "trame.ui.vuetify3", "trame_vtk.modules.vtk", "aiohttp"):
+            import_extra(module, "tests", package=module, extra="studio")
+    except MissingDependencyError as error:
+        return str(error)
+    return None
+
+
+def chromium():
+    """Path of the system's chromium, or None."""
+    names = ("chromium", "chromium-browser", "google-chrome")
+    return next((path for path in map(shutil.which, names) if path is not None), None)
+
+
+# ------------------------------------------------------------------------ the studio's process
+
+
+class Served:
+    """A studio in a process of its own."""
+
+    def __init__(self, process):
+        self.process = process
+        found, self.lines = None, []
+        deadline = time.monotonic() + _START
+        while found is None and time.monotonic() < deadline:
+            line = process.stdout.readline()
+            if not line:
+                break
+            self.lines.append(line)
+            found = re.search(r"studio: (http://\S+)", line)
+        assert found, "".join(self.lines)
+        self.url = found[1]
+
+    def children(self):
+        """Processes that it has started and that are still there."""
+        ours = str(self.process.pid)
+        listed = subprocess.run(["ps", "-o", "pid=,stat=", "--ppid", ours], check=False, capture_output=True, text=True)
+        return [int(line.split()[0]) for line in listed.stdout.splitlines() if "Z" not in line.split()[1]]
+
+    def wait(self):
+        """Wait for it to end; its exit code."""
+        return self.process.wait(_ENDED)
+
+    def end(self):
+        """Stop it as Ctrl-C does, and return all that it said."""
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGINT)
+        try:
+            rest, _ = self.process.communicate(timeout=_ENDED)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            rest, _ = self.process.communicate()
+            raise AssertionError(f"the studio did not end: {rest}") from None
+        return "".join(self.lines) + rest
+
+
+@contextmanager
+def served(*arguments, program=False, cwd=None, **environment):
+    """Serve a studio with stand-ins, or the whole program."""
+    command = [
+        sys.executable,
+        *(["-c", "from coilarray.cli.main import run; run()", "studio"] if program else [__file__]),
+    ]
+    process = subprocess.Popen(
+        [*command, "--port", "0", "--no-browser", *map(str, arguments)],
+        cwd=cwd, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "1", **environment},
+        start_new_session=True,  # an interrupt of the tests is none of the studio
+    )  # fmt: skip
+    try:
+        studio = Served(process)
+        yield studio
+        said = studio.end()
+        assert "Traceback" not in said, said
+    finally:
+        if process.poll() is None:
+            process.kill()
+            process.communicate()
+
+
+def gone(pids, patience=_ENDED):
+    """Whether processes are gone, or are before long."""
+    deadline = time.monotonic() + patience
+    while time.monotonic() < deadline:
+        if not any(Path(f"/proc/{pid}").exists() for pid in pids):
+            return True
+        time.sleep(0.1)
+    return False
+
+
+# ------------------------------------------------------------------------ the browser
+
+
+@contextmanager
+def launched():
+    """Open a browser that finds no host but this computer."""
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(
+            executable_path=chromium(),
+            args=["--no-sandbox", "--disable-gpu", "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1"],
+        )
+        try:
+            yield browser
+        finally:
+            browser.close()
+
+
+class Opened:
+    """A page, and what was wrong with it: requests to other hosts, errors of scripts, answers that are none."""
+
+    def __init__(self, browser, url):
+        self.context = browser.new_context(viewport=_SIZE, reduced_motion="reduce")
+        self.context.set_default_timeout(60_000)  # ms; the machine may be busy
+        self.page = self.context.new_page()
+        self.wrong, self._host = [], url.split("/")[2]
+        self.page.on("request", self._asked)
+        self.page.on("pageerror", self._failed)
+        self.page.on("response", self._answered)
+        self.page.on("console", self._said)
+        self.page.goto(url)
+
+    def _asked(self, request):
+        scheme, _, rest = request.url.partition(":")
+        if scheme not in ("data", "blob") and rest.split("/")[2] != self._host:
+            self.wrong.append(f"asked {request.url}")
+
+    def _failed(self, error):
+        if str(error) != "Object":  # what trame's client has on its way when its page is loaded again
+            self.wrong.append(f"error {error}")
+
+    def _answered(self, response):
+        if response.status >= 400:
+            self.wrong.append(f"{response.status} {response.url}")
+
+    def _said(self, message):
+        if message.type == "error":
+            self.wrong.append(f"console {message.text}")
+
+
+@contextmanager
+def opened(browser, url):
+    """Open a page in a browser profile of its own; whatever was wrong with it is an error when the block is left."""
+    one = Opened(browser, url)
+    try:
+        at_rest(one.page)
+        yield one.page
+        assert one.wrong == []
+    finally:
+        one.context.close()
+
+
+def at_rest(page):
+    """Wait until the numbers that follow from the design are on the page, in full."""
+    page.wait_for_selector("#accuracy[data-accuracy=full]")
+
+
+def drawn(page):
+    """Wait until the scene is drawn and smooth; return its picture."""
+    page.wait_for_selector("#scene[data-rests=true]")
+    return page.locator("#scene img").first.screenshot()
+
+
+def picture(page, name):
+    """Keep a screenshot where the environment says a folder."""
+    folder = os.environ.get(ARTIFACTS)
+    if folder:
+        if not page.query_selector("#scene-problem"):
+            drawn(page)
+        Path(folder).mkdir(parents=True, exist_ok=True)
+        page.screenshot(path=str(Path(folder, f"studio_{name}.png")))
+
+
+def field(page, key):
+    """The field of an entry."""
+    return page.locator(f"[data-key='{key}'] input[type=text]")
+
+
+def enter(page, key, text):
+    """Type a value into the field of an entry, and Enter."""
+    field(page, key).fill(str(text))
+    field(page, key).press("Enter")
+
+
+def matrix(page):
+    """The numbers behind the cells of the matrix, with all their digits."""
+    titles = page.eval_on_selector_all("#matrix td", "cells => cells.map(cell => cell.title)")
+    values = [float(title.partition(" = ")[2].removesuffix(" H")) for title in titles]
+    return np.reshape(values, (round(len(values) ** 0.5),) * 2)
+
+
+# ------------------------------------------------------------------------ stand-ins
+
+
+def bells(document, name, progress):
+    """A response of one bell for each coil, quick and smooth."""
+    import xarray as xr
+
+    design = build_design(document, name)
+    depth, x, y = table_grid(design, spacing=2e-3)
+    centres = design.array.centres - design.indentation.origin_point
+    H, Y, X = np.meshgrid(depth, y, x, indexing="ij")
+    delta = [
+        4e-3 * (H / 1e-3) ** 1.6 * np.exp(-((X - cx) ** 2 + (Y - cy) ** 2) / (6e-3 * (1 + 100 * H)) ** 2)
+        for cx, cy in centres.tolist()
+    ]
+    for k in range(3):
+        progress(k + 1, 3)
+    coords = {"depth": depth, "y": y, "x": x, "state": [state.name for state in design.circuit.plan]}
+    return xr.Dataset(
+        {"delta": (("depth", "y", "x", "state"), np.stack(delta, axis=-1))}, coords, {"design_hash": design.digest}
+    )
+
+
+GOAL = """
+schema = 1
+[[variable]]
+entry = "array.pitch_mm"
+low = 9.0
+high = 13.0
+[[variable]]
+entry = "array.columns"
+low = 2
+high = 4
+[[objective]]
+quantity = "board_area_mm2"
+direction = "minimize"
+[[objective]]
+quantity = "span_mm"
+direction = "maximize"
+[[constraint]]
+quantity = "covered_mm2"
+at_least = 500
+[search]
+trials = 12
+batch = 6
+"""
+
+
+def quick_run(folder):
+    """Leave an optimisation of shapes alone, which is cheap, in a folder."""
+    from coilarray import load_design
+    from coilarray.optimize.goal import parse_goal
+    from coilarray.optimize.run import optimize_design
+    from coilarray.workers import workers
+
+    with workers() as pool:
+        return optimize_design(load_design("starter"), parse_goal(GOAL), folder, pool)
+
+
+def slow_report(document, name, folder, progress):
+    """A report of one line that takes its time."""
+    for k in range(50):
+        progress(k, 50)
+        time.sleep(SLOW / 50)
+    folder.mkdir(exist_ok=True)
+    page = folder / "report.html"
+    page.write_text(f"<!doctype html><meta charset=utf-8><title>{name}</title><p>A report.", encoding="utf-8")
+    return page
+
+
+def steady_board(request, send, stopped):
+    """A board that reads the same again and again, after a baseline of two scans."""
+    from coilarray.localize.forward import forward_model
+    from coilarray.localize.inverse import locate
+    from coilarray.viz.studio import BoardFrame
+
+    design = build_design(request.document, request.name)
+    model = forward_model(bells(request.document, request.name, lambda done, total: None))
+    delta = model.delta([2e-3, 1e-3, model.depth[2]])
+    location = locate(model, delta)
+    for k in range(1_000_000):
+        if stopped():
+            return
+        waiting = max(0, 2 - k)
+        values = [None] * len(model.states) if waiting else delta.tolist()
+        send(
+            BoardFrame(
+                f"[emulator] {request.port}: a stand-in", True, k, dict(zip(model.states, values, strict=True)),
+                {design.array.names[0]: "doubtful: amplitude"}, waiting, None if waiting else location, "", 4.0, 0,
+            )
+        )  # fmt: skip
+        time.sleep(0.25)
+
+
+def main():
+    """Serve a studio with the stand-ins."""
+    from coilarray import load_design
+    from coilarray.viz.studio.server import LOOPBACK, Address, bind, new_token, serve
+    from coilarray.viz.studio.services import Services
+    from coilarray.viz.studio.shelf import Shelf
+    from coilarray.viz.studio.work import work_on
+
+    parser = argparse.ArgumentParser()
+    parser.add_argument("design")
+    parser.add_argument("--folder", type=Path, default=Path())
+    parser.add_argument("--port", type=int)
+    parser.add_argument("--no-browser", action="store_true")
+    parser.add_argument("--host")
+    parser.add_argument("--linger", type=float, default=0.0)
+    given = parser.parse_args()
+    # functions of this module by its name, under which other processes import it too
+    import browser
+
+    services = Services(browser.bells, browser.slow_report, browser.steady_board, "emulator")
+    address = Address(given.host or LOOPBACK, given.port, new_token() if given.host else "")
+    work = work_on(load_design(given.design), given.design)
+    with bind(address) as listening:
+        serve(
+            work, Shelf(given.folder.resolve()), services, address, listening, linger=given.linger,
+            ready=lambda url: print(f"studio: {url}", flush=True),  # noqa: T201 - the tests read it
+        )  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,104 @@
+"""The tab of the live board, or of the emulator that stands in for it: δ of every coil and where the finger is."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from coilarray.design import Design
+from coilarray.viz.scenes import Scene
+from coilarray.viz.studio.job import Outcome
+from coilarray.viz.studio.scene_making import BoardParts, coloured_by_delta
+from coilarray.viz.studio.services import BoardFrame, BoardRequest, Stopped, Tell
+from coilarray.viz.studio.told import told
+from coilarray.viz.studio.top_view import TopView, delta_bars, delta_fills, pins, top_view
+
+if TYPE_CHECKING:
+    from coilarray.viz.studio.page import Page
+
+_JOB = "board"
+_PATIENCE = 8.0  # s that a board has to be put to rest
+
+
+class BoardPanel:
+    """Readings as they come.
+
+    Parameters
+    ----------
+    page : Page
+        Whose.
+    """
+
+    def __init__(self, page: Page) -> None:
+        self._page = page
+        self._design = page.work.design
+        self._view = top_view(page.work.design)
+        self._frame: BoardFrame | None = None
+        services = page.setup.services
+        page.state.update(
+            {
+                "can_watch": services.watch_board is not None, "board_port": services.port, "board_running": False,
+                "board_line": "", "board_bars": [], "board_told": [], "board_pins": [], "board_fills": {},
+                "board_problem": "", "board_scan": 0,
+            }
+        )  # fmt: skip
+        page.trigger("start_board", self._start)
+        page.trigger("stop_board", lambda: page.stop_job(_JOB))
+
+    def show(self, design: Design, view: TopView) -> None:
+        """Go on with a changed design: the running board stays that of the design it was started with."""
+        if not self._page.state.board_running:
+            self._design, self._view, self._frame = design, view, None
+
+    def scene(self, design: Design, board: BoardParts) -> Scene | None:
+        """Return the board coloured by the last δ; None where there is none. Computed in a thread."""
+        frame = self._frame
+        if frame is None or frame.waiting or self._design is not design:
+            return None
+        return coloured_by_delta(board, frame.delta)
+
+    def _start(self) -> None:
+        page = self._page
+        services = page.setup.services
+        watch = services.watch_board
+        if watch is None:
+            return
+        design = self._design = page.work.design
+        self._view = top_view(design)
+        request = BoardRequest(design.document, design.name, services.port, services.wiring)
+        if page.start_job(
+            _JOB, _watch, (watch, request), on_message=self._take, on_end=self._ended, patience=_PATIENCE
+        ):
+            page.state.update({"board_running": True, "board_problem": "", "board_line": "opening …", "board_told": []})
+
+    def _take(self, frame: BoardFrame) -> None:
+        state = self._page.state
+        self._frame = frame
+        state.board_scan = frame.sequence
+        state.board_line = frame.line
+        state.board_bars = [
+            {**bar, "why": frame.reasons.get(bar["name"], "")} for bar in delta_bars(frame.delta.items())
+        ]
+        state.board_fills = delta_fills(self._design, frame.delta)
+        state.board_pins = [] if frame.location is None else pins(self._view, frame.location)
+        rate = "–" if frame.rate is None else f"{frame.rate:.2f}"
+        where = (
+            [f"baseline: {frame.waiting} more scans without an indentation"]
+            if frame.waiting
+            else told(frame.location)
+            if frame.location is not None
+            else [frame.problem]
+        )
+        state.board_told = [*where, f"{rate} scans/s, {frame.lost} lost"]
+        if state.tab == "board" and not frame.waiting:
+            self._page.redraw()
+
+    def _ended(self, outcome: Outcome) -> None:
+        state = self._page.state
+        state.board_running = False
+        state.board_line = "" if outcome.kind == "failed" else "stopped"
+        state.board_problem = outcome.problem
+
+
+def _watch(item: Any, tell: Tell, stopped: Stopped) -> None:
+    watch, request = item
+    watch(request, tell, stopped)

@@ -1,0 +1,189 @@
+"""The entries of a design that have a slider: what they are called, and from where to where it goes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+from coilarray.design import Design
+from coilarray.errors import DesignError
+
+_UNITS = {
+    "_mm": "mm", "_um": "µm", "_deg": "°", "_pF": "pF", "_nH": "nH", "_ohm": "Ω", "_kPa": "kPa"
+}  # fmt: skip
+_WHOLE = ("columns", "rows", "sides", "winding_layers", "segments_per_turn")
+_COIL = (
+    ("turns_per_layer", "turns a layer"),
+    ("winding_layers", "layers in series"),
+    ("outer_across_corners_mm", "outer size, corners"),
+    ("outer_across_flats_mm", "outer size, flats"),
+    ("outer_diameter_mm", "outer diameter"),
+    ("trace_width_mm", "trace width"),
+    ("gap_mm", "gap"),
+    ("sides", "sides"),
+    ("first_corner_deg", "first corner"),
+)
+_ARRAY = (
+    ("pitch_mm", "pitch"),
+    ("columns", "columns"),
+    ("rows", "rows"),
+    ("direction_deg", "direction of the rows"),
+    ("rotation_deg", "rotation of each coil"),
+)
+_SHEET = (
+    ("thickness_mm", "thickness"),
+    ("relative_permeability", "relative permeability"),
+    ("youngs_modulus_kPa", "Young's modulus"),
+)
+_INDENTER = (("radius_mm", "radius"), ("half_angle_deg", "half angle"))
+_CIRCUIT = (
+    ("capacitance_pF", "tank capacitance"),
+    ("short_resistance_ohm", "resistance to ground"),
+    ("switch_off_capacitance_pF", "open switch"),
+    ("terminal_capacitance_pF", "terminal to ground"),
+    ("bus_capacitance_pF", "bus to ground"),
+)
+_FAB = (
+    ("min_trace_mm", "narrowest trace"),
+    ("min_gap_mm", "least gap"),
+    ("min_drill_mm", "smallest hole"),
+    ("min_annular_ring_mm", "narrowest ring"),
+    ("min_edge_clearance_mm", "copper to edge"),
+)
+_STEPS_IN_A_DECADE = 100
+_TURN = 180.0  # degrees to both sides
+_EMPTY_REACH = 10.0  # of a slider whose value is zero
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One entry with a slider.
+
+    Parameters
+    ----------
+    key : str
+        Dotted, as `coilarray.variation.vary` takes it.
+    label : str
+        For people, without the unit.
+    unit : str
+        Of the value; empty for none.
+    group : str
+        Heading that it stands under.
+    value : float
+        In that unit.
+    low, high, step : float
+        Of the slider. A number that is typed in may lie beyond.
+    """
+
+    key: str
+    label: str
+    unit: str
+    group: str
+    value: float
+    low: float
+    high: float
+    step: float
+
+
+def entries_of(design: Design) -> tuple[Entry, ...]:
+    """Return the main entries of a design, in the order in which they are shown.
+
+    Examples
+    --------
+    >>> from coilarray import load_design
+    >>> pitch = next(e for e in entries_of(load_design("gast2020")) if e.key == "array.pitch_mm")
+    >>> pitch.label, pitch.unit, pitch.value, pitch.low, pitch.high, pitch.step
+    ('pitch', 'mm', 13.28, 6.6, 26.6, 0.1)
+    """
+    return tuple(_entries(design.values))
+
+
+def number_of(key: str, text: str) -> float:
+    """Read a number that was typed in.
+
+    Raises
+    ------
+    DesignError
+        No number: the key, and what was given.
+    """
+    try:
+        value = float(text.strip().replace("−", "-"))
+    except ValueError:
+        raise DesignError(f"{key} must be a number; got {text.strip()[:40]!r}.") from None
+    if not math.isfinite(value):
+        raise DesignError(f"{key} must be a finite number; got {text.strip()[:40]!r}.")
+    return value
+
+
+def text_of(value: float) -> str:
+    """Show a value in its field: all digits that tell it, and no more.
+
+    Examples
+    --------
+    >>> text_of(13.28), text_of(30.0), text_of(1.7e-8)
+    ('13.28', '30', '1.7e-08')
+    """
+    return f"{value:.12g}"
+
+
+def _entries(values: Mapping[str, object]) -> Iterator[Entry]:
+    for name in dict.fromkeys(key.split(".")[1] for key in values if key.startswith("coils.")):
+        yield from _table(values, f"coils.{name}", f"Coil {name}", _COIL)
+    yield from _table(values, "array", "Array", _ARRAY)
+    for k, name in enumerate(_items(values, "elastomer", "name")):
+        yield from _table(values, f"elastomer.{k}", f"Elastomer {name}", _SHEET)
+    yield from _table(values, "indenter", "Indenter", _INDENTER)
+    yield from _table(values, "circuit", "Circuit", _CIRCUIT)
+    yield from _stackup(values)
+    yield from _table(values, "board", "Board", (("margin_mm", "margin"),))
+    yield from _table(values, "field", "Board", (("height_mm", "height of the field's plane"),))
+    yield from _table(values, "fab", "Limits of the board house", _FAB)
+
+
+def _table(values: Mapping[str, object], table: str, group: str, named: tuple[tuple[str, str], ...]) -> Iterator[Entry]:
+    for name, label in named:
+        value = values.get(f"{table}.{name}")
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            yield _entry(f"{table}.{name}", name, label, group, float(value))
+
+
+def _stackup(values: Mapping[str, object]) -> Iterator[Entry]:
+    for name, label in (("copper_thickness_um", "copper"), ("dielectric_thickness_mm", "dielectric")):
+        for k, value in enumerate(_numbers(values.get(f"stackup.{name}"))):
+            yield _entry(f"stackup.{name}.{k}", name, f"{label} {k + 1}", "Board", value)
+
+
+def _items(values: Mapping[str, object], table: str, name: str) -> list[str]:
+    found: list[str] = []
+    while f"{table}.{len(found)}.{name}" in values:
+        found.append(str(values[f"{table}.{len(found)}.{name}"]))
+    return found
+
+
+def _numbers(value: object) -> list[float]:
+    return [float(number) for number in value] if isinstance(value, list) else []
+
+
+def _entry(key: str, name: str, label: str, group: str, value: float) -> Entry:
+    unit = next((unit for ending, unit in _UNITS.items() if name.endswith(ending)), "")
+    if unit == "°" and name != "half_angle_deg":
+        return Entry(key, label, unit, group, value, min(-_TURN, value), max(_TURN, value), 1.0)
+    if name in _WHOLE:
+        least = 3.0 if name == "sides" else 1.0
+        return Entry(key, label, unit, group, value, least, max(2 * value, least + 7), 1.0)
+    low, high, step = _reach(value)
+    if name == "turns_per_layer":
+        return Entry(key, label, unit, group, value, max(math.floor(low), 1.0), math.ceil(high), 1.0)
+    if name == "relative_permeability":
+        low = max(low, 1.0)
+    return Entry(key, label, unit, group, value, low, high, step)
+
+
+def _reach(value: float) -> tuple[float, float, float]:
+    """Half to twice a value, in steps of a hundredth of its decade."""
+    if value <= 0:
+        return min(value, 0.0), _EMPTY_REACH, _EMPTY_REACH / 100
+    step = 10.0 ** math.floor(math.log10(value)) / _STEPS_IN_A_DECADE
+    low, high = (round(round(bound / step) * step, 12) for bound in (value / 2, 2 * value))
+    return low, high, round(step, 12)

@@ -1,0 +1,211 @@
+"""Long work beside the page: a process of its own that tells how it goes on, can be stopped, and never outlives us."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import signal
+import threading
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from multiprocessing import get_context, resource_tracker
+from multiprocessing.connection import Connection
+from typing import Any, Literal
+
+from coilarray.errors import CoilarrayError
+from coilarray.viz.studio.services import Stopped, Tell
+
+Task = Callable[[Any, Tell, Stopped], Any]
+"""Function of a module: takes its item, a way to tell how it goes on, and whether it is to end; returns a result."""
+
+PATIENCE = 0.5
+"""Seconds that a process which was told to stop has to end by itself, where nothing else is said."""
+
+_GOODBYE = 5.0  # s that a killed process may take to be gone
+
+
+class Cancelled(Exception):  # noqa: N818 - it is no error
+    """Raised in the process of a job by `Tell` after it was told to stop."""
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """How a job ended.
+
+    Parameters
+    ----------
+    kind : {"done", "failed", "cancelled"}
+        "failed" where there is one line for people.
+    result : object
+        Of a job that is done.
+    problem : str
+        Why it failed.
+    """
+
+    kind: Literal["done", "failed", "cancelled"]
+    result: Any = None
+    problem: str = ""
+
+
+class Job:
+    """One task in a process of its own, from now on.
+
+    Parameters
+    ----------
+    task : callable
+        See `Task`.
+    item : object
+        What it takes; pickled.
+    on_message : callable
+        Called with everything that the task tells, in a thread of the job.
+    on_end : callable
+        Called once with the `Outcome`, in that thread too.
+    patience : float
+        Seconds that it has to end by itself after `stop`.
+    """
+
+    def __init__(
+        self,
+        task: Task,
+        item: Any,
+        on_message: Callable[[Any], None],
+        on_end: Callable[[Outcome], None],
+        *,
+        patience: float = PATIENCE,
+    ) -> None:
+        context = get_context("spawn")  # OpenMP kills forked children
+        self._connection, theirs = context.Pipe()
+        self._process = context.Process(
+            target=_serve, args=(theirs, pickle.dumps((task, item)), patience), daemon=True, name="coilarray-studio"
+        )
+        with _no_interrupt():  # an interrupt is for the studio, which then ends the job
+            self._process.start()
+        theirs.close()
+        self._patience = patience
+        self._stopped = threading.Event()
+        self._on_message, self._on_end = on_message, on_end
+        self._thread = threading.Thread(target=self._listen, daemon=True)
+        self._thread.start()
+
+    @property
+    def pid(self) -> int | None:
+        """Number of its process."""
+        return self._process.pid
+
+    @property
+    def running(self) -> bool:
+        """Whether its process is still there."""
+        return self._process.exitcode is None
+
+    def stop(self) -> None:
+        """Tell it to end; the outcome comes as of any other end. Returns at once; may be called again."""
+        if not self._stopped.is_set():
+            self._stopped.set()
+            with suppress(OSError):
+                self._connection.send("stop")
+            threading.Thread(target=self._end, daemon=True).start()
+
+    def close(self) -> None:
+        """Stop it, and wait until its process is gone."""
+        self.stop()
+        self._thread.join(self._patience + 2 * _GOODBYE)
+
+    def _listen(self) -> None:
+        outcome = Outcome("cancelled")
+        with suppress(EOFError, OSError):
+            while True:
+                kind, value = pickle.loads(self._connection.recv_bytes())
+                if kind == "end":
+                    outcome = value
+                    break
+                if not self._stopped.is_set():
+                    self._on_message(value)
+        self._process.join(_GOODBYE)
+        self._kill()
+        if self._stopped.is_set():
+            outcome = Outcome("cancelled")
+        elif outcome.kind == "cancelled":
+            code = self._process.exitcode
+            outcome = Outcome("failed", problem=f"the work ended with exit code {code}; is there memory enough?")
+        self._connection.close()
+        self._on_end(outcome)
+
+    def _end(self) -> None:
+        self._process.join(self._patience)
+        self._kill()
+
+    def _kill(self) -> None:
+        if self._process.exitcode is None:
+            self._process.kill()
+            self._process.join(_GOODBYE)
+
+
+def progress_of(tell: Tell) -> Callable[[int, int], None]:
+    """Return a `coilarray.blocks.Progress` that tells (done, total)."""
+
+    def progress(done: int, total: int) -> None:
+        tell((done, total))
+
+    return progress
+
+
+def _serve(connection: Connection, payload: bytes, patience: float) -> None:
+    """Do the task; ends with the connection at the latest."""
+    if hasattr(signal, "SIGTERM"):
+        signal.signal(signal.SIGTERM, _leave)
+    stopped = threading.Event()
+    lock = threading.Lock()
+
+    def send(kind: str, value: Any) -> None:
+        data = pickle.dumps((kind, value))
+        with lock, suppress(OSError):
+            connection.send_bytes(data)
+
+    def tell(message: Any) -> None:
+        if stopped.is_set():
+            raise Cancelled
+        send("message", message)
+
+    threading.Thread(target=_watch, args=(connection, stopped, patience), daemon=True).start()
+    try:
+        task, item = pickle.loads(payload)
+        outcome = Outcome("done", task(item, tell, stopped.is_set))
+    except (Cancelled, SystemExit, KeyboardInterrupt):
+        outcome = Outcome("cancelled")
+    except CoilarrayError as error:
+        outcome = Outcome("failed", problem=str(error))
+    except Exception as error:
+        traceback.print_exc()
+        outcome = Outcome("failed", problem=f"{type(error).__name__}: {error}")
+    send("end", outcome)
+    connection.close()
+
+
+def _watch(connection: Connection, stopped: threading.Event, patience: float) -> None:
+    """Wait for the word to stop, or for the studio to be gone; then the process ends, by itself or without asking."""
+    with suppress(EOFError, OSError):
+        connection.recv()
+    stopped.set()
+    time.sleep(patience)
+    os._exit(1)
+
+
+def _leave(number: int, _: object) -> None:
+    raise SystemExit(128 + number)
+
+
+@contextmanager
+def _no_interrupt() -> Iterator[None]:
+    """Block Ctrl-C while the block runs; a process that is started in it never gets one."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -1,0 +1,104 @@
+"""The tab of numbers: matrix of couplings or inductances, the coils, and the margins to the rules."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+from coilarray.design import Design
+from coilarray.geometry.rules import Margin
+from coilarray.viz.studio.calculator import Step
+from coilarray.viz.studio.numbers import (
+    Numbers,
+    coil_rows,
+    coupling_cells,
+    inductance_cells,
+    margin_rows,
+    margins_of,
+    numbers_of,
+)
+
+if TYPE_CHECKING:
+    from coilarray.viz.studio.page import Page
+
+_REST = 0.4  # s without a change after which everything is computed in full
+
+
+class NumbersPanel:
+    """What follows from the design in numbers.
+
+    Parameters
+    ----------
+    page : Page
+        Whose.
+    """
+
+    def __init__(self, page: Page) -> None:
+        self._page = page
+        self._numbers: tuple[Design, Numbers] | None = None
+        page.state.update(
+            {
+                "matrix_of": "k", "matrix": {"names": [], "k": [], "L": []}, "accuracy": "", "coil_rows": [],
+                "margins": [], "rules_kept": True, "numbers_problem": "", "rules_problem": "",
+            }
+        )  # fmt: skip
+
+    @property
+    def numbers(self) -> Numbers | None:
+        """Of the design as it is; None where they are not known yet."""
+        if self._numbers is None or not self._page.is_current(self._numbers[0]):
+            return None
+        return self._numbers[1]
+
+    def wait(self) -> None:
+        """Tell that the numbers shown are no longer those of the design."""
+        self._page.state.accuracy = "working"
+
+    def rough(self, design: Design) -> Step:
+        """Return the step that follows every change at once."""
+        return Step("rough", lambda: (design, numbers_of(design, "screen")), self._show, self._fail)
+
+    def full(self, design: Design) -> Step:
+        """Return the step that follows when changes have come to rest."""
+        return Step("full", lambda: (design, numbers_of(design)), self._show, self._fail, rest=_REST)
+
+    def rules(self, design: Design) -> Step:
+        """Return the step that measures the margins."""
+        return Step("rules", lambda: margins_of(design), self._show_margins, self._fail_rules, patience=2.0)
+
+    def _show(self, found: tuple[Design, Numbers]) -> None:
+        design, numbers = found
+        present = self.numbers
+        if numbers.accuracy == "screen" and present is not None and present.accuracy == "full":
+            return
+        self._numbers = found
+        state = self._page.state
+        with state:
+            state.matrix = {
+                "names": list(numbers.names),
+                "k": _plain(coupling_cells(numbers)),
+                "L": _plain(inductance_cells(numbers)),
+            }
+            state.accuracy = numbers.accuracy if self._page.is_current(design) else "screen"
+            state.coil_rows = [list(row) for row in coil_rows(numbers)]
+            state.numbers_problem = ""
+        self._page.switches.solve()
+
+    def _fail(self, problem: str) -> None:
+        with self._page.state as state:
+            state.numbers_problem = problem
+            state.accuracy = ""
+
+    def _show_margins(self, margins: tuple[Margin, ...]) -> None:
+        with self._page.state as state:
+            state.margins = [list(row) for row in margin_rows(margins)]
+            state.rules_kept = all(margin.kept for margin in margins)
+            state.rules_problem = ""
+
+    def _fail_rules(self, problem: str) -> None:
+        with self._page.state as state:
+            state.rules_problem = problem
+
+
+def _plain(cells: Any) -> list[list[dict[str, str]]]:
+    return [[asdict(cell) for cell in row] for row in cells]

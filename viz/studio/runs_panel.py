@@ -1,0 +1,141 @@
+"""The tab of optimisation runs: their points as they come, the Pareto front, and any of them taken over."""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import io
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+from coilarray.errors import CoilarrayError
+from coilarray.optimize.store import FILE
+from coilarray.viz.studio.runs import Run, front_rows, read_runs, run_folders
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from coilarray.viz.studio.page import Page
+
+_DPI = 110
+_EVERY = 3.0  # s
+
+
+class RunsPanel:
+    """Runs in the folders beside the designs.
+
+    Parameters
+    ----------
+    page : Page
+        Whose.
+    """
+
+    def __init__(self, page: Page) -> None:
+        self._page = page
+        self._runs: tuple[Run, ...] = ()
+        self._stamp: tuple[int, ...] = ()
+        self._watching: asyncio.Task[None] | None = None
+        page.state.update(
+            {
+                "run_folders": [], "run_folder": "", "run_names": [], "run_name": "", "run_axes": [], "run_x": "",
+                "run_y": "", "run_picture": "", "run_told": "", "run_front": [], "runs_problem": "",
+            }
+        )  # fmt: skip
+        page.trigger("look_for_runs", self._look)
+        page.trigger("read_runs", self._read)
+        page.trigger("show_run", self._show)
+        page.trigger("take_point", self._take)
+
+    def _look(self) -> None:
+        state = self._page.state
+        state.run_folders = run_folders(self._page.setup.shelf.folder)
+        state.runs_problem = "" if state.run_folders else (
+            f"no folder in {self._page.setup.shelf.folder} holds a {FILE}; coilarray optimize makes one."
+        )  # fmt: skip
+
+    async def _read(self, name: str) -> None:
+        """Read a run's folder; again where the search goes on."""
+        state = self._page.state
+        if name not in run_folders(self._page.setup.shelf.folder):
+            return
+        folder = self._page.setup.shelf.folder / name
+        self._stamp = _stamp(folder)
+        try:
+            self._runs = await asyncio.to_thread(read_runs, folder)
+        except CoilarrayError as error:
+            with state:
+                state.runs_problem = str(error)
+            return
+        with state:
+            state.runs_problem = ""
+            state.run_folder = name
+            state.run_names = [run.name for run in self._runs]
+            if state.run_name not in state.run_names:
+                state.run_name = state.run_names[0] if state.run_names else ""
+        await self._show(state.run_name, state.run_x, state.run_y)
+        if self._watching is None or self._watching.done():
+            self._watching = asyncio.create_task(self._follow())
+
+    async def _follow(self) -> None:
+        """Read a run again as its search goes on, while it is looked at."""
+        state = self._page.state
+        while state.tab == "runs" and state.run_folder:
+            await asyncio.sleep(_EVERY)
+            if _stamp(self._page.setup.shelf.folder / state.run_folder) != self._stamp:
+                await self._read(state.run_folder)
+
+    def close(self) -> None:
+        """Follow no run any more."""
+        if self._watching is not None:
+            self._watching.cancel()
+
+    async def _show(self, name: str, x: str, y: str) -> None:
+        run = next((one for one in self._runs if one.name == name), None)
+        if run is None:
+            return
+        axes = list(dict.fromkeys((*run.objectives, *run.quantities)))
+        first = x if x in axes else axes[0]
+        second = y if y in axes else axes[1] if len(axes) > 1 else axes[0]
+        picture = await asyncio.to_thread(_picture, run, first, second) if run.points else ""
+        state = self._page.state
+        kept = sum(point.feasible for point in run.points)
+        with state:
+            state.run_name, state.run_axes, state.run_x, state.run_y = run.name, axes, first, second
+            state.run_picture = picture
+            state.run_told = f"{run.tried} points tried, {kept} keep all bounds, {len(run.front)} on the front"
+            state.run_front = front_rows(run)
+
+    def _take(self, name: str) -> None:
+        """Give the design the entries of a point."""
+        run = next((one for one in self._runs if one.name == self._page.state.run_name), None)
+        point = None if run is None else next((one for one in run.points if one.name == name), None)
+        if point is None:
+            return
+        try:
+            self._page.take(self._page.work.with_entries(point.entries))
+        except CoilarrayError as error:
+            self._page.state.runs_problem = str(error)
+
+
+def _stamp(folder: Path) -> tuple[int, ...]:
+    """When the study in a folder was last written, with its journal."""
+    times = []
+    for name in (FILE, f"{FILE}-wal"):
+        try:
+            times.append((folder / name).stat().st_mtime_ns)
+        except OSError:
+            times.append(0)
+    return tuple(times)
+
+
+def _picture(run: Run, x: str, y: str) -> str:
+    """Draw the points over two quantities as an image that stands in the page itself."""
+    from coilarray.viz.optimize_plots import plot_front
+
+    values: Any = list(zip(run.values(x), run.values(y), strict=True))
+    two = (x, y) == run.objectives[:2] and len(run.maximized) == 2
+    stairs: Any = ("pre" if run.maximized[0] else "post") if two else None
+    axes = plot_front(values, [point.feasible for point in run.points], run.front, labels=(x, y), stairs=stairs)
+    buffer = io.BytesIO()
+    cast("Figure", axes.figure).savefig(buffer, format="png", dpi=_DPI)
+    return f"data:image/png;base64,{base64.b64encode(buffer.getvalue()).decode('ascii')}"

@@ -1,0 +1,104 @@
+"""The picture in three dimensions: which scene belongs to the present tab, and switches for its groups."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, get_args
+
+from coilarray.design import Design
+from coilarray.viz.scenes import Scene, Side
+from coilarray.viz.studio.calculator import Step
+from coilarray.viz.studio.legend import legend_of
+from coilarray.viz.studio.scene_making import BoardParts, board_parts, plain_scene
+from coilarray.viz.studio.view import SceneView
+
+if TYPE_CHECKING:
+    from coilarray.viz.studio.page import Page
+
+_PATIENCE = 1.5  # s that a scene may be late while a slider moves
+
+
+class ScenePanel:
+    """The view and what it shows.
+
+    Parameters
+    ----------
+    page : Page
+        Whose.
+    """
+
+    def __init__(self, page: Page) -> None:
+        self._page = page
+        self._parts: BoardParts | None = None
+        problem = page.setup.rendering_problem
+        self._view = None if problem else SceneView(page.server, self._at_rest)
+        page.state.update(
+            {
+                "scene_problem": problem or "",
+                "scene_rests": False,
+                "scene_sides": list(get_args(Side)),
+                "hidden_groups": [],
+                "legend": legend_of(Scene()),
+            }
+        )
+        page.trigger("look_from", self._look_from)
+        page.trigger("toggle_group", self._toggle)
+
+    @property
+    def html(self) -> str:
+        """The view as the page has it; empty where nothing can be rendered."""
+        return "" if self._view is None else str(self._view.widget.html)
+
+    def steps(self) -> list[Step]:
+        """Return the step that makes the scene of the present tab; none where nothing can be rendered."""
+        if self._view is None:
+            return []
+        design, tab = self._page.work.design, str(self._page.state.tab)
+        return [Step("scene", lambda: self._scene(design, tab), self._show, self._fail, patience=_PATIENCE)]
+
+    def close(self) -> None:
+        """Let go of the window."""
+        if self._view is not None:
+            self._view.close()
+
+    def _scene(self, design: Design, tab: str) -> Scene:
+        """Make a scene, in a thread."""
+        makers: dict[str, Callable[[Design, BoardParts], Scene | None]] = {
+            "switches": self._page.switches.scene,
+            "touch": self._page.touch.scene,
+            "board": self._page.board.scene,
+        }
+        scene = None
+        if tab in makers:
+            if self._parts is None or self._parts.design is not design:
+                self._parts = board_parts(design)
+            scene = makers[tab](design, self._parts)
+        return plain_scene(design) if scene is None else scene
+
+    def _show(self, scene: Scene) -> None:
+        if self._view is None:
+            return
+        state = self._page.state
+        with state:
+            state.legend = legend_of(scene)
+            state.scene_problem = ""
+        self._view.show(scene)
+
+    def _fail(self, problem: str) -> None:
+        with self._page.state as state:
+            state.scene_problem = problem
+
+    def _at_rest(self, rests: bool) -> None:
+        with self._page.state as state:
+            state.scene_rests = rests
+
+    def _look_from(self, side: Side) -> None:
+        if self._view is not None and side in get_args(Side):
+            self._view.look_from(side)
+
+    def _toggle(self, name: str) -> None:
+        state = self._page.state
+        hidden = set(state.hidden_groups) ^ {name}
+        state.hidden_groups = sorted(hidden)
+        if self._view is not None:
+            self._view.hide(hidden)

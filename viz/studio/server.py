@@ -1,0 +1,404 @@
+"""The studio's web server: who may come in, one session for each page, and an end that leaves nothing behind."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import errno
+import gc
+import hmac
+import os
+import re
+import secrets
+import signal
+import socket
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from coilarray.errors import CoilarrayError, OutputError
+from coilarray.geometry.extras import import_extra
+from coilarray.viz.offscreen import rendering_problem
+from coilarray.viz.studio.services import Services
+from coilarray.viz.studio.shelf import Shelf
+from coilarray.viz.studio.work import Work
+
+if TYPE_CHECKING:
+    from aiohttp import web
+
+    from coilarray.viz.studio.page import Page
+
+LOOPBACK = "127.0.0.1"
+"""Where the studio listens unless it is told otherwise: for this computer alone."""
+
+_OWN_HOSTS = ("127.0.0.1", "localhost", "[::1]")
+_LARGEST_MESSAGE = 10_000_000  # bytes from the page
+_HEARTBEAT = 20.0  # s after which a page that does not answer is gone
+_UNUSED = 60.0  # s that a session waits for its page to connect
+_GOING_AWAY = 1001  # of RFC 6455
+_GOODBYE = 2.0  # s that requests have to end
+_THREADS = 2
+_MOST_PAGES = 12
+_MOST_TABS = 200  # whose design is kept for a reload
+_POLICY = (
+    "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; style-src 'self' 'unsafe-inline'; "
+    "img-src 'self' data: blob:; font-src 'self' data:; connect-src 'self' ws: wss:; worker-src 'self' blob:"
+)
+_HEADERS = {
+    "Content-Security-Policy": _POLICY,
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cache-Control": "no-cache",
+}
+# a tab keeps its name through a reload, and another tab has another one
+_TAB = """<script>
+const part = () => Math.random().toString(36).slice(2);
+if (!sessionStorage.studioTab) sessionStorage.studioTab = part() + part() + part();
+document.documentElement.dataset.sessionManagerUrl = "open/" + sessionStorage.studioTab;
+</script>"""
+
+
+@dataclass(frozen=True)
+class Address:
+    """Where the studio is served.
+
+    Parameters
+    ----------
+    host : str
+        Name or number that it listens on.
+    port : int
+        0 takes a free one.
+    token : str
+        That every browser must give; empty for none, which is right for this computer alone.
+    """
+
+    host: str
+    port: int
+    token: str = ""
+
+
+def check_studio() -> None:
+    """Refuse where a library of the studio is missing, before anything is computed: MissingDependencyError."""
+    for module, package in (
+        ("trame.app", "trame"),
+        ("trame.ui.vuetify3", "trame-vuetify"),
+        ("trame_vtk.modules.vtk", "trame-vtk"),
+        ("aiohttp", "aiohttp"),
+    ):
+        import_extra(module, "pages of the studio", package=package, extra="studio")
+
+
+def new_token() -> str:
+    """Return a token that nobody guesses."""
+    return secrets.token_urlsafe(24)
+
+
+def bind(address: Address) -> socket.socket:
+    """Take the port, before anything is computed.
+
+    Raises
+    ------
+    OutputError
+        A port that is in use or not allowed, or a host that is none of this computer's: one line.
+    """
+    if not 0 <= address.port <= 65535:
+        raise OutputError(f"--port must be 0 to 65535; got {address.port}.")
+    try:
+        kind, _, _, _, place = socket.getaddrinfo(
+            address.host, address.port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
+        )[0]
+        listening = socket.socket(kind, socket.SOCK_STREAM)
+    except (OSError, UnicodeError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise OutputError(
+            f"--host must be a name or number of this computer; got {address.host!r} ({reason})."
+        ) from None
+    try:
+        if os.name == "posix":
+            listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listening.bind(place)
+        listening.listen(64)
+    except OSError as error:
+        listening.close()
+        if error.errno == errno.EADDRINUSE:
+            raise OutputError(
+                f"port {address.port} is in use; give another one with --port, or --port 0 for any that is free."
+            ) from None
+        raise OutputError(f"cannot listen on {address.host}, port {address.port}: {error.strerror}.") from None
+    return listening
+
+
+def serve(
+    work: Work,
+    shelf: Shelf,
+    services: Services,
+    address: Address,
+    listening: socket.socket,
+    *,
+    linger: float,
+    ready: Callable[[str], None],
+) -> None:
+    """Serve the studio until it is stopped, or until the last page has been closed for a while.
+
+    Parameters
+    ----------
+    work : Work
+        Design that a new page begins with.
+    shelf : Shelf
+        Where designs are.
+    services : Services
+        What comes from outside.
+    address : Address
+        Where it listens.
+    listening : socket
+        From `bind`.
+    linger : float
+        Seconds without a page, after there was one, that it goes on; 0 goes on until it is stopped.
+    ready : callable
+        Called with the address of the page once it can be opened.
+    """
+    os.environ.setdefault("TRAME_ARGS", "")  # trame would read our command line as its own
+    asyncio.run(_Studio(work, shelf, services, address, linger).run(listening, ready))
+
+
+class _Studio:
+    """Sessions and routes; made for one `run`."""
+
+    def __init__(self, work: Work, shelf: Shelf, services: Services, address: Address, linger: float) -> None:
+        self._work, self._shelf, self._services = work, shelf, services
+        self._address, self._linger = address, linger
+        self._pages: dict[str, Page] = {}
+        self._talking: set[web.WebSocketResponse] = set()
+        self._tabs: dict[str, Work] = {}
+        self._of_page: dict[str, str] = {}
+        self._static: dict[str, Path] = {}
+        self._cookie = ""
+        self._had_page = False
+        self._unused: dict[str, asyncio.TimerHandle] = {}
+        self._ending: asyncio.TimerHandle | None = None
+        self._port = address.port
+
+    async def run(self, listening: socket.socket, ready: Callable[[str], None]) -> None:
+        from aiohttp import web
+
+        self._stop = asyncio.Event()
+        loop = asyncio.get_running_loop()
+        for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+            if hasattr(signal, name):
+                with contextlib.suppress(NotImplementedError, RuntimeError, ValueError):
+                    loop.add_signal_handler(getattr(signal, name), self._stop.set)
+        self._port = listening.getsockname()[1]
+        self._cookie = f"coilarray_studio_{self._port}"
+        with ThreadPoolExecutor(max_workers=_THREADS) as threads:
+            self._threads = threads
+            problem = loop.run_in_executor(threads, rendering_problem)
+
+            @web.middleware
+            async def guard(request: web.Request, handler: Callable[..., Any]) -> web.StreamResponse:
+                return await self._guard(request, handler)
+
+            app = web.Application(middlewares=[guard])
+            app.router.add_get("/", self._index)
+            app.router.add_post("/open/{tab}", self._open)
+            app.router.add_get("/ws/{key}", self._talk)
+            app.router.add_get("/favicon.ico", self._nothing)
+            app.router.add_get("/loading.tpl", self._loading)
+            app.router.add_get("/files/{path:.+}", self._file)
+            app.router.add_get("/{path:.+}", self._asset)
+            runner = web.AppRunner(app, access_log=None, handle_signals=False, shutdown_timeout=_GOODBYE)
+            await runner.setup()
+            try:
+                self._problem = await problem
+                await web.SockSite(runner, listening).start()
+                ready(self._url())
+                await self._stop.wait()
+            finally:
+                await self._close_all()
+                await runner.cleanup()
+                threads.shutdown(wait=False, cancel_futures=True)
+
+    # ------------------------------------------------------------------------ who may come in
+
+    async def _guard(self, request: web.Request, handler: Callable[..., Any]) -> web.StreamResponse:
+        """Refuse other names of this computer, other pages' scripts, and whoever lacks the token."""
+        from aiohttp import web
+
+        problem = self._refusal(request)
+        if problem:
+            return web.Response(status=403, text=f"coilarray studio: {problem}\n", headers=_HEADERS)
+        response: web.StreamResponse = await handler(request)
+        if not response.prepared:
+            response.headers.update(_HEADERS)
+            if self._address.token:
+                response.set_cookie(self._cookie, self._address.token, httponly=True, samesite="Strict", path="/")
+        return response
+
+    def _refusal(self, request: web.Request) -> str:
+        host = request.headers.get("Host", "")
+        origin = request.headers.get("Origin")
+        if origin is not None and origin.partition("://")[2] != host:
+            return "a request from another page."
+        if not self._address.token:
+            if host.rpartition(":")[0] not in _OWN_HOSTS and host not in _OWN_HOSTS:
+                return "it is served to this computer alone."
+            return ""
+        given = request.query.get("token") or request.cookies.get(self._cookie, "")
+        if not hmac.compare_digest(given.encode(), self._address.token.encode()):
+            return "the address lacks its token; open the one that coilarray studio printed."
+        return ""
+
+    # ------------------------------------------------------------------------ what is served
+
+    async def _index(self, _: web.Request) -> web.Response:
+        from aiohttp import web
+
+        text = (_client_folder() / "index.html").read_text(encoding="utf-8")
+        text = re.sub("<title>.*?</title>", "<title>coilarray studio</title>", text)
+        return web.Response(text=text.replace("<head>", f"<head>{_TAB}", 1), content_type="text/html")
+
+    async def _loading(self, _: web.Request) -> web.Response:
+        """Return what the page shows until its session is there."""
+        from aiohttp import web
+
+        return web.Response(text='<p style="font-family: sans-serif; padding: 2em">coilarray studio …</p>')
+
+    async def _nothing(self, _: web.Request) -> web.Response:
+        from aiohttp import web
+
+        return web.Response(status=204)
+
+    async def _open(self, request: web.Request) -> web.Response:
+        """Make a session for a page that has been loaded, with the design that its tab had."""
+        from aiohttp import web
+
+        from coilarray.viz.studio.page import Page, Setup
+
+        if len(self._pages) >= _MOST_PAGES:
+            return web.json_response({"error": f"the studio serves at most {_MOST_PAGES} pages at once"}, status=503)
+        tab = request.match_info["tab"]
+        setup = Setup(self._shelf, self._services, self._threads, self._problem)
+        try:
+            page = Page(setup, self._tabs.get(tab, self._work))
+        except CoilarrayError as error:
+            return web.json_response({"error": str(error)}, status=503)
+        self._pages[page.key], self._of_page[page.key] = page, tab
+        self._static.update({name: Path(_folder(place)) for name, place in page.server.serve.items()})
+        self._expect(page.key)
+        return web.json_response({"sessionURL": f"ws://USE_HOST/ws/{page.key}", "secret": page.secret})
+
+    async def _talk(self, request: web.Request) -> web.StreamResponse:
+        """Carry messages between a page and its session."""
+        from aiohttp import WSMsgType, web
+
+        page = self._pages.get(request.match_info["key"])
+        if page is None or page.endpoint is None:
+            raise web.HTTPNotFound
+        if request.match_info["key"] in self._unused:
+            self._unused.pop(request.match_info["key"]).cancel()
+        socket_ = web.WebSocketResponse(max_msg_size=_LARGEST_MESSAGE, heartbeat=_HEARTBEAT, compress=False)
+        await socket_.prepare(request)
+        self._had_page = True
+        if self._ending is not None:
+            self._ending.cancel()
+        self._talking.add(socket_)
+        client = await page.endpoint.connect()
+
+        async def send(_: bool, data: bytes) -> None:
+            with contextlib.suppress(ConnectionError):
+                if not socket_.closed:
+                    await socket_.send_bytes(data)
+
+        client.on_message(send)
+        try:
+            async for message in socket_:
+                if message.type == WSMsgType.BINARY:
+                    await client.send(True, message)
+        finally:
+            self._talking.discard(socket_)
+            await page.endpoint.disconnect(client.client_id)
+            await self._close(page.key)
+        return socket_
+
+    async def _file(self, request: web.Request) -> web.StreamResponse:
+        """Serve a report that a page has written into the folder of the designs."""
+        return _file_of(self._shelf.folder, request.match_info["path"], (".html",))
+
+    async def _asset(self, request: web.Request) -> web.StreamResponse:
+        """Serve scripts, styles and fonts, all of them from installed packages."""
+        name, _, rest = request.match_info["path"].partition("/")
+        if name in self._static:
+            return _file_of(self._static[name], rest)
+        return _file_of(_client_folder(), request.match_info["path"])
+
+    # ------------------------------------------------------------------------ how it ends
+
+    def _url(self) -> str:
+        host = self._address.host
+        if host in ("0.0.0.0", "::", ""):
+            host = socket.gethostname()
+        shown = f"[{host}]" if ":" in host else host
+        token = f"?token={self._address.token}" if self._address.token else ""
+        return f"http://{shown}:{self._port}/{token}"
+
+    def _expect(self, key: str) -> None:
+        """Give a session up whose page never connects."""
+        loop = asyncio.get_running_loop()
+        self._unused[key] = loop.call_later(_UNUSED, lambda: loop.create_task(self._close(key)))
+
+    async def _close(self, key: str) -> None:
+        """End the session of a page that is gone; keep its design for when it is loaded again."""
+        page = self._pages.pop(key, None)
+        if page is None:
+            return
+        if key in self._unused:
+            self._unused.pop(key).cancel()
+        tab = self._of_page.pop(key)
+        self._tabs.pop(tab, None)
+        self._tabs[tab] = page.work
+        while len(self._tabs) > _MOST_TABS:
+            del self._tabs[next(iter(self._tabs))]
+        await page.close()
+        del page
+        gc.collect()  # a page is full of cycles, and each holds a window and threads of VTK
+        if not self._pages and self._had_page and self._linger > 0:
+            self._ending = asyncio.get_running_loop().call_later(self._linger, self._end_unused)
+
+    def _end_unused(self) -> None:
+        if not self._pages:
+            self._stop.set()
+
+    async def _close_all(self) -> None:
+        if self._ending is not None:
+            self._ending.cancel()
+        await asyncio.gather(*(one.close(code=_GOING_AWAY) for one in list(self._talking)))
+        await asyncio.gather(*(self._close(key) for key in list(self._pages)))
+
+
+def _client_folder() -> Path:
+    from trame_client.module import vue3
+
+    return Path(vue3.www)
+
+
+def _folder(place: Any) -> str:
+    """Return the folder of what a module of trame serves: a path, or a path and how it is loaded."""
+    return str(place[0]) if isinstance(place, list | tuple) else str(place)
+
+
+def _file_of(folder: Path, name: str, suffixes: tuple[str, ...] = ()) -> web.StreamResponse:
+    """Return a file below a folder, and none beside it."""
+    from aiohttp import web
+
+    try:
+        path = (folder / name).resolve()
+        inside = path.is_relative_to(folder.resolve()) and path.is_file()
+    except (OSError, ValueError):
+        inside = False
+    if not inside or (suffixes and path.suffix not in suffixes):
+        raise web.HTTPNotFound
+    return web.FileResponse(path)
+
+
+__all__ = ["LOOPBACK", "Address", "bind", "check_studio", "new_token", "serve"]

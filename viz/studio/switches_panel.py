@@ -1,0 +1,95 @@
+"""The tab of switches: measure, ground or open for each coil; what the converter sees and the field follow."""
+
+from __future__ import annotations
+
+import cmath
+import math
+from typing import TYPE_CHECKING, Any
+
+from coilarray.design import Design
+from coilarray.errors import NetworkError
+from coilarray.network import StateResult
+from coilarray.viz.scenes import Scene
+from coilarray.viz.studio.scene_making import BoardParts, switched_scene
+from coilarray.viz.studio.switching import SETTINGS, Setting, UnitFields, kept_settings, switched, unit_fields
+
+if TYPE_CHECKING:
+    from coilarray.viz.studio.page import Page
+
+
+class SwitchesPanel:
+    """States that are chosen by hand.
+
+    Parameters
+    ----------
+    page : Page
+        Whose.
+    """
+
+    def __init__(self, page: Page) -> None:
+        self._page = page
+        self._result: StateResult | None = None
+        self._fields: tuple[Design, UnitFields] | None = None
+        page.state.update({"settings": {}, "switched": [], "currents": [], "switch_problem": ""})
+        page.trigger("switch", self._switch)
+
+    def show(self, design: Design) -> None:
+        """Keep what was chosen for coils that are still there."""
+        self._page.state.settings = kept_settings(design.array.names, self._page.state.settings)
+        self._result = None
+
+    def solve(self) -> None:
+        """Solve the state with the present numbers, which takes some milliseconds."""
+        numbers, state = self._page.numbers.numbers, self._page.state
+        if numbers is None:
+            return
+        with state:
+            try:
+                self._result = switched(self._page.work.design, numbers.inductance, state.settings)
+            except NetworkError as error:
+                self._result = None
+                state.switched, state.currents, state.switch_problem = [], [], str(error)
+            else:
+                state.switched, state.switch_problem = _rows(self._result), ""
+                state.currents = _currents(self._page.work.design, self._result)
+
+    def scene(self, design: Design, board: BoardParts) -> Scene | None:
+        """Return the scene of the state; None where there is none to be shown. Computed in a thread."""
+        result = self._result
+        if result is None or len(result.currents) != len(design.array.names):
+            return None
+        if self._fields is None or self._fields[0] is not design:
+            self._fields = design, unit_fields(design)
+        return switched_scene(board, self._fields[1], result)
+
+    def _switch(self, name: str, setting: Setting) -> None:
+        state = self._page.state
+        if name not in state.settings or setting not in SETTINGS:
+            return
+        state.settings = {**state.settings, name: setting}
+        self.solve()
+        self._page.redraw()
+
+
+def _rows(result: StateResult) -> list[list[str]]:
+    """Label, number and unit of what the converter sees, with all digits of the number."""
+    values = (
+        ("L_eff", result.effective_inductance, 1e6, "µH", 3),
+        ("R_eff", result.effective_resistance, 1.0, "Ω", 2),
+        ("resonance", result.frequency, 1e-6, "MHz", 4),
+        ("Q", result.quality_factor, 1.0, "", 1),
+        ("R_p", result.parallel_resistance, 1e-3, "kΩ", 2),
+    )
+    return [
+        [name, f"{value * factor:.{digits}f}" if math.isfinite(value) else "∞", unit, repr(float(value))]
+        for name, value, factor, unit, digits in values
+    ]
+
+
+def _currents(design: Design, result: StateResult) -> list[dict[str, Any]]:
+    """Amount and phase of every coil's current against that of the first measured one."""
+    rows = []
+    for name, current in zip(design.array.names, result.currents.tolist(), strict=True):
+        angle = math.degrees(cmath.phase(current)) if abs(current) > 1e-9 else 0.0
+        rows.append({"name": name, "amount": f"{abs(current):.4f}", "phase": f"{angle:+.0f}°".replace("-", "−")})
+    return rows

@@ -1,0 +1,157 @@
+"""Switch states chosen by hand: which coils are measured, grounded or open, what the converter sees, and the field."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+from coilarray.design import Design
+from coilarray.errors import NetworkError
+from coilarray.field import grid_points, magnetic_field
+from coilarray.network import Network, StateResult, resonate
+from coilarray.resistance import dc_resistance
+from coilarray.terminations import ScanState
+from coilarray.viz.datasets.field import AMOUNT, FIELD, field_grid, require_memory
+from coilarray.viz.scenes.field_places import Span
+
+if TYPE_CHECKING:
+    import pyvista
+
+FloatArray = npt.NDArray[np.float64]
+
+Setting = Literal["measure", "ground", "open"]
+"""What is done with a coil."""
+
+SETTINGS: tuple[Setting, ...] = get_args(Setting)
+SPACING = 1e-3
+"""Of the points of the field's plane in m."""
+
+
+@dataclass(frozen=True, eq=False)
+class UnitFields:
+    """B of one ampere in every coil alone, on a level plane.
+
+    Parameters
+    ----------
+    x, y : ndarray, shape (nx,), (ny,)
+        In m.
+    height : float
+        Of the plane above the board in m.
+    fields : ndarray, shape (coils, nx, ny, 1, 3)
+        In T/A.
+    """
+
+    x: FloatArray
+    y: FloatArray
+    height: float
+    fields: FloatArray
+
+    def plane(self, currents: npt.ArrayLike) -> pyvista.RectilinearGrid:
+        """Return the field of some currents.
+
+        Parameters
+        ----------
+        currents : array_like, shape (coils,)
+            In A.
+
+        Returns
+        -------
+        pyvista.RectilinearGrid
+            In mm, with the point arrays ``"B (T)"`` and ``"|B| (T)"``, as `coilarray.viz.datasets.flux_density`.
+        """
+        B = np.tensordot(np.asarray(currents, dtype=np.float64), self.fields, axes=1)
+        grid = field_grid(self.x, self.y, [self.height], B)
+        grid.point_data[AMOUNT] = np.linalg.norm(grid.point_data[FIELD], axis=1)
+        return grid
+
+
+def first_settings(names: Sequence[str]) -> dict[str, Setting]:
+    """Return what the switches begin with: the middle coil is measured, all others are grounded."""
+    middle = (len(names) - 1) // 2
+    return {name: "measure" if k == middle else "ground" for k, name in enumerate(names)}
+
+
+def kept_settings(names: Sequence[str], settings: Mapping[str, Setting]) -> dict[str, Setting]:
+    """Return settings for other coils: what was said of those that are still there."""
+    kept: dict[str, Setting] = {name: settings.get(name, "ground") for name in names}
+    return kept if "measure" in kept.values() else first_settings(names)
+
+
+def state_of(settings: Mapping[str, Setting]) -> ScanState:
+    """Return the state of the multiplexer; several measured coils are in series.
+
+    Raises
+    ------
+    NetworkError
+        No coil is measured.
+
+    Examples
+    --------
+    >>> state = state_of({"a": "measure", "b": "open", "c": "ground"})
+    >>> state.measured, state.others, state.exceptions
+    ((('a', 1),), 'ground', {'b': 'open'})
+    """
+    measured = tuple((name, 1) for name, setting in settings.items() if setting == "measure")
+    if not measured:
+        raise NetworkError("at least one coil must be measured.")
+    opened = [name for name, setting in settings.items() if setting == "open"]
+    name = " + ".join(name for name, _ in measured)
+    return ScanState(name, measured, others="ground", exceptions=dict.fromkeys(opened, "open"))
+
+
+def switched(design: Design, inductance: FloatArray, settings: Mapping[str, Setting]) -> StateResult:
+    """Solve what the converter sees where it oscillates, with the switches of the design.
+
+    Parameters
+    ----------
+    design : Design
+        Its switches and tank count, its windings' own capacitance does not.
+    inductance : ndarray, shape (n, n)
+        In H.
+    settings : mapping of str to {"measure", "ground", "open"}
+        Of every coil.
+
+    Returns
+    -------
+    StateResult
+
+    Raises
+    ------
+    NetworkError
+        No measured coil, or a state without a resonance.
+    """
+    n = len(design.array.names)
+    resistance = np.diag(dc_resistance(design.array.conductors(), design.circuit.resistivity))
+    network = Network(
+        design.array.names, inductance, lambda frequency: resistance, np.zeros(n), np.zeros((n, n)),
+        design.circuit.switches,
+    )  # fmt: skip
+    return resonate(network, state_of(settings))
+
+
+def unit_fields(design: Design, spacing: float = SPACING) -> UnitFields:
+    """Compute B of every coil on the plane at the design's field height; any currents then take no time.
+
+    Parameters
+    ----------
+    design : Design
+        The board.
+    spacing : float
+        Of the points in m, at most.
+
+    Raises
+    ------
+    GeometryError
+        Too many points.
+    """
+    x_min, y_min, x_max, y_max = design.array.bounds
+    x, y = Span(x_min, x_max, spacing), Span(y_min, y_max, spacing)
+    conductors = design.array.conductors()
+    require_memory(x.count * y.count * len(conductors), f"a spacing of {spacing * 1e3:g} mm")
+    points = grid_points(x.points, y.points, design.field_height)
+    fields = np.stack([magnetic_field([conductor], points) for conductor in conductors])
+    return UnitFields(x.points, y.points, design.field_height, fields)

@@ -1,0 +1,164 @@
+"""The board from above in millimetres, as a page draws it: y upwards on the board, downwards on the screen."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.special import chdtri
+
+from coilarray.design import Design
+from coilarray.localize.inverse import Location
+from coilarray.viz.palette import COILS, INK, cycled
+from coilarray.viz.scenes.scene import symmetric
+from coilarray.viz.studio.touch import Touched
+
+_RIM = 0.02  # of the board's width, around it
+_DIGITS = 3  # µm
+_LEAST = 0.35  # mm, semi-axis of an ellipse that is seen
+_CONFIDENCE = 0.95
+
+
+@dataclass(frozen=True)
+class TopView:
+    """Where things are on a drawing of the board.
+
+    Parameters
+    ----------
+    left, top, width, height : float
+        Of the drawing in mm; y counts downwards from that of the board turned round.
+    origin : tuple of float
+        Of the response map on the board in m.
+    """
+
+    left: float
+    top: float
+    width: float
+    height: float
+    origin: tuple[float, float]
+
+    def place(self, across: float, down: float) -> tuple[float, float]:
+        """Return x and y in m from the map's origin, of a point that is told in parts of the drawing.
+
+        Examples
+        --------
+        >>> TopView(-10.0, -5.0, 20.0, 10.0, (0.0, 0.0)).place(0.75, 0.25)
+        (0.005, 0.0025)
+        """
+        x = (self.left + across * self.width) * 1e-3 - self.origin[0]
+        y = -(self.top + down * self.height) * 1e-3 - self.origin[1]
+        return x, y
+
+    def point(self, x: float, y: float) -> tuple[float, float]:
+        """Return a place in m from the map's origin as a point of the drawing in mm; the reverse of `place`."""
+        return _mm(x + self.origin[0]), -_mm(y + self.origin[1])
+
+
+def top_view(design: Design) -> TopView:
+    """Return the drawing that holds a board."""
+    x_min, y_min, x_max, y_max = (edge * 1e3 for edge in design.array.bounds)
+    rim = _RIM * (x_max - x_min)
+    origin = (0.0, 0.0) if design.indentation is None else design.indentation.origin_point
+    return TopView(x_min - rim, -y_max - rim, x_max - x_min + 2 * rim, y_max - y_min + 2 * rim, origin)
+
+
+def board_drawing(design: Design, view: TopView) -> dict[str, Any]:
+    """Return edge and coils of a board as plain values for the page, in mm."""
+    x_min, y_min, x_max, y_max = (edge * 1e3 for edge in design.array.bounds)
+    colours = cycled(COILS, design.array.names)
+    coils = []
+    for place in design.array.placements:
+        outline = place.to_board(place.coil.outline) * 1e3
+        x, y = design.array.centres[design.array.names.index(place.name)] * 1e3
+        points = " ".join(f"{round(px, _DIGITS)},{round(-py, _DIGITS)}" for px, py in outline.tolist())
+        coils.append(
+            {"name": place.name, "points": points, "colour": colours[place.name], "x": float(x), "y": -float(y)}
+        )
+    return {
+        "box": f"{view.left:.3f} {view.top:.3f} {view.width:.3f} {view.height:.3f}",
+        "ratio": round(view.width / view.height, 4),
+        "board": {"x": x_min, "y": -y_max, "width": x_max - x_min, "height": y_max - y_min},
+        "letter": round(0.16 * (y_max - y_min), 3),
+        "line": round(0.0022 * view.width, 3),
+        "coils": coils,
+    }
+
+
+def touch_drawing(design: Design, view: TopView, touch: Touched) -> dict[str, Any]:
+    """Return the marks of a touch: indenter, the paper's ellipses, what was located, and the colours of the coils."""
+    colours = cycled(COILS, design.array.names)
+    x, y = view.point(*touch.at)
+    radius = 0.0 if design.indentation is None else design.indentation.indenter.radius_at(touch.depth) * 1e3
+    coil_of = coil_of_state(design)
+    ellipses = []
+    for state, one in touch.ellipses.items():
+        cx, cy = view.point(one.x0, 0.0)
+        ellipses.append(
+            {"x": cx, "y": cy, "rx": _mm(one.A), "ry": _mm(one.B), "colour": colours.get(coil_of.get(state, ""), INK)}
+        )
+    crossing = None
+    if touch.crossing is not None:
+        crossing = [view.point(touch.crossing.x, sign * touch.crossing.y) for sign in (1, -1)]
+    return {
+        "indenter": {"x": x, "y": y, "r": max(radius, 0.5)},
+        "ellipses": ellipses,
+        "crossing": crossing or [],
+        "pins": pins(view, touch.location),
+        "fills": delta_fills(design, touch.delta),
+    }
+
+
+def pins(view: TopView, location: Location) -> list[dict[str, Any]]:
+    """Return positions that fit a reading, each with its 95 % ellipse, the best first."""
+    marks = []
+    for k, mode in enumerate(location.modes):
+        x, y = view.point(mode.x, mode.y)
+        mark: dict[str, Any] = {"x": x, "y": y, "best": k == 0, "rx": 0.0, "ry": 0.0, "turn": 0.0}
+        covariance = mode.covariance[:2, :2]
+        if np.isfinite(covariance).all():
+            values, vectors = np.linalg.eigh(covariance)
+            half = np.sqrt(np.maximum(values, 0.0) * float(chdtri(2, 1 - _CONFIDENCE))) * 1e3
+            reach = 2 * max(view.width, view.height)
+            mark["ry"], mark["rx"] = (float(min(max(axis, _LEAST), reach)) for axis in half)
+            mark["turn"] = -math.degrees(math.atan2(vectors[1, 1], vectors[0, 1]))
+        marks.append(mark)
+    return marks
+
+
+def delta_fills(design: Design, delta: Mapping[str, float | None]) -> dict[str, str]:
+    """Return a colour for each coil by its δ, symmetric about zero."""
+    by_coil = delta_by_coil(design, delta)
+    values = [math.nan if value is None else value for value in by_coil.values()]
+    red_green_blue = symmetric("delta", "δ", "", values).colours_of(values)
+    return {name: f"rgb({r}, {g}, {b})" for name, (r, g, b) in zip(by_coil, red_green_blue.tolist(), strict=True)}
+
+
+def delta_by_coil(design: Design, delta: Mapping[str, float | None]) -> dict[str, float | None]:
+    """Return δ of the first state that measures each coil; None where none does."""
+    states: dict[str, str] = {}
+    for state, coil in coil_of_state(design).items():
+        states.setdefault(coil, state)
+    return {name: delta.get(states.get(name, "")) for name in design.array.names}
+
+
+def coil_of_state(design: Design) -> dict[str, str]:
+    """Return the first measured coil of every state."""
+    return {state.name: state.measured[0][0] for state in design.circuit.plan}
+
+
+def delta_bars(delta: Iterable[tuple[str, float | None]], least: float = 1e-4) -> list[dict[str, Any]]:
+    """Return a bar for each δ: its text in 10⁻⁶ and its length in percent of half the width, of either sign."""
+    pairs = list(delta)
+    largest = max([least, *(abs(value) for _, value in pairs if value is not None)])
+    bars = []
+    for name, value in pairs:
+        text = "–" if value is None else f"{value * 1e6:+.1f}".replace("-", "−")
+        bars.append({"name": name, "text": text, "part": 0.0 if value is None else round(50 * value / largest, 2)})
+    return bars
+
+
+def _mm(value: float) -> float:
+    return round(value * 1e3, _DIGITS)

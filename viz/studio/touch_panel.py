@@ -1,0 +1,163 @@
+"""The tab of touching: drag the indenter over the board, and see δ, ellipses and the located position."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import xarray as xr
+
+from coilarray.design import Design
+from coilarray.errors import CoilarrayError
+from coilarray.viz.scenes import Scene
+from coilarray.viz.studio.entries import number_of
+from coilarray.viz.studio.job import Outcome, progress_of
+from coilarray.viz.studio.scene_making import BoardParts, dent_of_design, touched_scene
+from coilarray.viz.studio.services import Stopped, Tell
+from coilarray.viz.studio.told import told, told_by_ellipses
+from coilarray.viz.studio.top_view import TopView, board_drawing, delta_bars, top_view, touch_drawing
+from coilarray.viz.studio.touch import Sensor, Touched, first_place, sensor_of, touched
+
+if TYPE_CHECKING:
+    from coilarray.viz.studio.page import Page
+
+_TABLE = "table"
+_NOTHING: dict[str, Any] = {
+    "indenter": None, "ellipses": [], "crossing": [], "pins": [], "fills": {}
+}  # fmt: skip
+
+
+class TouchPanel:
+    """The indenter on the board.
+
+    Parameters
+    ----------
+    page : Page
+        Whose.
+    """
+
+    def __init__(self, page: Page) -> None:
+        self._page = page
+        self._view: TopView = top_view(page.work.design)
+        self._tables: dict[str, xr.Dataset] = {}
+        self._sensor: Sensor | None = None
+        self._touched: Touched | None = None
+        self._dent: tuple[Design, float, xr.Dataset] | None = None
+        page.state.update(
+            {
+                "plan": board_drawing(page.work.design, self._view), "touch": _NOTHING, "bars": [], "located": [],
+                "touch_note": "", "touch_ready": False, "place": {"x": "", "y": "", "depth": ""}, "place_error": "",
+                "can_touch": page.work.design.indentation is not None,
+            }
+        )  # fmt: skip
+        page.state.client_only("dragging", "pressing")
+        page.state.dragging = page.state.pressing = False
+        page.trigger("compute_table", self._compute)
+        page.trigger("press", self._press)
+        page.trigger("press_at", self._press_at)
+
+    def show(self, design: Design, *, anew: bool) -> None:
+        """Show the board of a design; its response is known where it was computed in this session."""
+        page, state = self._page, self._page.state
+        self._view = top_view(design)
+        state.plan = board_drawing(design, self._view)
+        state.can_touch = design.indentation is not None
+        table = self._tables.get(design.digest)
+        if table is not None and design.indentation is not None:
+            self._take_table(design, table)
+            return
+        self._sensor = self._touched = None
+        state.touch_ready, state.touch, state.bars, state.located = False, _NOTHING, [], []
+        if design.indentation is None:
+            state.touch_note = "the design has no [indenter] and [indentation]."
+        elif anew or not self._tables:
+            state.touch_note = ""
+        else:
+            state.touch_note = "The design has changed: its response is to be computed anew."
+        page.board.show(design, self._view)
+
+    def scene(self, design: Design, board: BoardParts) -> Scene | None:
+        """Return the scene of the touch; None where there is none. Computed in a thread."""
+        touch = self._touched
+        if touch is None or self._sensor is None or self._sensor.design is not design or touch.depth <= 0:
+            return None
+        if self._dent is None or self._dent[0] is not design or self._dent[1] != touch.depth:
+            self._dent = design, touch.depth, dent_of_design(design, touch.depth)
+        return touched_scene(board, self._dent[2], touch)
+
+    # ---------------------------------------------------------------- the response
+
+    def _compute(self) -> None:
+        page = self._page
+        design, text = page.work.design, f"response of {page.work.design.name}"
+
+        def ended(outcome: Outcome) -> None:
+            page.end_progress()
+            if outcome.kind == "done":
+                self._tables[design.digest] = outcome.result
+                if page.work.design.digest == design.digest:
+                    self._take_table(page.work.design, outcome.result)
+                    page.redraw()
+            elif outcome.kind == "failed":
+                page.state.touch_note = outcome.problem
+            else:
+                page.state.touch_note = "Cancelled."
+
+        if page.start_job(
+            _TABLE,
+            _compute_table,
+            (page.setup.services.response_table, design.document, design.name),
+            on_message=lambda message: page.show_progress(_TABLE, text, message),
+            on_end=ended,
+        ):
+            page.state.touch_note = ""
+            page.show_progress(_TABLE, text)
+
+    def _take_table(self, design: Design, table: xr.Dataset) -> None:
+        try:
+            self._sensor = sensor_of(design, table)
+        except CoilarrayError as error:
+            self._page.state.touch_note = str(error)
+            return
+        self._page.state.touch_ready, self._page.state.touch_note = True, ""
+        self._put(*first_place(self._sensor))
+        self._page.board.show(design, self._view)
+
+    # ---------------------------------------------------------------- the indenter
+
+    def _press(self, across: float, down: float) -> None:
+        """Press where the pointer is, in parts of the drawing."""
+        if self._sensor is not None and self._touched is not None:
+            x, y = self._view.place(float(across), float(down))
+            self._put(x, y, self._touched.depth)
+            self._page.redraw()
+
+    def _press_at(self, x: str, y: str, depth: str) -> None:
+        """Press at numbers in mm."""
+        if self._sensor is None:
+            return
+        try:
+            numbers = [number_of(name, str(text)) * 1e-3 for name, text in (("x", x), ("y", y), ("depth", depth))]
+        except CoilarrayError as error:
+            self._page.state.place_error = str(error)
+            return
+        self._put(*numbers)
+        self._page.redraw()
+
+    def _put(self, x: float, y: float, depth: float) -> None:
+        if self._sensor is None:
+            return
+        design, state = self._sensor.design, self._page.state
+        touch = self._touched = touched(self._sensor, x, y, depth)
+        state.touch = touch_drawing(design, self._view, touch)
+        state.bars = delta_bars(touch.delta.items())
+        state.located = [*told(touch.location), told_by_ellipses(touch)]
+        state.place_error = ""
+        (at_x, at_y), deep = touch.at, touch.depth
+        place = {"x": f"{at_x * 1e3:.2f}", "y": f"{at_y * 1e3:.2f}", "depth": f"{deep * 1e3:.2f}"}
+        state.place = {name: text.replace("-0.00", "0.00") for name, text in place.items()}
+
+
+def _compute_table(item: Any, tell: Tell, _: Stopped) -> xr.Dataset:
+    table, document, name = item
+    response: xr.Dataset = table(document, name, progress_of(tell))
+    return response.load()

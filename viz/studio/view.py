@@ -1,0 +1,190 @@
+"""The picture in three dimensions: drawn here, sent to the page as images, turned there with the mouse."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from typing import Any, cast
+
+import numpy as np
+
+from coilarray.viz.scenes import Scene, draw_parts
+from coilarray.viz.scenes.camera import Side, aim, direction
+from coilarray.viz.scenes.draw import set_camera, text_name
+
+SIZE = (900, 560)
+"""Of the picture in pixels, until the page says its own."""
+
+_SMOOTH_AFTER = 0.5  # s at rest after which edges are smoothed
+_SAMPLES = 8  # of a pixel in a smooth picture, which takes three times as long
+_SAME = 1e-6  # of a camera's numbers
+_RESIZED = 0.03  # of a side, above which texts are drawn anew
+_NARROW = 1.2  # width over height below which letters and lines become smaller
+
+
+class SceneView:
+    """One scene at a time in one view of a page.
+
+    Parameters
+    ----------
+    server : trame Server
+        Of the page.
+    at_rest : callable
+        Called with True when a smooth picture has been sent, with False when it is no longer right.
+    """
+
+    def __init__(self, server: Any, at_rest: Callable[[bool], None]) -> None:
+        import pyvista
+        from trame.widgets import vtk
+
+        self._plotter = cast("Any", pyvista.Plotter(off_screen=True, window_size=list(SIZE)))
+        self._window = self._plotter.render_window
+        self._window.SetMultiSamples(0)
+        self._server, self._at_rest = server, at_rest
+        self._scene: Scene | None = None
+        self._hidden: set[str] = set()
+        self._aimed: tuple[float, ...] = ()
+        self._side: Side = "oblique"
+        self._drawn_size = SIZE
+        self._smoothing: asyncio.TimerHandle | None = None
+        self._resizing: asyncio.TimerHandle | None = None
+        self.widget = vtk.VtkRemoteView(
+            self._window,
+            ref="scene",
+            trame_server=server,
+            interactive_ratio=1,
+            interactive_quality=70,
+            still_quality=92,
+        )
+        style = self._plotter.iren.interactor.GetInteractorStyle()
+        style.AddObserver("StartInteractionEvent", lambda *_: self._rough())
+        style.AddObserver("EndInteractionEvent", lambda *_: self._smooth_soon())
+        self._window.AddObserver("WindowResizeEvent", lambda *_: self._resized())
+
+    def show(self, scene: Scene) -> None:
+        """Draw a scene in place of the one before; a camera that was turned by hand stays where it is."""
+        turned = self._scene is not None and not self._is_aimed()
+        camera = self._camera()
+        self._scene = scene
+        self._draw()
+        if turned:
+            self._put_camera(camera)
+        self._push()
+
+    def look_from(self, side: Side) -> None:
+        """Turn the camera to a side, and aim it at everything."""
+        self._side = side
+        if self._scene is not None:
+            self._aim()
+            self._push()
+
+    def hide(self, groups: Iterable[str]) -> None:
+        """Hide these groups of the scene, and show all others."""
+        self._hidden = set(groups)
+        self._hide()
+        self._push()
+
+    def close(self) -> None:
+        """Let go of the window."""
+        for timer in (self._smoothing, self._resizing):
+            if timer is not None:
+                timer.cancel()
+        # trame would make the window anew for an image on its way, and keeps what it observes for ever
+        view = self.widget.module.id(self._window)
+        self._server.protocol_call("viewport.image.push.enabled", view, False)
+        while "result" in self._server.protocol_call("viewport.image.push.observer.remove", view):
+            pass
+        self._window.RemoveAllObservers()
+        self._plotter.close()
+
+    def _draw(self) -> None:
+        if self._scene is None:
+            return
+        self._plotter.set_background("white")
+        self._plotter.renderer.clear_actors()  # and not its lights
+        draw_parts(_fitted(self._scene, self._size), self._plotter)
+        self._aim()
+        self._drawn_size = self._size
+        self._hide()
+
+    def _hide(self) -> None:
+        if self._scene is None:
+            return
+        for part in self._scene.parts:
+            if part.group:
+                self._plotter.actors[part.name].SetVisibility(part.group not in self._hidden)
+        for text in self._scene.texts:
+            height = text.height * _part(self._drawn_size)
+            name = f"{text_name(text.group, height, text.bold)}-labels"
+            if text.group and name in self._plotter.actors:
+                self._plotter.actors[name].SetVisibility(text.group not in self._hidden)
+
+    def _aim(self) -> None:
+        if self._scene is not None:
+            set_camera(self._plotter, aim(self._scene.bounds, self._size, direction(self._side)))
+            self._aimed = self._camera()
+
+    def _push(self) -> None:
+        self._rough()
+        self.widget.update()
+        self._smooth_soon()
+
+    def _rough(self) -> None:
+        """One sample a pixel until the picture is at rest."""
+        if self._smoothing is not None:
+            self._smoothing.cancel()
+        self._window.SetMultiSamples(0)
+        self._at_rest(False)
+
+    def _smooth_soon(self) -> None:
+        if self._smoothing is not None:
+            self._smoothing.cancel()
+        self._smoothing = asyncio.get_running_loop().call_later(_SMOOTH_AFTER, self._smooth)
+
+    def _smooth(self) -> None:
+        self._window.SetMultiSamples(_SAMPLES)
+        self.widget.update()
+        self._at_rest(True)
+
+    def _resized(self) -> None:
+        """Letters and lines are made for a height: make them anew when the page has settled on one."""
+        if self._resizing is not None:
+            self._resizing.cancel()
+        self._resizing = asyncio.get_running_loop().call_later(0.1, self._fit)
+
+    def _fit(self) -> None:
+        change = np.abs(np.divide(self._size, self._drawn_size) - 1).max()
+        if self._scene is not None and change > _RESIZED:
+            self.show(self._scene)
+
+    @property
+    def _size(self) -> tuple[int, int]:
+        """Width and height of the picture in pixels."""
+        width, height = self._plotter.window_size
+        return width, height
+
+    def _camera(self) -> tuple[float, ...]:
+        camera = self._plotter.camera
+        return (*camera.position, *camera.focal_point, *camera.up, camera.parallel_scale)
+
+    def _put_camera(self, numbers: tuple[float, ...]) -> None:
+        camera = self._plotter.camera
+        camera.position, camera.focal_point, camera.up = numbers[:3], numbers[3:6], numbers[6:9]
+        camera.parallel_scale = numbers[9]
+        self._plotter.reset_camera_clipping_range()
+
+    def _is_aimed(self) -> bool:
+        return bool(self._aimed) and bool(np.allclose(self._camera(), self._aimed, rtol=_SAME, atol=_SAME))
+
+
+def _fitted(scene: Scene, size: tuple[int, int]) -> Scene:
+    """Make letters and lines, which count in heights of the picture, fit a narrow one; the page tells the notes."""
+    part = _part(size)
+    parts = tuple(replace(one, line_width=one.line_width * part) for one in scene.parts)
+    texts = tuple(replace(text, height=text.height * part) for text in scene.texts)
+    return Scene(parts, texts)
+
+
+def _part(size: tuple[int, int]) -> float:
+    return min(1.0, size[0] / (_NARROW * size[1]))

@@ -1,0 +1,145 @@
+"""The design that a page works on: a value; every change makes a new one, or is refused and changes nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import tomli_w
+
+from coilarray.design import Design, build_design
+from coilarray.errors import DesignError
+from coilarray.variation import vary_document
+from coilarray.viz.studio.entries import number_of
+
+MOST_COILS = 64
+"""Coils that are followed while a slider moves."""
+
+MOST_SEGMENTS = 400_000
+"""Straight pieces of all windings together."""
+
+
+@dataclass(frozen=True, eq=False)
+class Work:
+    """A design, and the file that it is from.
+
+    Parameters
+    ----------
+    design : Design
+        As it is now.
+    file : str
+        Name of its file, or of the bundled design.
+    kept : mapping of str to object
+        Document of the design as it was read or last saved.
+    """
+
+    design: Design
+    file: str
+    kept: Mapping[str, Any]
+
+    @property
+    def changed(self) -> bool:
+        """Whether it differs from what the file says."""
+        return self.design.document != self.kept
+
+    def with_entry(self, key: str, text: str) -> Work:
+        """Set one entry to what was typed in.
+
+        Parameters
+        ----------
+        key : str
+            Dotted.
+        text : str
+            A number in the unit of the key.
+
+        Returns
+        -------
+        Work
+
+        Raises
+        ------
+        DesignError
+            No number, or a value with which there is no such board: one line without the name of the design.
+
+        Examples
+        --------
+        >>> from coilarray import load_design
+        >>> work = work_on(load_design("gast2020"), "gast2020")
+        >>> work.with_entry("array.pitch_mm", "14").design.values["array.pitch_mm"]
+        14.0
+        >>> work.with_entry("array.pitch_mm", "-1")
+        Traceback (most recent call last):
+        coilarray.errors.DesignError: array.pitch_mm must be greater than 0; got -1.
+        """
+        return self.with_entries({key: number_of(key, text)})
+
+    def with_entries(self, changes: Mapping[str, Any]) -> Work:
+        """Set several entries at once, to values as `coilarray.variation.vary` takes them.
+
+        Raises
+        ------
+        DesignError
+            As `with_entry`.
+        """
+        _require_few_coils(self.design.values, changes)
+        document = vary_document(self.design.document, changes)
+        assumed = {
+            name: why
+            for name, why in document.get("assumed", {}).items()
+            if not any(_is_part(key, name) for key in changes)
+        }
+        document["assumed"] = assumed  # what was chosen is no longer assumed
+        if not assumed:
+            del document["assumed"]
+        try:
+            design = build_design(document, self.design.name)
+        except DesignError as error:
+            raise DesignError(str(error).removeprefix(f"{self.design.name}: ")) from None
+        require_small(design)
+        return replace(self, design=design)
+
+    def saved_as(self, file: str) -> Work:
+        """Return it as what a file now says."""
+        return replace(self, file=file, kept=self.design.document)
+
+    def text(self) -> str:
+        """Return the design file; comments of the file that was read are not in it."""
+        return tomli_w.dumps(dict(self.design.document))
+
+
+def work_on(design: Design, file: str) -> Work:
+    """Begin with a design as it was read.
+
+    Raises
+    ------
+    DesignError
+        A design that is too large to be followed while a slider moves.
+    """
+    require_small(design)
+    return Work(design, file, design.document)
+
+
+def require_small(design: Design) -> None:
+    """Refuse a design that no page could follow: DesignError."""
+    count = len(design.array.names)
+    if count > MOST_COILS:
+        raise DesignError(f"the studio follows at most {MOST_COILS} coils; the array has {count}.")
+    segments = sum(len(line) - 1 for place in design.array.placements for line in place.coil.lines)
+    if segments > MOST_SEGMENTS:
+        raise DesignError(f"the studio follows at most {MOST_SEGMENTS} segments of winding; there are {segments}.")
+
+
+def _require_few_coils(values: Mapping[str, object], changes: Mapping[str, Any]) -> None:
+    """Refuse a large lattice before it is made."""
+    columns, rows = ({**values, **changes}.get(f"array.{name}", 1) for name in ("columns", "rows"))
+    if isinstance(columns, int | float) and isinstance(rows, int | float) and columns * rows > MOST_COILS:
+        key = next(iter(changes))
+        raise DesignError(
+            f"{key} must leave at most {MOST_COILS} coils for the studio to follow; got {columns * rows:g}."
+        )
+
+
+def _is_part(key: str, name: str) -> bool:
+    """Whether two keys are one, or one leads to the other."""
+    return name == key or name.startswith(f"{key}.") or key.startswith(f"{name}.")
