@@ -129,7 +129,10 @@ def test_a_reading_is_located(capsys):
         (("--html", "b.htm"), "--html must end in .html; got b.htm"),
         (("--html", "no/b.html"), "cannot write no/b.html: there is no folder no"),
         (("--size", "big"), "--size must be as 1600x900; got 'big'"),
+        (("--vtk", "no/p.vtm"), "cannot write no/p.vtm: there is no folder no"),
+        (("--vtk", "/dev/null/p"), "cannot make the folder /dev/null: a file has that name"),
         (("--coil", "x", "--show", "field", "--vtk", "p"), "there is no coil 'x'"),
+        (("--coil", "x", "--vtk", "p"), "there is no coil 'x'"),
         (("--layers", "L9", "--vtk", "p"), "no copper layer 'L9'"),
         (("--current-mA", "0"), "--current-mA must be at most 1e+09 and not 0; got 0"),
         (("--spacing-mm", "nan"), "--spacing-mm must be 1e-06 to 100000; got nan"),
@@ -146,6 +149,9 @@ def test_a_reading_is_located(capsys):
         (("--movie", "m.gif", "--path-mm", "0,0"), "--path-mm must be two or more points in mm"),
         (("--movie", "m.gif", "--path-mm", "0,0 1,nan"), "--path-mm must be two or more points in mm"),
         (("--movie", "m.gif", "--frames", "1"), "--frames must be 2 to 1000; got 1"),
+        (("--movie", "m.gif", "--show", "field"), "--show is not for --movie"),
+        (("--movie", "m.gif", "--layers", "L1"), "--layers is not for --movie"),
+        (("--movie", "m.gif", "--at-mm", "0", "0"), "--at-mm is not for --movie"),
     ],
 )
 def test_mistakes_are_one_line(capsys, arguments, message):
@@ -153,11 +159,19 @@ def test_mistakes_are_one_line(capsys, arguments, message):
     assert list(Path().iterdir()) == []
 
 
+def test_what_cannot_be_written_is_refused_before_anything_is_computed(capsys, monkeypatch):
+    monkeypatch.setattr("coilarray.viz.scenes.of_design.scene_of_design", lambda *_: pytest.fail("computed"))
+    Path("taken").touch()
+    assert "cannot make the folder taken: a file has that name" in refused(capsys, "starter", "--vtk", "taken")
+    assert "cannot make the folder taken" in refused(capsys, "starter", "--html", "b.html", "--vtk", "taken/parts")
+    assert [path.name for path in Path().iterdir()] == ["taken"]
+
+
 @renders
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("--screenshot", "b.png", "--size", "90000x9"), "sides of 1 to 8192 pixels; got 90000x9"),
+        (("--screenshot", "b.png", "--size", "90000x9"), "sides of 1 to 6000 pixels; got 90000x9"),
         (("--movie", "m.gif", "--rate", "0"), "0.1 to 100 pictures a second; got 0"),
         (("--movie", "m.gif", "--path-mm", "0,0 0,0"), "must have a length"),
     ],

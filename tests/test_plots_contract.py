@@ -51,6 +51,7 @@ def draw(name):
         "plot_board": lambda: (results.board(),),
         "plot_boards": lambda: (results.tolerances(), "worst_k"),
         "plot_causes": lambda: (results.distortion(), "coil1"),
+        "plot_centres": lambda: (results.comparison(), "coil1"),
         "plot_copper": lambda: (results.board(), "L1"),
         "plot_coupling": lambda: (results.coupling(),),
         "plot_coupling_sweep": lambda: (results.pitch_sweep(),),
@@ -67,6 +68,8 @@ def draw(name):
         "plot_identifiability": lambda: (results.bounds(),),
         "plot_inductance": lambda: (results.coupling(),),
         "plot_pareto": lambda: (results.optimization(),),
+        "plot_readings": lambda: (results.comparison(),),
+        "plot_residual": lambda: (results.comparison(), "coil1"),
         "plot_response": lambda: (results.response(), "coil1"),
         "plot_response_profile": lambda: (results.response(),),
         "plot_search": lambda: (results.optimization(),),
@@ -82,9 +85,7 @@ def draw(name):
 
 # these take numbers of no particular result, and are tested with what they draw
 PLAIN_NUMBERS = {"plot_matrix", "plot_convergence", "plot_front", "plot_importance"}
-# results of `coilarray.comparison`: tests/test_viz_comparison.py
-COMPARISON = {"plot_residual", "plot_readings", "plot_centres"}
-DRAWN = sorted(PLOTS.keys() - PLAIN_NUMBERS - COMPARISON)
+DRAWN = sorted(PLOTS.keys() - PLAIN_NUMBERS)
 
 # axes of texts, counts, pure numbers, and quantities whose names say the unit
 NO_UNIT = {

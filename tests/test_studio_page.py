@@ -53,7 +53,9 @@ def page(shared):
     page.click("#tab-numbers")
     if page.inner_text("#file") != "starter" or page.locator("[role=alert]").count():
         page.evaluate("trame.trigger('open_design', ['starter'])")
-        page.wait_for_selector("#file:text-is('starter')")
+        page.wait_for_function(
+            "document.querySelector('#file').innerText === 'starter' && !document.querySelector('[role=alert]')"
+        )
     page.wait_for_function("document.querySelectorAll('#matrix td').length === 9")
     at_rest(page)
     yield page
@@ -209,7 +211,8 @@ def test_a_design_is_saved_opened_and_kept_through_a_reload(page, folder):
     page.wait_for_selector("#file:has-text('better.toml')")
     page.wait_for_selector("#changed", state="detached")
     assert load_design(folder / "better.toml").values["array.pitch_mm"] == 12.5
-    enter(page, "array.columns", "2")
+    field(page, "array.columns").fill("2")
+    field(page, "array.columns").press("Tab")  # to leave a field enters it too
     page.wait_for_selector("#changed")
     page.reload()
     at_rest(page)
@@ -272,7 +275,7 @@ def test_a_board_is_watched_and_stopped(page, studio):
     page.wait_for_selector("#scene :text('δ')")
     if os.environ.get(browser.ARTIFACTS):
         page.screenshot(path=os.path.join(os.environ[browser.ARTIFACTS], "studio_board.png"))  # it is never at rest
-    (child, *_) = set(studio.children()) - before
+    (child,) = set(studio.children()) - before
     page.click("#stop-board")
     page.wait_for_selector("#start-board")
     assert gone([child])
@@ -287,6 +290,7 @@ def test_a_report_is_written_beside_the_page_and_can_be_cancelled(page, studio, 
     page.click("#cancel")
     page.wait_for_selector("#job", state="detached")
     assert not (folder / "starter-report").exists()
+    (folder / browser.QUICK).touch()
     page.click("#report")
     page.wait_for_selector("#report-link")
     assert (folder / "starter-report" / "report.html").is_file()

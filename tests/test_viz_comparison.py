@@ -4,39 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import xarray as xr
 from matplotlib.collections import QuadMesh
 from matplotlib.patches import Polygon
+from plot_results import comparison
 
 from coilarray.viz.comparison_plots import comparison_figure, plot_centres, plot_readings, plot_residual
-
-X, Y = np.linspace(-4e-3, 4e-3, 5), np.linspace(-1e-3, 1e-3, 3)
-STATES = [f"coil{k}" for k in range(1, 9)]
-
-
-def comparison(states=2, y=Y):
-    names, random = STATES[:states], np.random.default_rng(0)
-    shape = (1, len(y), len(X), states)
-    before, after = 1e-5 * random.standard_normal((2, *shape))
-    before[0, 0, 0, 0] = after[0, 0, 0, 0] = np.nan
-    dims, curves = ("depth", "y", "x", "state"), ("source", "depth", "state", "level")
-    x0 = np.array([0.0, 1e-3])[:, None, None, None] + np.zeros((2, 1, states, 4))
-    x0[:, :, 1:] = np.nan
-    return xr.Dataset(
-        {
-            "delta": (("source", *dims), 1e-3 * random.standard_normal((2, *shape))),
-            "residual_before": (dims, before),
-            "residual_after": (dims, after),
-            "scale": (("depth", "state"), np.full((1, states), 1.25)),
-            "scale_std": (("depth", "state"), np.full((1, states), 0.125)),
-            "x0": (curves, x0),
-            "x0_std": (curves, np.stack([0.1e-3 + 0 * x0[0], np.full_like(x0[0], np.nan)])),
-        },
-        {
-            "depth": [1e-3], "y": y, "x": X, "state": names, "source": ["measured", "simulated"],
-            "level": [1e-4, 2e-4, 3e-4, 4e-4], "coil": names, "coil_x": ("coil", np.arange(states) * 2e-3),
-        },
-    )  # fmt: skip
 
 
 def mesh(ax):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -20,6 +21,7 @@ from coilarray.viz.datasets.field import AMOUNT
 from coilarray.viz.datasets.response import DELTA
 from coilarray.viz.scenes.coupling import CURRENT
 from coilarray.viz.scenes.field_places import Span, count_of, field_box, field_planes, line_seeds, points_of_box
+from coilarray.viz.scenes.location import scene_of_location
 from coilarray.viz.scenes.of_design import ITEMS, View, scene_of_design
 
 
@@ -212,6 +214,18 @@ def test_the_pin_stands_where_the_reading_is_located(design, table):
     np.testing.assert_allclose(distance, 5.9915, rtol=2e-2)  # χ² of two degrees of freedom at 95 %; single precision
 
 
+def test_ellipses_longer_than_the_board_are_not_drawn(table):
+    model = forward_model(table)
+    found = locate(model, model.delta([3e-3, 2.5e-3, 0.6e-3]), noise=1e-6)
+    longest = math.sqrt(5.9915 * max(np.linalg.eigvalsh(mode.covariance[:2, :2])[-1] for mode in found.modes))
+    told = "No 95 % ellipse where it would be longer than the board."
+    for length, drawn in ((1.01 * longest, True), (1e-3 * longest, False)):
+        scene = scene_of_location(found, origin=(0.0, 0.0), bounds=(2e-3, 1.5e-3, 2e-3 + length, 3.5e-3), top=0.0)
+        assert "pin 0" in parts_of(scene)
+        assert any(part.name.startswith("ellipse") for part in scene.parts) == drawn
+        assert (told in scene.notes) != drawn
+
+
 def test_the_indenter_is_located_where_it_is(design, table):
     view = View(show=("location",), table=table, at=(-2e-3, 4e-3), depth=0.5e-3, noise=1e-6)
     scene = scene_of_design(design, view)
@@ -232,6 +246,7 @@ def test_the_indenter_is_located_where_it_is(design, table):
         (View(show=()), GeometryError, "there is nothing to see"),
         (View(show=("board",), layers=("L9",)), GeometryError, "no copper layer 'L9'"),
         (View(show=("field",), coil="x"), GeometryError, "there is no coil 'x'; there are coil1, coil2, coil3"),
+        (View(show=("board",), coil="x"), GeometryError, "there is no coil 'x'; there are coil1, coil2, coil3"),
         (View(show=("dent",), at=(1.0, 0.0)), GeometryError, "the indenter must be over the board, from"),
         (View(show=("dent",), at=(np.nan, 0.0)), GeometryError, "the indenter must be over the board, from"),
         (View(show=("dent",), depth=1.0), ElastomerError, "below the thickness of all sheets"),

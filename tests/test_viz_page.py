@@ -40,7 +40,12 @@ def scene():
         Part("rod", pyvista.Line((2, 5, 1), (8, 5, 1)), "upper <b>", "#0000b2", line_width=18.0, lit=False),
         Part("coloured", coloured, scale=scale, lit=False),
     )
-    texts = (Text("left", (0.0, 0.0, 0.0)), Text("right & up", (20.0, 10.0, 1.0), 24.0, True, "upper <b>"))
+    texts = (
+        Text("left", (0.0, 0.0, 0.0)),
+        Text("right & up", (20.0, 10.0, 1.0), 24.0, True, "upper <b>"),
+        Text("behind", (0.0, 0.0, -30.0)),  # seen from above in the same place
+        Text("above", (0.0, 10.0, 0.0), hidden_from=("front",)),
+    )
     return Scene(parts, texts, ("first note", "a < b"))
 
 
@@ -129,6 +134,19 @@ def test_words_stand_over_their_places(opened):
     page.click("button[data-side=top]")
     settled(page)
     assert page.locator(".words span", has_text="left").bounding_box() != away
+
+
+def test_words_that_would_lie_on_others_are_left_out(opened):
+    page, *_ = opened
+    seen = {}
+    for side in ("front", "right", "top"):
+        page.click(f"button[data-side={side}]")
+        settled(page)
+        spans = page.locator(".words span")
+        seen[side] = {spans.nth(k).inner_text() for k in range(spans.count()) if spans.nth(k).is_visible()}
+    assert seen["top"] == {"left", "right & up", "above"}
+    assert seen["front"] == {"left", "right & up", "behind"}
+    assert "above" in seen["right"]
 
 
 def test_switches_hide_and_show_their_group(opened):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import sys
+from dataclasses import replace
 from typing import get_args
 
 import numpy as np
@@ -28,7 +29,18 @@ from coilarray.geometry import (
 )
 from coilarray.viz import board_scene, rendering_problem, save_board_picture, show_board
 from coilarray.viz.offscreen import NO_RENDERING
-from coilarray.viz.scenes import CoilColours, Part, Scale, Scene, Side, Text, draw, draw_parts, scene_of_board
+from coilarray.viz.scenes import (
+    CoilColours,
+    Part,
+    Scale,
+    Scene,
+    Side,
+    Text,
+    draw,
+    draw_parts,
+    save_picture,
+    scene_of_board,
+)
 from coilarray.viz.scenes.board import copper_parts, recoloured, scene_of_lifted_board
 from coilarray.viz.scenes.camera import seen_from
 from coilarray.viz.scenes.draw import BAR_WIDTH, camera_of, legend_size, shown_units
@@ -109,6 +121,15 @@ def test_bars_and_legend_have_their_room():
     np.testing.assert_allclose(seen.min(axis=0) + seen.max(axis=0), 1.0)  # in the middle
 
 
+def test_the_camera_keeps_notes_free():
+    high = Scene((Part("box", pyvista.Box((0, 10, 0, 100, 0, 1))),), notes=("one", "two", "three"))
+    low = seen_from(camera_of(high, (1600, 900), "top"), corners(high.bounds), (1600, 900))[:, 1].min()
+    assert low > (0.025 * 900 + 3 * 17.5) / 900  # of three lines of 17.5 pixels above a rim of 0.025
+    silent = replace(high, notes=())
+    seen = seen_from(camera_of(silent, (1600, 900), "top"), corners(high.bounds), (1600, 900))
+    np.testing.assert_allclose(seen.min(axis=0) + seen.max(axis=0), 1.0)  # in the middle
+
+
 def corners(bounds):
     return np.array(list(itertools.product(*np.reshape(bounds, (3, 2)))))
 
@@ -146,6 +167,13 @@ def test_colours_of_a_scale():
     decades = Scale("v", "v", "V", 1e-6, 1e-4, logarithmic=True)
     equal = Scale("v", "v", "V", 0.0, 2.0)
     np.testing.assert_array_equal(decades.colours_of([1e-6, 1e-5, 1e-4]), equal.colours_of([0, 1, 2]))
+
+
+def test_a_legend_shows_the_median_of_a_scale():
+    scale = Scale("v", "v", "V", -1.0, 1.0, "coolwarm", missing="#123456")
+    red, green, blue = scale.colours_of([0.5])[0].tolist()
+    assert scale.typical_colour([-1.0, 0.5, np.nan, 0.9]) == f"#{red:02x}{green:02x}{blue:02x}"
+    assert scale.typical_colour([np.nan]) == scale.typical_colour([]) == "#123456"
 
 
 def test_a_symmetric_scale():
@@ -225,11 +253,44 @@ def test_a_picture_has_its_size_and_shows_copper(board, plotter, tmp_path):
     assert [entry.name for entry in tmp_path.iterdir()] == ["board.png"]
 
 
+def test_an_axis_is_named_also_where_its_title_meets_a_number(plotter, tmp_path):
+    """PyVista leaves one of two texts that meet out: the title has to be the other one."""
+    ground = Scene((Part("floor", pyvista.Box((0, 160, 0, 90, 0, 1)), colour="white", lit=False),))
+    number, title = Text("8" * 9, (80, 45, 1), 60.0), Text("I" * 9, (80, 45, 1), 60.0)
+
+    def ink(*texts):
+        save_picture(ground + Scene(texts=texts), tmp_path / "words.png", side="top", size=(320, 180))
+        return int((imread(tmp_path / "words.png")[..., :3].min(axis=-1) < 0.5).sum())
+
+    assert ink(number, title) in (ink(number), ink(title))
+    assert ink(number, replace(title, always=True)) > max(ink(number), ink(title))
+
+
 def test_pictures_of_impossible_sizes_are_refused(board, tmp_path):
     for size in ((0, 100), (100, 100_000)):
-        with pytest.raises(OutputError, match="sides of 1 to 8192 pixels"):
+        with pytest.raises(OutputError, match="sides of 1 to 6000 pixels"):
             save_board_picture(board, tmp_path / "board.png", size=size)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("size", [(6000, 60), (60, 6000)])
+def test_the_longest_pictures_are_not_blank(size, plotter, tmp_path):
+    """VTK only complains, and leaves all white, where a graphics card's textures are too small."""
+    sheet = Scene((Part("sheet", pyvista.Plane(i_size=10, j_size=10), colour="red", lit=False),))
+    save_picture(sheet, tmp_path / "long.png", side="top", size=size)
+    assert imread(tmp_path / "long.png").shape[:2] == size[::-1]
+    assert (imread(tmp_path / "long.png")[..., 1] < 0.5).any()
+
+
+def test_letters_get_smaller_in_a_narrow_picture(plotter, tmp_path):
+    """So that the numbers of a colour bar, which has a part of the width, end before the edge."""
+    mesh = box()
+    mesh.cell_data["v"] = np.arange(6.0)
+    scene = Scene((Part("six", mesh, scale=Scale("v", "volts", "V", -0.05555, 0.05555)),))
+    for size in ((800, 450), (500, 900)):
+        save_picture(scene, tmp_path / "bar.png", size=size)
+        rim = imread(tmp_path / "bar.png")[:, -2:, :3]
+        assert (rim > 0.99).all(), size
 
 
 def test_a_board_of_one_layer_has_no_laminate_and_is_drawn(plotter):

@@ -13,11 +13,11 @@ from matplotlib.ticker import MaxNLocator
 
 from coilarray.geometry.array import CoilArray
 from coilarray.geometry.rules import Margin
+from coilarray.viz.axis_units import MM, true_minus
 from coilarray.viz.board_plots import plot_copper
 from coilarray.viz.palette import INK
 from coilarray.viz.style import figure_size, styled
 
-_MM = 1e3  # mm in a metre
 _TOGETHER = 0.025  # of the board's diagonal: places nearer than that get one circle
 _VIEW = 10.0  # limits and values, whichever is larger, in the width of an enlarged place
 _LEAST_VIEW = 1e-3  # m
@@ -87,11 +87,19 @@ def _circle(ax: Axes, mark: _Mark) -> None:
     colour = INK if mark.worst.kept else _BROKEN
     halo = [patheffects.withStroke(linewidth=3.5, foreground="white")]
     ax.plot(
-        mark.x * _MM, mark.y * _MM, "o", ms=12, mfc="none", mec=colour, mew=1.6, path_effects=halo, gid=_label(mark)
+        mark.x * MM.factor,
+        mark.y * MM.factor,
+        "o",
+        ms=12,
+        mfc="none",
+        mec=colour,
+        mew=1.6,
+        path_effects=halo,
+        gid=_label(mark),
     )
     ax.annotate(
         _label(mark),
-        (mark.x * _MM, mark.y * _MM),
+        (mark.x * MM.factor, mark.y * MM.factor),
         xytext=(8, 8),
         textcoords="offset points",
         color=colour,
@@ -115,16 +123,17 @@ def _label(mark: _Mark) -> str:
 def _enlarge(ax: Axes, mark: _Mark) -> None:
     worst = mark.worst
     lengths = (worst.value, worst.limit) if worst.unit == "m" else (0.0,)
-    half = max(_VIEW * max(lengths), _LEAST_VIEW) / 2 * _MM
+    half = max(_VIEW * max(lengths), _LEAST_VIEW) / 2 * MM.factor
     _circle(ax, mark)
-    ax.set_xlim(mark.x * _MM - half, mark.x * _MM + half)
-    ax.set_ylim(mark.y * _MM - half, mark.y * _MM + half)
+    ax.set_xlim(mark.x * MM.factor - half, mark.x * MM.factor + half)
+    ax.set_ylim(mark.y * MM.factor - half, mark.y * MM.factor + half)
     ax.xaxis.set_major_locator(MaxNLocator(4))  # the labels are long
     legend = ax.get_legend()
     if legend is not None:
         legend.remove()
     value, limit = (
-        f"{number * _MM:.4g} mm" if worst.unit == "m" else f"{number:.4g}" for number in (worst.value, worst.limit)
+        f"{number * MM.factor:.4g} mm" if worst.unit == "m" else f"{number:.4g}"
+        for number in (worst.value, worst.limit)
     )
     title = f"{mark.numbers[0]}: {worst.rule} of {worst.feature},\n{value}, limit {limit}"
-    ax.set_title(title.replace("-", "−"))
+    ax.set_title(true_minus(title))

@@ -11,10 +11,19 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
-from matplotlib.patches import Polygon
 
-from coilarray.viz.palette import BLUE, COILS, INK, VERMILLION, cycled
-from coilarray.viz.style import colour_bar, figure_size, new_axes, styled
+from coilarray.viz.axis_units import MILLI_DELTA, MM, AxisUnit, axis_unit, true_minus
+from coilarray.viz.palette import BLUE, COILS, DIVERGING, GREY, VERMILLION, cycled
+from coilarray.viz.style import (
+    colour_bar,
+    faint_grid,
+    figure_size,
+    finish_map,
+    largest,
+    legend_beside,
+    new_axes,
+    styled,
+)
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -24,14 +33,9 @@ FloatArray = npt.NDArray[np.float64]
 MOST_STATES = 6
 """States that `comparison_figure` shows at most."""
 
-_MM = 1e3  # mm in a metre
-_SMALL, _SMALL_LABEL = 1e6, "δ (10⁻⁶)"  # residuals
-_LARGE = 1e3  # readings
-_GREY = "#909090"
-_FAINT = "#E4E4E4"
-_UNKNOWN = "#D0D0D0"  # where a map has no value
 _SIGMAS = 2.0  # of the band around x0
-_STAGES = {"before": "as simulated", "after": "scaled and shifted"}
+_STAGES: dict[Literal["before", "after"], str] = {"before": "as simulated", "after": "scaled and shifted"}
+_SOURCES = ("measured", "simulated")
 _WIDTHS = (1.0, 1.0, 0.6)  # of two maps and x0 beside each other
 _ROW = 13.0  # inches
 
@@ -68,12 +72,25 @@ def plot_residual(
     ------
     ValueError
         A state that the dataset does not have, or a map of a single row.
+
+    Examples
+    --------
+    >>> import xarray as xr
+    >>> dims, residual = ("depth", "y", "x", "state"), [[[[1e-5], [2e-5]], [[-3e-5], [0.0]]]]
+    >>> comparison = xr.Dataset(
+    ...     {"residual_before": (dims, residual), "residual_after": (dims, residual)},
+    ...     {"depth": [1e-3], "y": [0.0, 2e-3], "x": [0.0, 2e-3], "state": ["coil1"]},
+    ... )
+    >>> ax = plot_residual(comparison, "coil1")
+    >>> ax.get_title(loc="left"), ax.child_axes[0].get_ylabel()
+    ('Measured less simulated coil1, scaled and shifted', 'δ (10⁻⁶)')
     """
     of = _of(comparison, state, depth)
     if min(of.sizes["x"], of.sizes["y"]) < 2:
         raise ValueError(f"a map must have at least two x and two y; got {of.sizes['x']} and {of.sizes['y']}.")
     ax = ax or new_axes(*figure_size(float(np.ptp(of.x.values)), float(np.ptp(of.y.values))))
-    colour_bar(ax, _draw_residual(ax, of, stage, outlines), _SMALL_LABEL)
+    shown = _unit_of_residuals(of)
+    colour_bar(ax, _draw_residual(ax, of, stage, shown, outlines), shown.label("δ"))
     ax.set_title(f"Measured less simulated {state}, {_STAGES[stage]}")
     return ax
 
@@ -90,13 +107,23 @@ def plot_readings(comparison: xr.Dataset, depth: int = 0, ax: Axes | None = None
         Position of the depth in the dataset.
     ax : Axes, optional
         Where to draw; 10⁻³ over 10⁻³.
+
+    Examples
+    --------
+    >>> import xarray as xr
+    >>> delta = (("source", "depth", "y", "x", "state"), [[[[[2e-4], [8e-4]]]], [[[[1e-4], [4e-4]]]]])
+    >>> scale = {"scale": (("depth", "state"), [[2.0]]), "scale_std": (("depth", "state"), [[0.1]])}
+    >>> axes = {"source": ["measured", "simulated"], "depth": [1e-3], "y": [0.0], "x": [0.0, 5e-3], "state": ["coil1"]}
+    >>> ax = plot_readings(xr.Dataset({"delta": delta, **scale}, axes))
+    >>> ax.lines[0].get_label(), ax.get_xlabel()
+    ('coil1, scale 2.000 ± 0.100', 'simulated δ (10⁻³)')
     """
     at = comparison.isel(depth=depth)
     ax = ax or new_axes(5.0, 4.5)
     names = at.state.values.tolist()
     ends = []
     for k, (name, colour) in enumerate(cycled(COILS, names).items()):
-        measured, simulated = at.delta.sel(state=name).values.reshape(2, -1) * _LARGE
+        measured, simulated = (MILLI_DELTA.of(at.delta.sel(state=name, source=source)).ravel() for source in _SOURCES)
         ax.plot(
             simulated,
             measured,
@@ -105,18 +132,18 @@ def plot_readings(comparison: xr.Dataset, depth: int = 0, ax: Axes | None = None
             markersize=3.0,
             markerfacecolor="none",
             color=colour,
-            label=f"{name}, scale {float(at.scale[k]):.3f} ± {float(at.scale_std[k]):.3f}".replace("-", "−"),
+            label=true_minus(f"{name}, scale {float(at.scale[k]):.3f} ± {float(at.scale_std[k]):.3f}"),
         )
         ends.append(simulated[np.isfinite(simulated)])
     all_ends = np.concatenate(ends)
     if all_ends.size:
         span = np.array([all_ends.min(), all_ends.max()])
-        ax.plot(span, span, color=_GREY, linewidth=0.8, zorder=0)
-    ax.grid(color=_FAINT)
-    ax.set_xlabel("simulated δ (10⁻³)")
-    ax.set_ylabel("measured δ (10⁻³)")
+        ax.plot(span, span, color=GREY, linewidth=0.8, zorder=0)
+    faint_grid(ax)
+    ax.set_xlabel(MILLI_DELTA.label("simulated δ"))
+    ax.set_ylabel(MILLI_DELTA.label("measured δ"))
     ax.set_title(f"Readings, {_depth_text(comparison, depth)} deep")
-    ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), ncols=math.ceil(len(names) / 16))
+    legend_beside(ax, math.ceil(len(names) / 16))
     return ax
 
 
@@ -135,28 +162,37 @@ def plot_centres(comparison: xr.Dataset, state: str, depth: int = 0, ax: Axes | 
     ------
     ValueError
         A state that the dataset does not have.
+
+    Examples
+    --------
+    >>> import xarray as xr
+    >>> x0 = (("source", "depth", "state", "level"), [[[[0.0, 1e-4]]], [[[1e-4, 2e-4]]]])
+    >>> axes = {"source": ["measured", "simulated"], "depth": [1e-3], "state": ["coil1"], "level": [1e-4, 2e-4]}
+    >>> ax = plot_centres(xr.Dataset({"x0": x0, "x0_std": x0}, axes), "coil1")
+    >>> [line.get_label() for line in ax.lines], ax.get_ylabel()
+    (['measured', 'simulated'], '$x_0$ (mm)')
     """
     of = _of(comparison, state, depth)
     ax = ax or new_axes(5.0, 3.5)
-    level = of.level.values * _LARGE
-    looks = {"measured": (VERMILLION, "o-"), "simulated": (BLUE, "s--")}
+    level = MILLI_DELTA.of(of.level)
+    looks = dict(zip(_SOURCES, ((VERMILLION, "o-"), (BLUE, "s--")), strict=True))
     drawn = False
     for source, (colour, look) in looks.items():
-        x0, deviation = (of[name].sel(source=source).values * _MM for name in ("x0", "x0_std"))
+        x0, deviation = (MM.of(of[name].sel(source=source)) for name in ("x0", "x0_std"))
         if np.isfinite(x0).any():
             drawn = True
             ax.plot(level, x0, look, color=colour, markersize=3.0, markerfacecolor="none", linewidth=1.0, label=source)
             band = (x0 - _SIGMAS * deviation, x0 + _SIGMAS * deviation)
             ax.fill_between(level, *band, color=colour, alpha=0.2, linewidth=0)
     if "coil_x" in of.coords and state in of.coil.values:
-        centre = float(of.coil_x.sel(coil=state)) * _MM
-        ax.axhline(centre, color=_GREY, linewidth=0.8, linestyle=":", label="centre of the coil")
-    ax.grid(color=_FAINT)
-    ax.set_xlabel("δ (10⁻³)")
-    ax.set_ylabel("$x_0$ (mm)")
+        centre = float(MM.of(of.coil_x.sel(coil=state)))
+        ax.axhline(centre, color=GREY, linewidth=0.8, linestyle=":", label="centre of the coil")
+    faint_grid(ax)
+    ax.set_xlabel(MILLI_DELTA.label("δ"))
+    ax.set_ylabel(MM.label("$x_0$"))
     ax.set_title(f"$x_0$ of {state}")
     if drawn:
-        ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+        legend_beside(ax)
     else:
         ax.text(0.5, 0.5, "no ellipses", ha="center", va="center", transform=ax.transAxes)
     return ax
@@ -187,10 +223,11 @@ def comparison_figure(comparison: xr.Dataset, depth: int = -1, outlines: Sequenc
     axes = figure.subplots(len(names), 3, squeeze=False, width_ratios=_WIDTHS)
     for (left, right, curve), state in zip(axes, names, strict=True):
         of = _of(comparison, state, depth)
-        for ax, stage in ((left, "before"), (right, "after")):
-            mesh = _draw_residual(ax, of, stage, outlines)
+        shown = _unit_of_residuals(of)
+        for ax, stage in zip((left, right), _STAGES, strict=True):
+            mesh = _draw_residual(ax, of, stage, shown, outlines)
             ax.set_title(f"{state}, {_STAGES[stage]}")
-        figure.colorbar(mesh, ax=[left, right], label=_SMALL_LABEL, fraction=0.03, pad=0.01)
+        figure.colorbar(mesh, ax=[left, right], label=shown.label("δ"), fraction=0.03, pad=0.01)
         right.set_ylabel("")
         plot_centres(comparison, state, depth, curve)
     note = f" ({len(names)} of {comparison.sizes['state']} states)" if len(names) < comparison.sizes["state"] else ""
@@ -206,24 +243,26 @@ def _of(comparison: xr.Dataset, state: str, depth: int) -> xr.Dataset:
     return comparison.isel(depth=depth).sel(state=state)
 
 
-def _draw_residual(ax: Axes, of: xr.Dataset, stage: str, outlines: Sequence[npt.ArrayLike]) -> QuadMesh:
+def _residuals(of: xr.Dataset) -> FloatArray:
+    """Return what remains of one state before and after scale and shift, shape (2, y, x)."""
+    return np.stack([of[f"residual_{stage}"].transpose("y", "x").values for stage in _STAGES])
+
+
+def _unit_of_residuals(of: xr.Dataset) -> AxisUnit:
+    return axis_unit(_residuals(of), "1")
+
+
+def _draw_residual(
+    ax: Axes, of: xr.Dataset, stage: Literal["before", "after"], shown: AxisUnit, outlines: Sequence[npt.ArrayLike]
+) -> QuadMesh:
     """Fill axes in mm with what remains (y, x), the coils' outlines above it."""
-    both = np.stack([of[f"residual_{name}"].transpose("y", "x").values for name in _STAGES]) * _SMALL
-    limit = float(np.nanmax(np.abs(both), initial=0.0)) or 1.0
-    values = np.ma.masked_invalid(of[f"residual_{stage}"].transpose("y", "x").values * _SMALL)
-    mesh = ax.pcolormesh(of.x.values * _MM, of.y.values * _MM, values, cmap="RdBu_r", vmin=-limit, vmax=limit)
-    limits = ax.get_xlim(), ax.get_ylim()
-    for outline in outlines:
-        corners = np.asarray(outline, dtype=np.float64) * _MM
-        ax.add_patch(Polygon(corners, closed=True, facecolor="none", edgecolor=INK, linewidth=0.8))
-    ax.set_xlim(*limits[0])
-    ax.set_ylim(*limits[1])
-    ax.set_facecolor(_UNKNOWN)
-    ax.set_aspect("equal")
-    ax.set_xlabel("x (mm)")
-    ax.set_ylabel("y (mm)")
+    both = shown.of(_residuals(of))
+    limit = largest(both)
+    values = np.ma.masked_invalid(both[list(_STAGES).index(stage)])
+    mesh = ax.pcolormesh(MM.of(of.x), MM.of(of.y), values, cmap=DIVERGING, vmin=-limit, vmax=limit)
+    finish_map(ax, outlines)
     return mesh
 
 
 def _depth_text(comparison: xr.Dataset, depth: int) -> str:
-    return f"{float(comparison.depth[depth]) * _MM:g} mm"
+    return f"{float(MM.of(comparison.depth[depth])):g} mm"

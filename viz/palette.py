@@ -13,11 +13,12 @@ GREEN = "#009E73"
 PURPLE = "#CC79A7"
 ORANGE = "#E69F00"
 SKY = "#56B4E9"
+WINE, INDIGO, OLIVE = "#7A2E5A", "#3B2A6B", "#5A4A00"  # dark, for what lies on or beside those
 INK = "#202020"  # text and rulers
 
 COILS = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY)
 LAYERS = (VERMILLION, ORANGE, BLUE, SKY, PURPLE, GREEN)  # neighbours alike, pairs of layers far apart
-KINDS = (*COILS, "#7A2E5A", "#3B2A6B", "#5A4A00")
+KINDS = (*COILS, WINE, INDIGO, OLIVE)
 """Where areas of more than six kinds lie beside each other: the coils' colours, then three dark ones."""
 LAMINATE = "#3F8F4F"
 BARREL = "#8C6D1F"

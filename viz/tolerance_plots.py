@@ -16,7 +16,6 @@ from coilarray.viz.style import new_axes, styled
 _MOST_HISTOGRAMS = 6
 _COLUMNS = 3
 _LEAST_SHARE = 0.02
-_HEADROOM = 1.2  # for the legend
 
 
 @styled
@@ -150,15 +149,23 @@ def plot_boards(result: xr.Dataset, output: str, ax: Axes | None = None) -> Axes
         normal = np.exp(-(((x - nominal) / deviation) ** 2) / 2) / (deviation * np.sqrt(2 * np.pi))
         ax.plot(x, normal, color=INK, label="linear")
     if "limited" in result:
-        for k in np.flatnonzero(result.limited.values == output):
-            for limit in (float(result.at_least[k]), float(result.at_most[k])):
-                if np.isfinite(limit):
-                    ax.axvline(limit, color=VERMILLION, linestyle="--", label="limit")
+        of_output = result.limited.values == output
+        limits = np.r_[result.at_least.values[of_output], result.at_most.values[of_output]]
+        for k, limit in enumerate(limits[np.isfinite(limits)].tolist()):
+            ax.axvline(limit, color=VERMILLION, linestyle="--", label="" if k else "limit")  # once in the legend
     ax.set_xlabel(output)
     ax.set_yticks([])
     ax.locator_params(axis="x", nbins=4)
-    ax.set_ylim(top=_HEADROOM * ax.get_ylim()[1])
-    ax.legend(loc="upper center", ncols=3, fontsize="xx-small", columnspacing=0.8, handlelength=1.2)
+    # above the axes, where lines of limits do not cross it
+    ax.legend(
+        loc="lower center",
+        bbox_to_anchor=(0.5, 1.0),
+        ncols=3,
+        borderaxespad=0.2,
+        fontsize="small",
+        columnspacing=0.8,
+        handlelength=1.2,
+    )
     return ax
 
 

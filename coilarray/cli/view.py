@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_args
@@ -106,6 +107,7 @@ def view(
         ("--table", table, (".nc",)),
     ):
         check_file(option, path, suffixes)
+    _check_vtk(vtk)
     items = _items(show)
     for option, given, needed in (
         ("--response", response, "response"), ("--reading", reading, "location"), ("--table", table, "location"),
@@ -114,6 +116,13 @@ def view(
             raise OutputError(f"{option} is for --show {needed}.")
     if movie is None and path_mm is not None:
         raise OutputError("--path-mm is for --movie.")
+    if movie is not None and screenshot is None and html is None and vtk is None:
+        for option, changed in (
+            ("--show", show != _SHOWN), ("--layers", layers is not None), ("--coil", coil is not None),
+            ("--others-open", others_open), ("--spacing-mm", spacing_mm is not None), ("--at-mm", at_mm is not None),
+        ):  # fmt: skip
+            if changed:
+                raise OutputError(f"{option} is not for --movie: a film shows the dent and δ of all coils.")
     if not 2 <= frames <= _MOST_FRAMES:
         raise OutputError(f"--frames must be 2 to {_MOST_FRAMES}; got {frames}.")
     pixels = _pixels(size)
@@ -145,6 +154,21 @@ def view(
         _show(_scene(opened, asked), opened.name, seen_from, screenshot, html, vtk, pixels)
     if movie is not None:
         _film(opened, corners, frames, depth, movie, seen_from, pixels, rate)
+
+
+def _check_vtk(path: Path | None) -> None:
+    """Refuse before a long computation a file .vtm, or a folder, that could not be written after it."""
+    if path is None or path.suffix.lower() == ".vtm":
+        check_file("--vtk", path, None)
+        return
+    try:
+        there = next(folder for folder in (path, *path.parents) if folder.exists())  # at last . or /
+    except OSError as error:
+        raise OutputError(f"cannot make the folder {path}: {error.strerror}.") from None
+    if not there.is_dir():
+        raise OutputError(f"cannot make the folder {there}: a file has that name.")
+    if not os.access(there, os.W_OK):
+        raise OutputError(f"cannot write {path}: nothing may be written in the folder {there}.")
 
 
 def _side(text: str) -> Side:

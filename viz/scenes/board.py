@@ -255,8 +255,7 @@ def _ruler(axis: Literal["x", "y"], ends: tuple[float, float], at: float, length
         return (along, at - outwards, -outwards) if axis == "x" else (at - outwards, along, -outwards)
 
     marks = pyvista.line_segments_from_points([place(t, d) for t in ticks.tolist() for d in (0.0, length)])
-    words = [(f"{t:g}".replace("-", "−"), t) for t in ticks.tolist()]
-    # the title beyond the end of the edge: there it meets no number however small the board is in the picture
-    words.append((f"{axis} (mm)", high + 4 * length))
-    texts = [Text(text, place(along, 2.2 * length), hidden_from=(edge_on,)) for text, along in words]
-    return Part(f"ticks {axis}", marks, colour=INK, lit=False), texts
+    texts = [Text(f"{t:g}".replace("-", "−"), place(t, 2.2 * length), hidden_from=(edge_on,)) for t in ticks.tolist()]
+    # beyond the end of the edge, where it is clear of the numbers unless the board is small in the picture
+    title = Text(f"{axis} (mm)", place(high + 4 * length, 2.2 * length), hidden_from=(edge_on,), always=True)
+    return Part(f"ticks {axis}", marks, colour=INK, lit=False), [*texts, title]

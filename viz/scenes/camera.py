@@ -63,6 +63,7 @@ def aim(
     towards: Direction,
     left: float = 0.0,
     right: float = 0.0,
+    bottom: float = 0.0,
 ) -> Camera:
     """Aim at the middle of a box so that all of it is seen.
 
@@ -76,6 +77,8 @@ def aim(
         From where.
     left, right : float
         Parts of the picture's width at its edges that stay free, for a legend and colour bars.
+    bottom : float
+        Part of its height that stays free for notes.
 
     Returns
     -------
@@ -90,9 +93,9 @@ def aim(
     middle, extent = (seen.min(axis=0) + seen.max(axis=0)) / 2, np.ptp(seen, axis=0)
     width, height = size
     free = 1.0 - left - right
-    scale = max(float(extent[1]), float(extent[0]) * height / (width * free)) / 2 / _FILLED
+    scale = max(float(extent[1]) / (1.0 - bottom), float(extent[0]) * height / (width * free)) / 2 / _FILLED
     shift = (right - left) * scale * width / height  # of the middle towards the free side
-    focus = (middle[0] + shift) * along + middle[1] * up
+    focus = (middle[0] + shift) * along + (middle[1] - bottom * scale) * up
     distance = 2.0 * float(np.linalg.norm(np.ptp(corners, axis=0)))
     return Camera(_triple(focus + distance * out), _triple(focus), _triple(up), scale)
 

@@ -50,7 +50,8 @@ def scene_of_coupling(coupling: xr.Dataset) -> Scene:
             texts.append(Text(f"{value:+.3f}".replace("-", "−"), (x, y, z + 0.2 * nearest), 16.0, group="coupling"))
     left_out = arcs.n_lines < len(k) * (len(k) - 1) // 2
     notes = (f"Arcs: coupling k; between ±{_LEAST * strongest:.1g} it is left out.",) if left_out else ()
-    part = Part("coupling", tubes, "coupling", scale=scale, ambient=0.35, diffuse=0.7)
+    colour = scale.typical_colour(arcs.cell_data[COUPLING])
+    part = Part("coupling", tubes, "coupling", colour, scale, ambient=0.35, diffuse=0.7)
     return Scene((part,), tuple(texts), notes)
 
 

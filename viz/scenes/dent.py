@@ -26,6 +26,9 @@ if TYPE_CHECKING:
 
 FloatArray = npt.NDArray[np.float64]
 
+VEILED = 0.13
+"""Opacity of dented sheets through which the coils are seen."""
+
 _INTO_THE_CUT = Direction(math.radians(28), math.radians(-118))
 _WIDTH = 2.5  # thicknesses of the stack shown on each side of a dent
 _STEEL = "#7C828A"

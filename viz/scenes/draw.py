@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import textwrap
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -22,13 +23,15 @@ if TYPE_CHECKING:
 BAR_WIDTH = 0.085
 """Part of a picture's width that one colour bar takes, with its numbers."""
 
+_HEIGHT, _WIDTH = 900, 1400  # pixels of the picture in which letters and lines are as large as said
 # of the legend, in pixels of a picture 900 pixels high: letters, their mean width, a line, a sign with room, the rim
 _LEGEND, _LETTER, _LINE, _SIGN, _RIM = 17, 10.2, 29, 24, 40
 _TICKS = 5  # numbers on a colour bar
 _TITLE = 13  # letters of a line above it
 _PLAIN = 1e-2  # least value without a unit that is shown without a power of ten
 _FONT_FILE = 4  # VTK_FONT_FILE of vtkTextProperty
-_NOTE = 15  # height of the letters of notes in pixels of a picture 900 pixels high
+# of the notes, in pixels of a picture 900 pixels high: letters, a line, their lower edge with room above them
+_NOTE, _NOTE_LINE, _NOTE_RIM = 15, 17.5, 40
 
 
 Panel = tuple[float, float]
@@ -51,7 +54,9 @@ def draw(scene: Scene, plotter: pyvista.Plotter, *, side: Side = "oblique", pane
     """
     view: Any = plotter  # PyVista's decorators lose the signatures of its methods, each version in its own way
     view.set_background("white")
-    draw_parts(replace(scene, texts=tuple(text for text in scene.texts if side not in text.hidden_from)), plotter)
+    pixel = pixel_of(view.window_size)
+    shown = replace(scene, texts=tuple(text for text in scene.texts if side not in text.hidden_from))
+    draw_parts(shown, plotter, pixel)
     if panel is None and scene.groups:
         _legend(view, scene)
     for place, scale in enumerate(scene.scales):
@@ -59,16 +64,28 @@ def draw(scene: Scene, plotter: pyvista.Plotter, *, side: Side = "oblique", pane
     set_camera(plotter, camera_of(scene, (view.window_size[0], view.window_size[1]), side, panel))
 
 
-def draw_parts(scene: Scene, plotter: pyvista.Plotter) -> None:
-    """Draw the parts, texts and notes of a scene alone: a part or text replaces one of the same name."""
+def draw_parts(scene: Scene, plotter: pyvista.Plotter, pixel: float | None = None) -> None:
+    """Draw the parts, texts and notes of a scene alone.
+
+    Parameters
+    ----------
+    scene : Scene
+        What is shown.
+    plotter : pyvista.Plotter
+        A part or text replaces one of the same name.
+    pixel : float, optional
+        Pixels for one in a picture 900 pixels high, as `pixel_of` gives them; by the height alone by default.
+    """
     view: Any = plotter
-    pixel = pixel_of(plotter)
+    if pixel is None:
+        pixel = view.window_size[1] / _HEIGHT
     for part in scene.parts:
         view.add_actor(actor_of(part, pixel), name=part.name, reset_camera=False, pickable=False, render=False)
-    alike: dict[tuple[str, float, bool], list[Text]] = defaultdict(list)
+    alike: dict[tuple[str, float, bool, bool], list[Text]] = defaultdict(list)
     for text in scene.texts:
-        alike[text.group, text.height, text.bold].append(text)
-    for (group, height, bold), texts in alike.items():
+        alike[text.group, text.height, text.bold, text.always].append(text)
+    for (group, height, bold, always), texts in alike.items():
+        # PyVista lets texts of one actor give way to each other where they meet, and none to those of another actor
         view.add_point_labels(
             np.array([text.position for text in texts], dtype=np.float64),
             [text.text for text in texts],
@@ -82,7 +99,7 @@ def draw_parts(scene: Scene, plotter: pyvista.Plotter) -> None:
             font_file=font_file(bold),
             reset_camera=False,
             render=False,
-            name=text_name(group, height, bold),
+            name=text_name(group, height, bold, always),
         )
     if scene.notes:
         view.add_text(
@@ -96,28 +113,29 @@ def draw_parts(scene: Scene, plotter: pyvista.Plotter) -> None:
         )
 
 
-def text_name(group: str, height: float, bold: bool) -> str:
+def text_name(group: str, height: float, bold: bool, always: bool = False) -> str:
     """Name of the actor of all texts that look alike."""
-    return f"texts {group} {height:g}{' bold' if bold else ''}"
+    return f"texts {group} {height:g}{' bold' if bold else ''}{' always' if always else ''}"
 
 
 def camera_of(scene: Scene, size: tuple[int, int], side: Side = "oblique", panel: Panel | None = None) -> Camera:
-    """Return the camera that sees all of a scene, beside its colour bars and its legend or a panel."""
+    """Return the camera that sees all of a scene, above its notes, beside its colour bars and its legend or a panel."""
     bars, towards = BAR_WIDTH * len(scene.scales), direction(side)
-    camera = aim(scene.bounds, size, towards, right=bars)
+    notes = (_NOTE_RIM + _NOTE_LINE * len(scene.notes)) * pixel_of(size) / size[1] if scene.notes else 0.0
+    camera = aim(scene.bounds, size, towards, right=bars, bottom=notes)
     if not scene.groups:
         return camera
     width, height = legend_size(scene, size) if panel is None else panel
     corners = np.array(list(itertools.product(*np.reshape(scene.bounds, (3, 2)))))
     hull = shapely.MultiPoint(seen_from(camera, corners, size)).convex_hull
     if hull.intersects(shapely.box(0.0, 1.0 - height, width, 1.0)):
-        return aim(scene.bounds, size, towards, left=width, right=bars)
+        return aim(scene.bounds, size, towards, left=width, right=bars, bottom=notes)
     return camera
 
 
 def legend_size(scene: Scene, size: tuple[int, int]) -> Panel:
     """Width and height of the legend of a scene with its rim, in those of a picture."""
-    pixel = size[1] / 900
+    pixel = pixel_of(size)
     longest = max((len(group) for group in scene.groups), default=0)
     width, height = _RIM + _SIGN + _LETTER * longest, _RIM + _LINE * len(scene.groups)
     return width * pixel / size[0], height * pixel / size[1]
@@ -132,15 +150,21 @@ def set_camera(plotter: pyvista.Plotter, camera: Camera) -> None:
     view.reset_camera_clipping_range()
 
 
-def pixel_of(plotter: pyvista.Plotter) -> float:
-    """Pixels of a plotter for one in a picture 900 pixels high."""
-    view: Any = plotter
-    return float(view.window_size[1]) / 900
+def pixel_of(size: Sequence[int]) -> float:
+    """Pixels for one in a picture 900 pixels high; fewer in a narrow one, so that legend and bars have their room.
+
+    Examples
+    --------
+    >>> pixel_of((1600, 900)), pixel_of((960, 540)), pixel_of((700, 900))
+    (1.0, 0.6, 0.5)
+    """
+    width, height = size
+    return min(height / _HEIGHT, width / _WIDTH)
 
 
 def _legend(view: Any, scene: Scene) -> None:
     """Write every group in ink beside a square of its colour: VTK's own legend has letters of that colour too."""
-    pixel, height = view.window_size[1] / 900, view.window_size[1]
+    pixel, height = pixel_of(view.window_size), view.window_size[1]
     look = {"font_size": round(_LEGEND * pixel / 2), "font_file": font_file()}  # of PyVista's points, two pixels each
     for row, (group, colour) in enumerate(scene.groups.items()):
         y = height - (_RIM + (row + 1) * _LINE) * pixel
@@ -160,7 +184,7 @@ def _bar(view: Any, scale: Scale, place: int) -> None:
         log_scale=scale.logarithmic,
         n_values=256,
     )
-    pixel = view.window_size[1] / 900
+    pixel = pixel_of(view.window_size)
     bar = view.add_scalar_bar(
         title=textwrap.fill(title, _TITLE),  # so that it does not run into that of the next bar
         mapper=mapper,

@@ -55,7 +55,8 @@ def scene_of_slices(slices: Sequence[pyvista.RectilinearGrid], scale: Scale) -> 
         low, high = np.reshape(plane.bounds, (3, 2)).T
         spacing = float((high - low).max()) / _ARROWS * 1e-3
         surface = surface_of(plane).clip_scalar(scalars=AMOUNT, value=scale.low, invert=False)
-        parts.append(Part(f"plane {k}", surface, "B on planes", scale=scale, opacity=_SEE_THROUGH, lit=False))
+        colour = scale.typical_colour(surface.point_data[AMOUNT])
+        parts.append(Part(f"plane {k}", surface, "B on planes", colour, scale, opacity=_SEE_THROUGH, lit=False))
         arrows = surface_of(field_arrows(plane, spacing).threshold(scale.low, scalars=AMOUNT))
         parts.append(Part(f"arrows {k}", arrows, "B as arrows", INK, ambient=0.4))
     return Scene(tuple(parts), notes=("Arrows: length as the root of the magnitude.",) if parts else ())
@@ -77,7 +78,8 @@ def scene_of_lines(grid: pyvista.RectilinearGrid, seeds: npt.ArrayLike, scale: S
     if not lines.n_cells:
         return Scene()
     tubes = lines.tube(radius=_TUBE * float(grid.length), n_sides=8)
-    return Scene((Part("field lines", tubes, "lines of B", scale=scale, ambient=0.5, diffuse=0.6),))
+    colour = scale.typical_colour(lines.point_data[AMOUNT])
+    return Scene((Part("field lines", tubes, "lines of B", colour, scale, ambient=0.5, diffuse=0.6),))
 
 
 def scene_of_surfaces(grid: pyvista.RectilinearGrid, levels: Sequence[float], scale: Scale) -> Scene:
@@ -95,5 +97,6 @@ def scene_of_surfaces(grid: pyvista.RectilinearGrid, levels: Sequence[float], sc
     surfaces = field_surfaces(grid, levels)
     if not surfaces.n_cells:
         return Scene()
-    part = Part("field surfaces", surfaces, "surfaces of equal B", scale=scale, opacity=_VEIL, ambient=0.4)
+    colour = scale.typical_colour(levels)
+    part = Part("field surfaces", surfaces, "surfaces of equal B", colour, scale, opacity=_VEIL, ambient=0.4)
     return Scene((part,))

@@ -11,7 +11,7 @@ from scipy.special import chdtri
 
 from coilarray.viz.datasets.location import position_pin, uncertainty_ellipse
 from coilarray.viz.datasets.triangles import polylines
-from coilarray.viz.palette import BLUE, INK, VERMILLION
+from coilarray.viz.palette import INDIGO, INK, WINE
 from coilarray.viz.scenes.board import Box, cut_upright
 from coilarray.viz.scenes.scene import Part, Scene
 
@@ -42,8 +42,9 @@ def scene_of_location(
     origin : tuple of float
         Place of the map's origin on the board in m.
     bounds : tuple of float
-        x_min, y_min, x_max, y_max of the board in m: an ellipse ends at its edge. One that is too small to be seen is
-        drawn larger, by the factor that its name in the legend says.
+        x_min, y_min, x_max, y_max of the board in m: an ellipse ends at its edge, and one that reaches farther than the
+        board is long is not drawn. One that is too small to be seen is drawn larger, by the factor that its name in the
+        legend says.
     top : float
         Height of the pins in m.
     truth : tuple of float, optional
@@ -66,6 +67,9 @@ def scene_of_location(
         if not _is_finite(mode):
             notes.append("No ellipse: one direction is not told by this reading to first order.")
             continue
+        if _semiaxis(mode) > reach:
+            notes.append("No 95 % ellipse where it would be longer than the board.")
+            continue
         if not mode.gaussian:
             notes.append("The likelihood is not Gaussian: the ellipse is its shape near the position only.")
         for name, height in (("", 0.0), (" above", top)):
@@ -73,10 +77,10 @@ def scene_of_location(
             ellipse = uncertainty_ellipse(at, covariance, _CONFIDENCE, magnification=magnification, height=height)
             on_board = cut_upright(ellipse, bounds)
             if on_board.n_cells:
-                parts.append(Part(f"ellipse {k}{name}", on_board, label, VERMILLION, line_width=4.0, lit=False))
+                parts.append(Part(f"ellipse {k}{name}", on_board, label, WINE, line_width=4.0, lit=False))
     if truth is not None:
         cross = _cross(truth[0] + origin[0], truth[1] + origin[1], top, _CROSS * reach)
-        parts.append(Part("truth", cross, "indenter", BLUE, line_width=3.0, lit=False))
+        parts.append(Part("truth", cross, "indenter", INDIGO, line_width=3.0, lit=False))
     return Scene(tuple(parts), notes=tuple(dict.fromkeys(notes)))
 
 
@@ -96,15 +100,19 @@ def _told(location: Location) -> str:
 
 def _magnification(modes: Sequence[Mode], reach: float) -> float:
     """1, 2, 5, 10, 20, …: the least factor by which the largest ellipse is seen."""
-    variances = [np.linalg.eigvalsh(mode.covariance[:2, :2])[-1] for mode in modes if _is_finite(mode)]
-    if not variances:
+    semiaxes = [_semiaxis(mode) for mode in modes if _is_finite(mode)]
+    if not semiaxes:
         return 1.0
-    semiaxis = math.sqrt(float(chdtri(2, 1 - _CONFIDENCE)) * float(max(variances)))
-    wanted = _SEEN * reach / semiaxis
+    wanted = _SEEN * reach / max(semiaxes)
     if wanted <= 1:
         return 1.0
     decade = 10.0 ** math.floor(math.log10(wanted))
     return next(step * decade for step in (1.0, 2.0, 5.0, 10.0) if step * decade >= wanted * (1 - 1e-12))
+
+
+def _semiaxis(mode: Mode) -> float:
+    """Longer semi-axis of an ellipse in m."""
+    return math.sqrt(float(chdtri(2, 1 - _CONFIDENCE)) * float(np.linalg.eigvalsh(mode.covariance[:2, :2])[-1]))
 
 
 def _is_finite(mode: Mode) -> bool:

@@ -15,7 +15,7 @@ from coilarray.errors import OutputError
 from coilarray.files import write_atomically
 from coilarray.geometry.extras import import_extra
 from coilarray.viz.scenes.camera import Side
-from coilarray.viz.scenes.draw import draw, draw_parts
+from coilarray.viz.scenes.draw import draw, draw_parts, pixel_of
 from coilarray.viz.scenes.pictures import check_rendering, off_screen
 from coilarray.viz.scenes.scene import Scene
 
@@ -92,7 +92,7 @@ def _pictures(plotter: Any, still: Scene, moving: Iterable[Scene], side: Side) -
     draw(still + first, plotter, side=side)
     for scene in chain((None,), following):
         if scene is not None:
-            draw_parts(scene, plotter)
+            draw_parts(scene, plotter, pixel_of(plotter.window_size))
         yield np.asarray(plotter.screenshot(return_img=True))
 
 
@@ -109,7 +109,10 @@ def _write_gif(path: Path, pictures: Iterator[Image], rate: float) -> None:
         return Pillow.fromarray(np.frombuffer(zlib.decompress(kept[k]), dtype=np.uint8).reshape(shape))
 
     chosen = sorted(set(np.linspace(0, len(kept) - 1, _SAMPLED).round().astype(int).tolist()))
-    colours = Pillow.fromarray(np.vstack([np.asarray(picture(k)) for k in chosen])).quantize(colors=256)
+    # an octree keeps the colours of small things, as a colour bar; Pillow's median cut gives them to the large areas
+    colours = Pillow.fromarray(np.vstack([np.asarray(picture(k)) for k in chosen])).quantize(
+        colors=256, method=Pillow.Quantize.FASTOCTREE
+    )
     first, *rest = (picture(k).quantize(palette=colours, dither=Pillow.Dither.NONE) for k in range(len(kept)))
     first.save(path, save_all=True, append_images=rest, duration=round(1000 / rate), loop=0, disposal=1)
 

@@ -16,20 +16,22 @@ from coilarray.blocks import Progress
 from coilarray.coupling import couple_design
 from coilarray.design import Design, Indentation
 from coilarray.elastomer.contact import indent
-from coilarray.errors import ElastomerError, GeometryError, LocalizeError
+from coilarray.errors import GeometryError, LocalizeError
 from coilarray.localize.forward import forward_model
 from coilarray.localize.inverse import locate
+from coilarray.map_places import indentation_of
 from coilarray.near_field import operating_currents, operating_field
 from coilarray.response import response_map
 from coilarray.viz.datasets.field import flux_density, require_memory
 from coilarray.viz.scenes.board import scene_of_board, scene_of_lifted_board, scene_of_sheets
 from coilarray.viz.scenes.coupling import colours_of_currents, scene_of_coupling
-from coilarray.viz.scenes.dent import name_heights, scene_of_dent
+from coilarray.viz.scenes.dent import VEILED, name_heights, scene_of_dent
 from coilarray.viz.scenes.field import scale_of_field, scene_of_lines, scene_of_slices, scene_of_surfaces
 from coilarray.viz.scenes.field_places import Axes, count_of, field_box, field_planes, line_seeds, points_of_box
 from coilarray.viz.scenes.location import scene_of_location
 from coilarray.viz.scenes.response import scene_of_response
 from coilarray.viz.scenes.scene import Scene
+from coilarray.viz.scenes.touch import first_states
 
 if TYPE_CHECKING:
     import pyvista
@@ -46,7 +48,6 @@ ITEMS: tuple[Item, ...] = get_args(Item)
 
 _PLANE_SPACING, _BOX_SPACING = 0.5e-3, 1e-3  # m between points of B, where nothing else is said
 _LEVELS = (-0.35, -0.85, -1.35)  # powers of ten of the largest |B| that have a surface
-_VEILED = 0.13  # opacity of dented sheets before and behind other things
 _ALONE: frozenset[Item] = frozenset({"board", "elastomer"})
 _IN_BOX: frozenset[Item] = frozenset({"lines", "surfaces"})
 _WITHIN: frozenset[Item] = frozenset({"field", "lines", "surfaces", "response", "location", "coupling"})
@@ -139,6 +140,8 @@ class _Making:
         for item in shown:
             if item not in ITEMS:
                 raise GeometryError(f"what is shown must be of {', '.join(ITEMS)}; got {item!r}.")
+        if self.view.coil not in (None, *self.design.array.names):
+            raise GeometryError(f"there is no coil {self.view.coil!r}; there are {', '.join(self.design.array.names)}.")
         self._require_memory()
         if shown <= _ALONE and {"board"} <= shown and self.view.layers is None:
             return scene_of_lifted_board(self.design.array, self.design.sheets if "elastomer" in shown else ())
@@ -184,12 +187,7 @@ class _Making:
     @property
     def _coil(self) -> str:
         names = self.design.array.names
-        coil = self.view.coil
-        if coil is None:
-            return names[(len(names) - 1) // 2]
-        if coil not in names:
-            raise GeometryError(f"there is no coil {coil!r}; there are {', '.join(names)}.")
-        return coil
+        return names[(len(names) - 1) // 2] if self.view.coil is None else self.view.coil
 
     @cached_property
     def _coupling(self) -> xr.Dataset:
@@ -201,10 +199,7 @@ class _Making:
 
     @property
     def _setup(self) -> Indentation:
-        setup = self.design.indentation
-        if setup is None:
-            raise ElastomerError(f"the design {self.design.name} has no [indenter] and [indentation].")
-        return setup
+        return indentation_of(self.design)
 
     @property
     def _depth(self) -> float:
@@ -224,7 +219,7 @@ class _Making:
     # the elastomer
 
     def _dent(self) -> Scene:
-        setup, opacity = self._setup, 1.0 if self._covered else _VEILED
+        setup, opacity = self._setup, 1.0 if self._covered else VEILED
         pressed = indent(
             self.design.sheets, setup.indenter, [self._depth], base=setup.base, radius=setup.sample_radius
         ).isel(depth=0)
@@ -258,21 +253,21 @@ class _Making:
 
     def _response(self) -> Scene:
         response = self.view.response
+        x, y = (self._setup.x, self._setup.y) if response is None else (response.x.values, response.y.values)
+        for name, positions in (("x", x), ("y", y)):  # before a map is computed
+            if len(positions) < 2:
+                raise LocalizeError(f"a map that is draped needs at least 2 positions along {name}; got 1.")
         if response is None:
             depths = [self._depth]
             response = response_map(self.design, depths=depths, progress=self.track("response"))
         state, depth = self._state_of(response), self._depth_of(response)
-        for name in ("x", "y"):
-            if response.sizes[name] < 2:
-                raise LocalizeError(f"a map that is draped needs at least 2 positions along {name}; got 1.")
         outlines = [place.to_board(place.coil.outline) for place in self.design.array.placements]
         return scene_of_response(response, state, depth, origin=self._origin_of(response), outlines=outlines)
 
     def _state_of(self, response: xr.Dataset) -> str:
         """State that measures the coil first, by the plan of the design or by its name."""
         states = [str(name) for name in response.state.values]
-        plan = {state.measured[0][0]: state.name for state in reversed(self.design.circuit.plan)}
-        for wanted in (plan.get(self._coil), self._coil):
+        for wanted in (first_states(self.design).get(self._coil), self._coil):
             if wanted in states:
                 return str(wanted)
         raise LocalizeError(f"the map has no state that measures {self._coil}; there are {', '.join(states)}.")

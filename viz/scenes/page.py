@@ -70,8 +70,15 @@ def save_page(scene: Scene, path: Path, *, title: str = "coilarray", side: Side 
         groups=scene.groups,
         notes=scene.notes,
         texts=[
-            {"text": t.text, "position": t.position, "height": t.height, "bold": t.bold, "group": t.group}
-            for t in scene.texts
+            {
+                "text": t.text,
+                "position": t.position,
+                "height": t.height,
+                "bold": t.bold,
+                "group": t.group,
+                "hiddenFrom": t.hidden_from,
+            }
+            for t in sorted(scene.texts, key=lambda text: not text.always)  # the first ones stay where two meet
         ],
         group_of_actor=[part.group for part in scene.parts],
         bars=[_bar(scale) for scale in scene.scales],

@@ -25,7 +25,9 @@ if TYPE_CHECKING:
 SIZE = (1600, 900)
 """Width and height of a picture in pixels, where nothing else is said."""
 
-_LONGEST = 8192  # pixels of a side: with several samples a pixel more is not to be had everywhere
+# pixels of a side: VTK's anti-aliasing takes textures of more than twice that, and graphics cards, as Mesa's software,
+# have 16384; a larger picture is blank
+_LONGEST = 6000
 
 
 def save_picture(scene: Scene, path: Path, *, side: Side = "oblique", size: tuple[int, int] = SIZE) -> None:

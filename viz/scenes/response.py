@@ -41,8 +41,8 @@ def scene_of_response(
     relief = _RELIEF * side
     surface = response_surface(response, state, depth, origin=origin, height=_OVER, relief=relief)
     scale = symmetric(DELTA, f"δ of {state}", "", surface.point_data[DELTA])
-    group = f"response of {state}"
-    parts = [Part("response", surface, group, scale=scale, opacity=0.9, ambient=0.6, diffuse=0.45)]
+    group, colour = f"response of {state}", scale.typical_colour(surface.point_data[DELTA])
+    parts = [Part("response", surface, group, colour, scale, opacity=0.9, ambient=0.6, diffuse=0.45)]
     lines = draped_outlines(response, state, outlines, depth, origin=origin, height=_OVER + _ABOVE, relief=relief)
     if lines.n_cells:
         parts.append(Part("outlines", lines, "outlines of the coils", INK, lit=False, line_width=2.0))

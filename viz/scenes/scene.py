@@ -63,6 +63,13 @@ class Scale:
         numbers = np.ma.masked_invalid(np.asarray(values, dtype=np.float64))
         return np.asarray(map_(norm(numbers), bytes=True)[:, :3])
 
+    def typical_colour(self, values: npt.ArrayLike) -> str:
+        """Return the colour of the median of values, as "#rrggbb": what a legend shows of a part with this scale."""
+        numbers = np.asarray(values, dtype=np.float64)
+        finite = numbers[np.isfinite(numbers)]
+        red, green, blue = self.colours_of([np.median(finite) if finite.size else np.nan])[0].tolist()
+        return f"#{red:02x}{green:02x}{blue:02x}"
+
 
 def symmetric(array: str, title: str, unit: str, values: npt.ArrayLike) -> Scale:
     """Return a scale of both signs whose middle is zero and whose ends are the largest amount."""
@@ -134,6 +141,8 @@ class Text:
         As of a `Part`.
     hidden_from : tuple of str
         Sides from which it would lie on others, and is left out.
+    always : bool
+        Gives way to no text without this mark; where two others meet, one of them is left out.
     """
 
     text: str
@@ -142,6 +151,7 @@ class Text:
     bold: bool = False
     group: str = ""
     hidden_from: tuple[Side, ...] = ()
+    always: bool = False
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,11 +12,12 @@ import numpy.typing as npt
 from coilarray.blocks import Progress
 from coilarray.design import Design, Indentation
 from coilarray.elastomer.contact import indent
-from coilarray.errors import ElastomerError, GeometryError
+from coilarray.errors import GeometryError
 from coilarray.localize.forward import forward_model
+from coilarray.map_places import indentation_of
 from coilarray.response import response_map
 from coilarray.viz.scenes.board import CoilColours, copper_parts, recoloured, scene_of_board
-from coilarray.viz.scenes.dent import scene_of_dent
+from coilarray.viz.scenes.dent import VEILED, scene_of_dent
 from coilarray.viz.scenes.draw import shown_units
 from coilarray.viz.scenes.scene import Scale, Scene, Text, symmetric
 
@@ -26,7 +27,6 @@ DELTA = "delta (1)"
 """Name of the cell array of each coil's relative change of inductance."""
 
 _STEPS = 5  # positions of the response in the thickness of all sheets, as `coilarray.localize.forward` needs them
-_VEILED = 0.13  # opacity of the sheets: the coils are seen through them
 _BELOW = 0.17  # from a coil's name down to its number, in the coil's length along y
 _LEAST_STEPS = 3  # along each axis: four positions carry a cubic
 
@@ -54,7 +54,7 @@ class Touch:
 
     def scenes(self) -> Iterator[Scene]:
         """Return what is seen at every place: the dented sheets, the indenter, and the copper coloured by δ."""
-        design, setup = self.design, _setup(self.design)
+        design, setup = self.design, indentation_of(self.design)
         pressed = indent(design.sheets, setup.indenter, [self.depth], base=setup.base, radius=setup.sample_radius)
         dent, copper, scale = pressed.isel(depth=0), copper_parts(design.array), self.scale
         for (x, y), delta in zip(self.places.tolist(), self.delta, strict=True):
@@ -63,7 +63,7 @@ class Touch:
             coils = Scene(
                 recoloured(copper, CoilColours(delta, scale)), self._numbers(delta), (f"The indenter is at {where}.",)
             )
-            yield coils + scene_of_dent(design.array, design.sheets, dent, setup.indenter, on_board, opacity=_VEILED)
+            yield coils + scene_of_dent(design.array, design.sheets, dent, setup.indenter, on_board, opacity=VEILED)
 
     def _numbers(self, delta: FloatArray) -> tuple[Text, ...]:
         """δ of every coil below its name, in the unit of the colour bar."""
@@ -121,7 +121,7 @@ def touch_along(
     GeometryError
         A way that leaves the board or has no length, or too few places.
     """
-    setup = _setup(design)
+    setup = indentation_of(design)
     if count < 2:
         raise GeometryError(f"a film must have at least 2 pictures; got {count}.")
     way = np.array(_default_way(design, setup) if corners is None else corners, dtype=np.float64)
@@ -134,16 +134,15 @@ def touch_along(
     model = forward_model(response)
     points = np.column_stack((places, np.full(len(places), deep)))
     by_state = dict(zip(model.states, model.delta(points).T, strict=True))
-    first = {state.measured[0][0]: state.name for state in reversed(design.circuit.plan)}
+    first = first_states(design)
     nothing = np.full(len(places), np.nan)
     delta = [by_state[first[coil]] if coil in first else nothing for coil in design.array.names]
     return Touch(design, deep, places, np.column_stack(delta))
 
 
-def _setup(design: Design) -> Indentation:
-    if design.indentation is None:
-        raise ElastomerError(f"the design {design.name} has no [indenter] and [indentation].")
-    return design.indentation
+def first_states(design: Design) -> dict[str, str]:
+    """Return the first state of the plan that measures each coil, by the name of the coil."""
+    return {state.measured[0][0]: state.name for state in reversed(design.circuit.plan)}
 
 
 def _default_way(design: Design, setup: Indentation) -> list[tuple[float, float]]:

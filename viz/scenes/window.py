@@ -98,8 +98,8 @@ def add_switches(scene: Scene, plotter: Any) -> dict[str, Callable[[bool], None]
 
 def _switch(scene: Scene, plotter: Any, group: str) -> Callable[[bool], None]:
     names = [part.name for part in scene.parts if part.group == group]
-    looks = {(text.height, text.bold) for text in scene.texts if text.group == group}
-    names += [f"{text_name(group, height, bold)}-labels" for height, bold in looks]
+    looks = {(text.height, text.bold, text.always) for text in scene.texts if text.group == group}
+    names += [f"{text_name(group, *look)}-labels" for look in looks]
     actors = [plotter.actors[name] for name in names]
 
     def switch(shown: bool) -> None:

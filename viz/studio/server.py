@@ -280,13 +280,18 @@ class _Studio:
         tab = request.match_info["tab"]
         setup = Setup(self._shelf, self._services, self._threads, self._problem)
         try:
-            page = Page(setup, self._tabs.get(tab, self._work))
+            page = Page(setup, self._work_of(tab))
         except CoilarrayError as error:
             return web.json_response({"error": str(error)}, status=503)
         self._pages[page.key], self._of_page[page.key] = page, tab
         self._static.update({name: Path(_folder(place)) for name, place in page.server.serve.items()})
         self._expect(page.key)
         return web.json_response({"sessionURL": f"ws://USE_HOST/ws/{page.key}", "secret": page.secret})
+
+    def _work_of(self, tab: str) -> Work:
+        """Return what a tab worked on; when it is loaded again, its page may not yet have gone."""
+        still = [self._pages[key].work for key, other in self._of_page.items() if other == tab and key in self._pages]
+        return still[-1] if still else self._tabs.get(tab, self._work)
 
     async def _talk(self, request: web.Request) -> web.StreamResponse:
         """Carry messages between a page and its session."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.spatial.distance import pdist
 from scipy.special import chdtri
 
 from coilarray.design import Design
@@ -18,6 +19,8 @@ from coilarray.viz.studio.touch import Touched
 
 _RIM = 0.02  # of the board's width, around it
 _DIGITS = 3  # µm
+_LETTER = 0.035  # height of the names' letters in widths of the drawing, at most
+_LETTER_OF_PITCH = 0.22  # of the distance of neighbours: names of six letters then do not meet
 _LEAST = 0.35  # mm, semi-axis of an ellipse that is seen
 _CONFIDENCE = 0.95
 
@@ -81,10 +84,16 @@ def board_drawing(design: Design, view: TopView) -> dict[str, Any]:
         "box": f"{view.left:.3f} {view.top:.3f} {view.width:.3f} {view.height:.3f}",
         "ratio": round(view.width / view.height, 4),
         "board": {"x": x_min, "y": -y_max, "width": x_max - x_min, "height": y_max - y_min},
-        "letter": round(0.16 * (y_max - y_min), 3),
+        "letter": round(_letter(design, view), 3),
         "line": round(0.0022 * view.width, 3),
         "coils": coils,
     }
+
+
+def _letter(design: Design, view: TopView) -> float:
+    """Height of the names' letters in mm."""
+    nearest = float(pdist(design.array.centres).min(initial=math.inf)) * 1e3
+    return min(_LETTER * view.width, _LETTER_OF_PITCH * nearest)
 
 
 def touch_drawing(design: Design, view: TopView, touch: Touched) -> dict[str, Any]:

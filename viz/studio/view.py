@@ -17,6 +17,8 @@ SIZE = (900, 560)
 """Of the picture in pixels, until the page says its own."""
 
 _SMOOTH_AFTER = 0.5  # s at rest after which edges are smoothed
+_ENCODING = 0.01  # s from one look at whether a picture is encoded to the next
+_LOOKS = 200  # before it is left to trame; a page that is not seen gets no pictures
 _SAMPLES = 8  # of a pixel in a smooth picture, which takes three times as long
 _SAME = 1e-6  # of a camera's numbers
 _RESIZED = 0.03  # of a side, above which texts are drawn anew
@@ -48,6 +50,7 @@ class SceneView:
         self._side: Side = "oblique"
         self._drawn_size = SIZE
         self._smoothing: asyncio.TimerHandle | None = None
+        self._sending: asyncio.TimerHandle | None = None
         self._resizing: asyncio.TimerHandle | None = None
         self.widget = vtk.VtkRemoteView(
             self._window,
@@ -87,7 +90,7 @@ class SceneView:
 
     def close(self) -> None:
         """Let go of the window."""
-        for timer in (self._smoothing, self._resizing):
+        for timer in (self._smoothing, self._sending, self._resizing):
             if timer is not None:
                 timer.cancel()
         # trame would make the window anew for an image on its way, and keeps what it observes for ever
@@ -127,13 +130,14 @@ class SceneView:
 
     def _push(self) -> None:
         self._rough()
-        self.widget.update()
+        self._send(False)
         self._smooth_soon()
 
     def _rough(self) -> None:
         """One sample a pixel until the picture is at rest."""
-        if self._smoothing is not None:
-            self._smoothing.cancel()
+        for timer in (self._smoothing, self._sending):
+            if timer is not None:
+                timer.cancel()
         self._window.SetMultiSamples(0)
         self._at_rest(False)
 
@@ -144,8 +148,27 @@ class SceneView:
 
     def _smooth(self) -> None:
         self._window.SetMultiSamples(_SAMPLES)
+        self._send(True)
+
+    def _send(self, smooth: bool) -> None:
+        """Render, and send the picture once it is encoded."""
         self.widget.update()
-        self._at_rest(True)
+        self._send_encoded(smooth, _LOOKS)
+
+    def _send_encoded(self, smooth: bool, looks: int) -> None:
+        """Look again soon for a picture on its way; trame sends the one before, and looks half a second later."""
+        if self._sending is not None:
+            self._sending.cancel()
+        protocol = self._server.protocol  # there is none before the page talks
+        app = None if protocol is None else protocol.getSharedObject("app")
+        if app is not None and app.GetHasImagesBeingProcessed(self._window) and looks:
+            self._sending = asyncio.get_running_loop().call_later(_ENCODING, self._look, app, smooth, looks)
+        elif smooth:
+            self._at_rest(True)
+
+    def _look(self, app: Any, smooth: bool, looks: int) -> None:
+        app.InvokeEvent("UpdateEvent")  # sends what is encoded, and renders nothing
+        self._send_encoded(smooth, looks - 1)
 
     def _resized(self) -> None:
         """Letters and lines are made for a height: make them anew when the page has settled on one."""
