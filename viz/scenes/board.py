@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -13,7 +13,7 @@ import numpy.typing as npt
 from coilarray.errors import GeometryError
 from coilarray.geometry.array import CoilArray
 from coilarray.geometry.sheet import Sheet
-from coilarray.geometry.solids import solids
+from coilarray.geometry.solids import sheet_solids, solids
 from coilarray.viz.datasets.board import barrel_mesh, board_mesh, copper_mesh, with_coil_values
 from coilarray.viz.datasets.elastomer import sheet_meshes
 from coilarray.viz.datasets.triangles import MM_PER_M, surface_of
@@ -114,7 +114,7 @@ def scene_of_board(
         A layer that the board does not have.
     """
     parts = solids(array)
-    copper = copper_parts(array, layers, colours, box)
+    copper = _copper(parts, array, layers, colours, box)
     board = cut_upright(board_mesh(parts), box)
     laminate = [] if not board.n_cells else [_laminate(board)]
     if box is not None:
@@ -133,7 +133,16 @@ def copper_parts(
     box: Box | None = None,
 ) -> tuple[Part, ...]:
     """Return the copper of a board alone, one part a layer that has any; arguments as for `scene_of_board`."""
-    parts = solids(array)
+    return _copper(solids(array), array, layers, colours, box)
+
+
+def _copper(
+    parts: Mapping[str, trimesh.Trimesh],
+    array: CoilArray,
+    layers: Sequence[str] | None,
+    colours: CoilColours | None,
+    box: Box | None,
+) -> tuple[Part, ...]:
     return tuple(
         _coloured(name, mesh, colour, colours)
         for name, colour in _shown_layers(array, layers).items()
@@ -161,7 +170,7 @@ def scene_of_sheets(array: CoilArray, sheets: Sequence[Sheet], lift: float = 0.0
     thick = {sheet.name: sheet.thickness for sheet in sheets}
     colours = cycled(SHEETS, list(thick))
     parts: list[Part] = []
-    for name, mesh in reversed(sheet_meshes(_sheet_solids(array, sheets), lift, spread).items()):
+    for name, mesh in reversed(sheet_meshes(sheet_solids(array, sheets), lift, spread).items()):
         group = sheet_label(name, thick[name])
         parts.append(Part(f"sheet {name}", mesh, group, colours[name], opacity=_GLASS, lit=False))
         parts.append(_edges(f"edges of sheet {name}", mesh, group, colours[name]))
@@ -211,10 +220,6 @@ def _coloured(layer: str, copper: pyvista.DataSet, colour: str, colours: CoilCol
 def _laminate(board: pyvista.PolyData) -> Part:
     # copper may share a face with the board: draw the board just behind it
     return Part("board", board, "laminate", LAMINATE, opacity=0.3, ambient=0.3, sunk=True)
-
-
-def _sheet_solids(array: CoilArray, sheets: Sequence[Sheet]) -> dict[str, trimesh.Trimesh]:
-    return {key: solid for key, solid in solids(array, sheets).items() if key.startswith("sheet/")}
 
 
 def _edges(name: str, mesh: pyvista.PolyData, group: str, colour: str) -> Part:
