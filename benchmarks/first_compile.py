@@ -1,4 +1,4 @@
-"""What it takes to compile every kernel that report, field, response and locate need, with nothing kept on disk."""
+"""What it takes to compile every kernel that the commands of a first session need, with nothing kept on disk."""
 
 from __future__ import annotations
 
@@ -37,6 +37,9 @@ from coilarray.cli.main import main
 for command in (
     ["report", "gast2020"],
     ["field", "gast2020"],
+    ["impedance", "gast2020", "--points", "3"],
+    ["sweep", "gast2020", "--vary", "array.pitch_mm=13:14:2", "--quantity", "worst_k", "--accuracy", "screen",
+     "--workers", "1", "--cache", "cache"],
     ["response", "gast2020", "--depth-mm", "0.5,1", "--x-mm", "-20:20:5", "--y-mm", "-6:6:5", "--out", "map.nc"],
     ["locate", "--model", "map.nc", *(f"--coil=coil{k}" for k in (1, 2, 3)), "coil1=1e-4,coil2=5e-4,coil3=1e-4"],
 ):
@@ -62,4 +65,10 @@ def figures() -> Iterator[Speed]:
     total = sum(own.values())
     most = sorted(own.items(), key=lambda item: -item[1])[:_SHOWN]
     note = f"{len(own)} kernels; " + ", ".join(f"{name} {taken:.1f} s" for name, taken in most)
-    yield Speed("first-ever compilation of the kernels of four commands", total, "s", note, "≤ 15 s", total <= 15)
+    what = "first-ever compilation: report, field, impedance, sweep, response, locate"
+    yield Speed(what, total, "s", note, "≤ 15 s", total <= 15)
+
+
+if __name__ == "__main__":
+    for figure in figures():
+        print(f"{figure.what}: {figure.value:.3g} {figure.unit} ({figure.note}) {figure.goal} {figure.kept}")

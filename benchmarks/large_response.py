@@ -1,19 +1,25 @@
 """Response maps of arrays of 6 to 1024 coils: what a position costs, against taking all coils at every position.
 
-Times are of the processor, all cores together: that of a difference of two maps would be lost in what else runs.
+Times are of the processor, all cores together: that of a difference of two maps would be lost in what else runs. Every
+board has a process of its own, so that the peak of memory is the board's.
 """
 
 from __future__ import annotations
 
+import json
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 from speed import Speed
 
-from coilarray.design import Design, parse_design
+from coilarray.design import Design, Indentation, parse_design
 from coilarray.designs import read
 from coilarray.elastomer.contact import indent
 from coilarray.elastomer.dent import dent_of
@@ -33,9 +39,82 @@ _LAYERS = {
     "[0.215, 0.215, 0.215]": "[0.215, 0.215, 0.215, 0.215, 0.215]",
     "[4.5, 4.5, 4.5]": "[4.5, 4.5, 4.5, 4.5, 4.5]",
 }
-_FEW, _MANY = 120, 360  # positions along x of two maps, whose difference is what positions cost
+# Positions along x of two maps, whose difference is what positions cost; both are large enough that the amplitudes
+# come from tables, also with six coils.
+_FEW, _MANY = 300, 750
 _ACROSS = 40
+_SPAN_X, _SPAN_Y = 54e-3, 6e-3  # m
 _ALL = 6  # positions along x and y where all coils are taken
+_COUNTS = (6, 64, 256, 1024)
+_LARGEST_ALL = 256  # coils of the largest board of which all coils are taken
+_GROWTH = 1.5  # at most, from 256 to 1024 coils, which have as many within reach
+_BOARD = "import sys; sys.path.insert(0, {folder!r}); import large_response; large_response.tell({count})"
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What a board costs.
+
+    Parameters
+    ----------
+    position, first, matrix : float
+        Processor time in s: of one more position, of the first `_FEW` × `_ACROSS` with all that comes before, and of
+        the inductance matrix, which is not counted in them.
+    states, coils : int
+        Most of them within reach of a position.
+    memory : float
+        Peak of the process in MB.
+    all_coils, error : float or None
+        Processor time in s of a position with all coils, and the largest difference of δ in parts of the map's peak.
+    """
+
+    position: float
+    first: float
+    matrix: float
+    states: int
+    coils: int
+    memory: float
+    all_coils: float | None
+    error: float | None
+
+
+def figures() -> Iterator[Speed]:
+    """Time a position of boards of four sizes, its growth, and how far it is from taking all coils; 3 minutes."""
+    costs = {count: _cost(count) for count in _COUNTS}
+    for count, cost in costs.items():
+        note = (
+            f"{cost.states} states and {cost.coils} coils within reach; {cost.first:.1f} s for the first "
+            f"{_FEW * _ACROSS}, {cost.matrix:.1f} s for the matrix; peak memory {cost.memory:.0f} MB"
+        )
+        yield Speed(f"response of {count} coils, one more position", 1e3 * cost.position, "ms", note)
+    growth = costs[1024].position / costs[256].position
+    yield Speed(
+        "response, a position of 1024 coils over one of 256", growth, "×", "", f"≤ {_GROWTH:g} ×", growth <= _GROWTH
+    )
+    for count, cost in costs.items():
+        if cost.all_coils is not None and cost.error is not None:
+            note = f"{1e3 * cost.all_coils:.1f} ms with all coils; δ differs by {cost.error:.1e} of the peak"
+            yield Speed(
+                f"response of {count} coils against all coils", cost.all_coils / cost.position, "×", note,
+                "δ to 1e-3", cost.error <= 1e-3,
+            )  # fmt: skip
+
+
+def tell(count: int) -> None:
+    """Measure one board, and print its `Cost` as JSON."""
+    design = parse_design(read("gast2020")) if count == 6 else lattice(round(count**0.5))
+    begun = time.process_time()
+    matrix = inductance_matrix(design.array)
+    taken = time.process_time() - begun
+    _warm_up()
+    few, first = _timed(design, _FEW, matrix)
+    many, _ = _timed(design, _MANY, matrix)
+    memory = _peak()
+    position = (many - few) / ((_MANY - _FEW) * _ACROSS)
+    peak = float(np.abs(first.delta).max())
+    everything, error = _against_all(design, matrix, peak) if count <= _LARGEST_ALL else (None, None)
+    states, coils = first.sizes["near"], _coils_within(design, first)
+    print(json.dumps(asdict(Cost(position, few, taken, states, coils, memory, everything, error))))
 
 
 def lattice(columns: int) -> Design:
@@ -47,59 +126,80 @@ def lattice(columns: int) -> Design:
     return parse_design(text)
 
 
-def figures() -> Iterator[Speed]:
-    """Time a position of boards of four sizes, its growth, and how far it is from taking all coils."""
-    boards = {6: parse_design(read("gast2020")), **{columns**2: lattice(columns) for columns in (8, 16, 32)}}
-    times = {}
-    for count, design in boards.items():
-        x, y = _places(design)
-        _respond(design, x[:1], y[:1])
-        begun = time.process_time()
-        first = _respond(design, x[:_FEW], y)
-        between = time.process_time()
-        _respond(design, x, y)
-        times[count] = (time.process_time() - between - (between - begun)) / ((len(x) - _FEW) * len(y))
-        note = (
-            f"{first.sizes['near']} states within {first.attrs['state_reach_m'] * 1e3:.0f} mm, coils within "
-            f"{first.attrs['coil_reach_m'] * 1e3:.0f} mm; {between - begun:.1f} s for the first {_FEW * len(y)}"
-        )
-        yield Speed(f"response of {count} coils, one more position", 1e3 * times[count], "ms", note)
-    growth = times[1024] / times[256]
-    yield Speed("response, a position of 1024 coils over one of 256", growth, "×", "", "≤ 1.5 ×", growth <= 1.5)
-    for count in (6, 64, 256):
-        yield _against_all(boards[count], times[count])
+def _warm_up() -> None:
+    """Load what is loaded on first use, with the smallest board."""
+    design = parse_design(read("gast2020"))
+    _respond(design, *_places(design, 2, 1), inductance_matrix(design.array))
 
 
-def _respond(design: Design, x: FloatArray, y: FloatArray) -> xr.Dataset:
+def _cost(count: int) -> Cost:
+    """Measure one board in a process of its own."""
+    code = _BOARD.format(folder=str(Path(__file__).parent), count=count)
+    done = subprocess.run([sys.executable, "-c", code], check=True, stdout=subprocess.PIPE, text=True)
+    return Cost(**json.loads(done.stdout))
+
+
+def _timed(design: Design, along: int, matrix: FloatArray) -> tuple[float, xr.Dataset]:
+    begun = time.process_time()
+    response = _respond(design, *_places(design, along, _ACROSS), matrix)
+    return time.process_time() - begun, response
+
+
+def _respond(design: Design, x: FloatArray, y: FloatArray, matrix: FloatArray) -> xr.Dataset:
     """Take the matrix of the bare board: the sheets' part of it costs the same with any method."""
-    return local_response(design, x=x, y=y, inductance=lambda: inductance_matrix(design.array))
+    return local_response(design, x=x, y=y, inductance=lambda: matrix)
 
 
-def _places(design: Design) -> tuple[FloatArray, FloatArray]:
-    """Positions over the middle of the board, 0.15 mm apart."""
+def _places(design: Design, along: int, across: int) -> tuple[FloatArray, FloatArray]:
+    """Positions over the middle of the board."""
     low, high = design.array.centres.min(axis=0), design.array.centres.max(axis=0)
-    middle = (low + high) / 2 - (0.0 if design.indentation is None else design.indentation.origin_point)
-    return middle[0] + 1.5e-4 * (np.arange(_MANY) - _MANY / 2), middle[1] + 1.5e-4 * (np.arange(_ACROSS) - _ACROSS / 2)
+    middle = (low + high) / 2 - _setup(design).origin_point
+    spans = ((_SPAN_X, along), (_SPAN_Y, across))
+    x, y = (centre + span * ((np.arange(n) + 0.5) / n - 0.5) for centre, (span, n) in zip(middle, spans, strict=True))
+    return x, y
 
 
-def _against_all(design: Design, ours: float) -> Speed:
-    """Compare with the inductance changes of all coils, without what the circuit would take."""
-    setup = design.indentation
-    assert setup is not None
+def _setup(design: Design) -> Indentation:
+    if design.indentation is None:
+        raise RuntimeError(f"{design.name} has no indentation")
+    return design.indentation
+
+
+def _coils_within(design: Design, response: xr.Dataset) -> int:
+    """Most coils that count at a position."""
+    centres = design.array.centres - _setup(design).origin_point
+    places = np.stack(np.meshgrid(response.x, response.y), axis=-1).reshape(-1, 1, 2)
+    within = np.hypot(*np.moveaxis(places - centres, -1, 0)) <= response.attrs["coil_reach_m"]
+    return int(within.sum(axis=1).max())
+
+
+def _peak() -> float:
+    """Peak memory of this process in MB; ru_maxrss may be that of the process that started it."""
+    lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
+    return next(int(line.split()[1]) for line in lines if line.startswith("VmHWM")) / 1024
+
+
+def _against_all(design: Design, matrix: FloatArray, peak: float) -> tuple[float, float]:
+    """Compare with the inductance changes of all coils, without what the circuit would take: time and error of δ.
+
+    The error is told in parts of the map's peak, which few positions may miss.
+    """
+    setup = _setup(design)
     contact = indent(design.sheets, setup.indenter, setup.depths[:1], base=setup.base)
     dent = dent_of(contact.isel(depth=0), design.sheets)
-    matrix = inductance_matrix(design.array)
     R = dc_resistance(design.array.conductors(), design.circuit.resistivity)
     states = state_sensitivity(design.array.names, matrix, R, design.circuit.switches, design.circuit.plan)
-    x, y = (axis[:: len(axis) // _ALL][:_ALL] for axis in _places(design))
+    x, y = _places(design, _ALL, _ALL)
     places = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2) + setup.origin_point
     begun = time.process_time()
     dent_inductance(design.array, [dent], places[: len(places) // 4])
     between = time.process_time()
     full = states.delta(dent_inductance(design.array, [dent], places)[0])
-    theirs = ((time.process_time() - between) - (between - begun)) / (len(places) * 3 / 4)
-    local = dense_response(_respond(design, x, y))
-    found = local.delta.values[0].reshape(full.shape)
-    error = float(np.abs(found - full).max() / np.abs(full).max())
-    note = f"{1e3 * theirs:.0f} ms with all coils; δ differs by {error:.0e} of the largest"
-    return Speed(f"response of {len(matrix)} coils against all coils", theirs / ours, "×", note)
+    taken = ((time.process_time() - between) - (between - begun)) / (len(places) * 3 / 4)
+    found = dense_response(_respond(design, x, y, matrix)).delta.values[0].reshape(full.shape)
+    return taken, float(np.abs(found - full).max()) / peak
+
+
+if __name__ == "__main__":
+    for figure in figures():
+        print(f"{figure.what}: {figure.value:.3g} {figure.unit} ({figure.note}) {figure.goal} {figure.kept}")

@@ -20,10 +20,13 @@ from pathlib import Path
 
 import accuracy
 import elastomer
+import first_compile
+import large_response
 import localize
 import peers
 import protocol
 import speed
+import studio
 import sweep
 
 HERE = Path(__file__).parent
@@ -55,7 +58,8 @@ def main() -> None:
     """Measure, print, keep."""
     accuracies = [*accuracy.measure(), *elastomer.accuracies()]
     speeds = [*speed.measure(), *elastomer.speeds(), *localize.figures(), *sweep.figures()]
-    speeds += [*peers.kernels(), *peers.large_arrays(), *protocol.figures()]
+    speeds += [*peers.kernels(), *peers.large_arrays(), *large_response.figures(), *first_compile.figures()]
+    speeds += [*protocol.figures(), *studio.figures()]
     tables = {"accuracy": _accuracy_table(accuracies), "speed": _speed_table(speeds)}
     for table in tables.values():
         print(table, end="\n\n")

@@ -59,15 +59,15 @@ def run_blocks(
         ThreadPoolExecutor(max_workers=min(cores(), len(todo))) as pool,
     ):
         futures = [pool.submit(work, item) for item in todo]
-        if progress is not None:
-            pending = set(futures)
-            while pending:
-                finished, pending = wait(pending, return_when=FIRST_EXCEPTION, timeout=0.2)
-                if any(future.exception() is not None for future in finished):
-                    break
-                done += len(finished)
-                progress(done, len(todo))
-        try:
+        try:  # an interrupt too drops what has not begun, wherever it comes
+            if progress is not None:
+                pending = set(futures)
+                while pending:
+                    finished, pending = wait(pending, return_when=FIRST_EXCEPTION, timeout=0.2)
+                    if any(future.exception() is not None for future in finished):
+                        break
+                    done += len(finished)
+                    progress(done, len(todo))
             return [future.result() for future in futures]
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)

@@ -17,6 +17,7 @@ from coilarray.blocks import Progress
 from coilarray.capacitance import coil_capacitance, elastomer_effect, self_resonance
 from coilarray.coupling import design_inductance, provenance
 from coilarray.design import Design
+from coilarray.memory import require_memory
 from coilarray.network import Network, impedances, loaded_quality, resonate, self_resonance_of, solve_state
 from coilarray.resistance import dc_resistance
 
@@ -25,6 +26,7 @@ FloatArray = npt.NDArray[np.float64]
 CLOSE_CHANNELS = 0.03
 """Relative distance of two frequencies below which simultaneous channels would pull each other."""
 _RESISTANCE_POINTS = 9
+_BYTES_A_RESISTANCE = 24.0  # an entry at a frequency: as computed, interpolated, and a copy on the way
 
 
 @dataclass(frozen=True, eq=False)
@@ -280,12 +282,18 @@ def sweep_design(
     ------
     ValueError
         Frequencies that are not positive, finite and rising.
+    MemoryLimitError
+        More coils and frequencies than there is memory for.
     NetworkError
         A state that cannot be solved.
     """
     f = np.atleast_1d(np.asarray(frequencies, dtype=np.float64))
     if f.ndim != 1 or not f.size or not np.isfinite(f).all() or f[0] <= 0 or (np.diff(f) <= 0).any():
         raise ValueError("frequencies must be positive, finite and rising.")
+    coils = len(design.array.names)
+    require_memory(
+        _BYTES_A_RESISTANCE * len(f) * coils**2, f"the impedance of {coils} coils at {len(f)} frequencies", "take fewer"
+    )
     network = (prepared or design_network(design)).network
     R = resistance_matrix(design.array, f, design.circuit.resistivity).resistance.values
     lossy = replace(network, resistance=interpolated_resistance(f, R))

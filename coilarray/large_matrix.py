@@ -3,7 +3,7 @@
 Within a block pairs of equal shapes at equal offsets are computed once, as in `coilarray.inductance_matrix`; alike
 pairs of different blocks are computed again. Which of two pairs that differ by rounding stands for both, and how a sum
 is cut among threads, depends on the blocks, so entries agree with those in memory to 1e-12 of L and not to the last bit
-(tests/test_large_matrix.py).
+(tests/test_volumes.py).
 """
 
 from __future__ import annotations
@@ -70,7 +70,8 @@ def write_inductance_matrix(
     source, accuracy
         As in `coilarray.inductance_matrix`.
     pool : Pool
-        From `coilarray.workers.workers`.
+        From `coilarray.workers.workers`; with ``workers(cluster="tcp://host:8786")`` the blocks are computed by the
+        workers of a Dask cluster, and written here.
     progress : callable, optional
         Called with (done, total) as blocks are done, those of an earlier run included.
 

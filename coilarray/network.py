@@ -25,6 +25,7 @@ from scipy.sparse.csgraph import connected_components
 from coilarray.blocks import ranges
 from coilarray.circuit import PortImpedance, checked_network
 from coilarray.errors import NetworkError
+from coilarray.memory import require_memory
 from coilarray.terminations import Passive, ScanState, Switches, check_state
 
 FloatArray = npt.NDArray[np.float64]
@@ -33,6 +34,7 @@ ComplexArray = npt.NDArray[np.complex128]
 # how far from the bare coil a resonance is looked for, and in how many steps of a tenth
 _SEARCH, _SEARCH_POINTS = 30.0, 72
 _FINE_POINTS = 172  # steps of 2 %
+_BYTES_AN_ENTRY = 48.0  # of a circuit's matrix: itself, without the references, and as it is factored
 _AT_ONCE = 16  # frequencies; many at once save time, a search seldom needs all
 _SLOPE_STEP = 1e-4  # of the frequency; the difference errs by 1e-8
 _NEWTON_STEPS, _NEWTON_TOLERANCE = 40, 1e-12  # relative
@@ -402,6 +404,9 @@ def _solve(
     # in units of the first coil's reactance all entries are of order one
     unit = omega * network.inductance[0, 0]
     nodes, n, branches = len(number), len(coils), len(coils) + len(circuit.branches)
+    require_memory(
+        _BYTES_AN_ENTRY * len(omega) * (nodes + branches) ** 2, f"the circuit of {n} coils at {len(omega)} frequencies"
+    )
     matrix = np.zeros((len(omega), nodes + branches, nodes + branches), dtype=np.complex128)
     for k, (a, b) in enumerate(ends[:branches].tolist()):
         matrix[:, [a, nodes + k], [nodes + k, a]] += 1

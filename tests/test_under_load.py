@@ -2,12 +2,15 @@
 
 Threads and processes must give the numbers of one that is alone, to the last bit: every sum is cut in the same places.
 Commands are run as processes of their own, whose progress is told on standard output so that the interrupt comes within
-the work; what was there before must still be there, and what is kept must be whole. `test_cli_sweep` does the same with
-a sweep, `test_cli_measure_broken_off` with a scan, `test_optimize_kill` and `test_recording_kill` with signal 9.
+the work; what was there before must still be there, what is kept must be whole, and the same command must go on from
+there to the result of a run without an interrupt. `test_cli_sweep` does the same with two workers,
+`test_cli_measure_broken_off` with a scan, `test_cli_live` with a stream, `test_optimize_kill` and `test_recording_kill`
+with signal 9.
 """
 
 from __future__ import annotations
 
+import csv
 import json
 import os
 import signal
@@ -15,6 +18,7 @@ import sqlite3
 import subprocess
 import sys
 import threading
+import time
 import tomllib
 from contextlib import closing
 from pathlib import Path
@@ -22,8 +26,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tomli_w
+import xarray as xr
 from load_work import digests, results
 
+from coilarray.blocks import run_blocks
+from coilarray.cli.main import main
 from coilarray.designs import read
 from coilarray.large_file import parts_folder
 from coilarray.storage import load_part
@@ -113,10 +120,32 @@ sys.exit(main.main(sys.argv[1:]))
 """
 
 
-def interrupted(folder, *arguments, after=1):
+# stops while a file is being written, which is complete but has not got its name
+WRITING = """
+import signal, sys, time
+signal.signal(signal.SIGINT, signal.default_int_handler)
+import coilarray.files as files
+import coilarray.cli.export as export
+from coilarray.cli import main
+atomically = files.write_atomically
+
+def wait(*_):
+    print(0, 1, flush=True)
+    time.sleep(600)
+
+def write(path, fill):
+    atomically(path, lambda temporary: (fill(temporary), wait()))
+
+files.write_atomically = write
+export._net_faults = wait  # of a folder, which is complete then
+sys.exit(main.main(sys.argv[1:]))
+"""
+
+
+def interrupted(folder, *arguments, after=1, start=START):
     """Run a command, interrupt it when it tells so much progress, and return its lines on standard error."""
     with subprocess.Popen(
-        [sys.executable, "-c", START, *map(str, arguments)],
+        [sys.executable, "-c", start, *map(str, arguments)],
         cwd=folder,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -164,6 +193,120 @@ def test_what_keeps_nothing_leaves_everything_as_it_was(tmp_path, arguments, tar
     assert interrupted(tmp_path, *arguments) == []
     assert files(tmp_path) == sorted(["flat.toml", *targets])
     assert {(tmp_path / target).read_text() for target in targets} == {"before"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "target"),
+    [
+        (["matrix", "starter", "--out", "m.nc"], "m.nc"),
+        (["matrix", "starter", "--out", "m.csv"], "m.csv"),
+        (["impedance", "starter", "--points", "2", "--out", "i.csv"], "i.csv"),
+        (["indent", "gast2020", "--out", "d.nc"], "d.nc"),
+        (["fit", "gast2020", "--out", "f.json"], "f.json"),
+        (["field", "starter", "--out", "f.vtr"], "f.vtr"),
+        (["export", "starter", "--to", "gerber", "--out", "g.zip", "--force"], "g.zip"),
+        (["export", "starter", "--to", "kicad", "--out", "k", "--force"], "k/starter.kicad_pcb"),
+    ],
+    ids=lambda value: None if isinstance(value, list) else value,
+)
+def test_what_is_being_written_leaves_nothing(tmp_path, arguments, target):
+    path = tmp_path / target
+    path.parent.mkdir(exist_ok=True)
+    path.write_text("before")
+    assert interrupted(tmp_path, *arguments, after=0, start=WRITING) == []
+    assert files(tmp_path) == [target]
+    assert path.read_text() == "before"
+
+
+ETCH = "schema = 1\n[etch]\nboard_um = 5\nlayer_um = 5\n"
+GOAL = """
+schema = 1
+title = "a search without the local solver"
+[[variable]]
+entry = "array.pitch_mm"
+low = 10.5
+high = 14.0
+[[objective]]
+quantity = "worst_k"
+direction = "minimize"
+[search]
+sampler = "random"
+seed = 1
+polish = 0
+"""
+
+
+def numbers_of(path):
+    """Arrays of a dataset, or the columns of a table, by name."""
+    if path.suffix == ".nc":
+        with xr.open_dataset(path, engine="h5netcdf") as result:
+            return {str(name): one.values for name, one in result.load().data_vars.items()}
+    rows = list(csv.DictReader(path.read_text().splitlines()))
+    return {name: np.array([row[name] for row in rows]) for name in rows[0]}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "after", "result"),
+    [
+        (
+            ["response", "starter", "--depth-mm", "0.5,1", "--x-mm", "0,1", "--y-mm", "0", "--out", "r.nc"],
+            101,
+            "r.nc",
+        ),
+        (
+            ["field", "starter", "--z-mm", "1:5", "--spacing-mm", "0.15", "--large", "--workers", "1", "--out", "f.nc"],
+            1,
+            "f.nc",
+        ),
+        (
+            ["sweep", "starter", "--vary", "array.pitch_mm=12:16:20", "-q", "worst_k", "--workers", "1", "-o", "s.nc"],
+            2,
+            "s.nc",
+        ),
+        (["tolerance", "starter", "etch.toml", "--samples", "16", "--workers", "1", "--out", "t.nc"], 2, "t.nc"),
+        (["optimize", "starter", "goal.toml", "--trials", "8", "--workers", "1", "--out", "o"], 2, "o/trials.csv"),
+    ],
+    ids=lambda value: value[0] if isinstance(value, list) else None,
+)
+def test_the_same_command_goes_on_to_the_same_result(tmp_path, monkeypatch, capsys, arguments, after, result):
+    broken_off, whole = tmp_path / "broken_off", tmp_path / "whole"
+    for folder in (broken_off, whole):
+        folder.mkdir()
+        (folder / "etch.toml").write_text(ETCH)
+        (folder / "goal.toml").write_text(GOAL)
+    interrupted(broken_off, *arguments, after=after)
+    kept = set(files(broken_off)) - {"etch.toml", "goal.toml"}
+    assert kept
+    assert result not in kept
+    found = []
+    for folder in (broken_off, whole):
+        monkeypatch.chdir(folder)
+        monkeypatch.setenv("COILARRAY_CACHE", str(folder / "cache"))
+        assert main(arguments) == 0, capsys.readouterr().err
+        found.append(numbers_of(folder / result))
+    assert [name for name in files(broken_off) if name.endswith(".parts")] == []
+    assert files(broken_off) == files(whole)
+    assert set(found[0]) == set(found[1])
+    for name, expected in found[1].items():
+        if expected.dtype.kind in "fc":  # a worker has one thread, this process all cores: sums are cut elsewhere
+            np.testing.assert_allclose(found[0][name], expected, rtol=1e-9, atol=1e-9 * np.nanmax(np.abs(expected)))
+        else:
+            assert found[0][name].tolist() == expected.tolist()
+
+
+def test_an_interrupt_drops_the_blocks_that_have_not_begun():
+    begun = []
+
+    def work(number):
+        begun.append(number)
+        time.sleep(0.01)
+
+    def interrupt(done, total):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_blocks(work, range(1000), interrupt)
+    assert len(begun) < 500  # the first progress is told within 0.2 s
 
 
 def test_an_interrupted_response_keeps_whole_parts(tmp_path):

@@ -12,6 +12,7 @@ from coilarray.elastomer.coil_spectrum import CoilSpectra, harmonics_about
 from coilarray.elastomer.dent import Dent
 from coilarray.elastomer.scattering import LayerMesh, Scattering, wavenumber_rule
 from coilarray.errors import ElastomerError
+from coilarray.memory import require_memory
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -19,6 +20,7 @@ Solver = Callable[[Dent, FloatArray, FloatArray, float], Scattering]
 """Solves a dent for wavenumbers, their weights, and the largest displacement of the series of dents in m."""
 
 _POSITIONS = 128  # at a time, which bounds the memory
+_DISTANCES = 5  # numbers for every position and coil, to find the farthest
 
 
 def checked_positions(positions: npt.ArrayLike, dents: Sequence[Dent]) -> FloatArray:
@@ -73,6 +75,11 @@ def dent_energies(
         ∫ Δμ ∇U_i·∇U_j dV with relative material constants, symmetric: times μ0 an inductance, times ε0 a capacitance.
     """
     centres, radius = circle
+    require_memory(
+        8.0 * len(points) * len(centres) * (len(dents) * len(centres) + _DISTANCES),
+        f"{len(dents)} dents at {len(points)} positions with {len(centres)} coils",
+        "compute them in pieces",
+    )
     change = np.zeros((len(dents), len(points), len(centres), len(centres)))
     moving = [index for index, dent in enumerate(dents) if np.isfinite(dent.clearance)]
     if not moving or not len(points):

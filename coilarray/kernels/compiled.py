@@ -17,4 +17,11 @@ def kernel(function: Function) -> Function:
     released. numba renews the stored code when the kernel's own file changes, not when a kernel it calls does:
     after editing one, delete ``coilarray/kernels/__pycache__``.
     """
-    return cast(Function, njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})(function))
+    options: dict[str, Any] = {
+        "cache": True,
+        "nogil": True,
+        "error_model": "numpy",
+        "fastmath": {"contract"},
+        "no_cfunc_wrapper": True,  # nobody calls a kernel through a pointer of C; compiling takes 5 % less time
+    }
+    return cast(Function, njit(**options)(function))

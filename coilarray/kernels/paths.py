@@ -330,29 +330,31 @@ def _collect(
     nodes = node_count(distance, b[6], _LEAST_FILAMENTS if size == 0.0 else _LEAST) + extra
     if nodes > MOST_NODES:
         return -1
+    # offsets across the bars are ±s of the first and ±t of the second; one loop, so that `add_nodes` is compiled once
+    sx, sy, sz, tx, ty, tz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     cosine = a[3] * b[3] + a[4] * b[4] + a[5] * b[5]
-    if distance >= reach * size:
-        return add_nodes(count, b, dx, dy, dz, cosine, nodes, batch)
-    if 1.0 - cosine * cosine < PARALLEL_SIN2 and a[10] == b[10] and a[11] == b[11]:
-        if distance < NODE_PAIR * size:
-            return -1
-        variance = (a[10] * a[10] - a[11] * a[11]) / 6.0
-        step = math.sqrt(abs(variance))
-        nx, ny, nz = a[7], a[8], a[9]
-        if variance < 0.0:
-            nx, ny, nz = a[4] * a[9] - a[5] * a[8], a[5] * a[7] - a[3] * a[9], a[3] * a[8] - a[4] * a[7]
-        for side in range(2):
-            q = step if side == 0 else -step
-            count = add_nodes(count, b, dx + q * nx, dy + q * ny, dz + q * nz, 0.5 * cosine, nodes, batch)
-        return count
-    p, q = _INNER * a[10], _INNER * b[10]
-    for side in range(4):
-        s = p if side < 2 else -p
-        t = q if side % 2 == 0 else -q
+    sides = 1
+    if distance < reach * size:
+        if 1.0 - cosine * cosine < PARALLEL_SIN2 and a[10] == b[10] and a[11] == b[11]:
+            if distance < NODE_PAIR * size:
+                return -1
+            sides = 2
+            variance = (a[10] * a[10] - a[11] * a[11]) / 6.0
+            step = math.sqrt(abs(variance))
+            nx, ny, nz = a[7], a[8], a[9]
+            if variance < 0.0:
+                nx, ny, nz = a[4] * a[9] - a[5] * a[8], a[5] * a[7] - a[3] * a[9], a[3] * a[8] - a[4] * a[7]
+            tx, ty, tz = step * nx, step * ny, step * nz
+        else:
+            sides = 4
+            sx, sy, sz = _INNER * a[10] * a[7], _INNER * a[10] * a[8], _INNER * a[10] * a[9]
+            tx, ty, tz = _INNER * b[10] * b[7], _INNER * b[10] * b[8], _INNER * b[10] * b[9]
+    for side in range(sides):
+        s = 1.0 if side < 2 else -1.0
+        t = 1.0 if side % 2 == 0 else -1.0
         count = add_nodes(
-            count, b, dx + t * b[7] - s * a[7], dy + t * b[8] - s * a[8], dz + t * b[9] - s * a[9],
-            0.25 * cosine, nodes, batch,
-        )  # fmt: skip
+            count, b, dx + t * tx - s * sx, dy + t * ty - s * sy, dz + t * tz - s * sz, cosine / sides, nodes, batch
+        )
     return count
 
 
@@ -368,7 +370,8 @@ def _row_sum(
     batch: FloatArray,
 ) -> float:
     """Sum of the pairs of a row `a` with the rows of `second` from `first` on."""
-    near, far, count = 0.0, 0.0, 0
+    near, far = 0.0, 0.0
+    count = int(0.0)  # a plain 0 has a type of its own, for which all that takes it would be compiled once more
     for j in range(first, second.shape[0]):
         collected = _collect(a, second[j], shift, reach, extra, count, batch)
         if collected < 0:
@@ -377,30 +380,33 @@ def _row_sum(
         count = collected
         if count > CAPACITY - 4 * MOST_NODES - 8:
             far += batch_sum(a, count, batch)
-            count = 0
+            count = int(0.0)
     return near + far + batch_sum(a, count, batch)
 
 
 @kernel
+def _rows_sum(
+    first: FloatArray, second: FloatArray, shift: FloatArray, start: int, stop: int, reach: float, extra: int, own: bool
+) -> float:
+    """Sum of the rows start:stop of `first` with all of `second`, or of one path's `own` pairs i < j."""
+    rule = np.empty((RULE_SIZE, 4))
+    batch = np.empty((4, CAPACITY))
+    total = 0.0
+    for i in range(start, stop):
+        total += _row_sum(first[i], second, i + 1 if own else int(0.0), shift, reach, extra, rule, batch)
+    return total
+
+
+# both are one kernel, for every kernel compiles all that it calls once more
+
+
 def mutual_sum(
     first: FloatArray, second: FloatArray, shift: FloatArray, start: int, stop: int, reach: float, extra: int
 ) -> float:
     """Sum of `bar_pair` over rows start:stop of `first` and all rows of `second` moved by `shift`."""
-    rule = np.empty((RULE_SIZE, 4))
-    batch = np.empty((4, CAPACITY))
-    total = 0.0
-    for i in range(start, stop):
-        total += _row_sum(first[i], second, 0, shift, reach, extra, rule, batch)
-    return total
+    return _rows_sum(first, second, shift, start, stop, reach, extra, False)
 
 
-@kernel
 def own_mutual_sum(path: FloatArray, start: int, stop: int, reach: float, extra: int) -> float:
     """Twice the sum of `bar_pair` over the pairs i < j of one path with start ≤ i < stop."""
-    shift = np.zeros(3)
-    rule = np.empty((RULE_SIZE, 4))
-    batch = np.empty((4, CAPACITY))
-    total = 0.0
-    for i in range(start, stop):
-        total += _row_sum(path[i], path, i + 1, shift, reach, extra, rule, batch)
-    return 2.0 * total
+    return 2.0 * _rows_sum(path, path, np.zeros(3), start, stop, reach, extra, True)

@@ -161,13 +161,13 @@ def _sum_along(
         left -= 1
         begin, n = begins[left], lengths[left]
         if n <= _MEMBERS + 1:
-            for t in range(begin, begin + n):
-                total += bar_pair(first[i + t * di], second[j + t * dj], shift, reach, 0, rule)
+            for t in range(begin, begin + n):  # a plain 0 would be a type of its own, and `bar_pair` compiled for it
+                total += bar_pair(first[i + t * di], second[j + t * dj], shift, reach, int(0.0), rule)
             continue
         better, worse = 0.0, 0.0
         for k in range(counts[n]):
             t = begin + members[n, k]
-            value = bar_pair(first[i + t * di], second[j + t * dj], shift, reach, 0, rule)
+            value = bar_pair(first[i + t * di], second[j + t * dj], shift, reach, int(0.0), rule)
             better += weights[n, k] * value
             worse += check[n, k] * value
         if abs(better - worse) <= _AGREE * abs(better):
@@ -191,7 +191,7 @@ def _sum_apart(
         row = 0.0
         for j in range(counts[b[2]]):
             p, q = a[0] + members[a[2], i] * a[1], b[0] + members[b[2], j] * b[1]
-            row += weights[b[2], j] * bar_pair(first[p], second[q], shift, reach, 0, rule)
+            row += weights[b[2], j] * bar_pair(first[p], second[q], shift, reach, int(0.0), rule)
         total += weights[a[2], i] * row
     return total
 
@@ -207,7 +207,7 @@ def _sum_two_series(
     if m * n <= _FEW or min(m, n) <= 2:
         for i in range(m):
             for j in range(n):
-                total += bar_pair(first[a[0] + i * a[1]], second[b[0] + j * b[1]], shift, reach, 0, rule)
+                total += bar_pair(first[a[0] + i * a[1]], second[b[0] + j * b[1]], shift, reach, int(0.0), rule)
         return total
     near, far = _distance(first[a[0]], second[b[0]], shift), _distance(first[a[0]], second[b_last], shift)
     near_too, far_too = _distance(first[a_last], second[b_last], shift), _distance(first[a_last], second[b[0]], shift)

@@ -18,6 +18,7 @@ from coilarray.design import Design, build_design
 from coilarray.errors import GoalError, LocalizeError
 from coilarray.inductance import Accuracy
 from coilarray.localize.forward import PARAMETERS, forward_model, table_for, table_grid
+from coilarray.memory import require_memory
 from coilarray.points import run_cached
 from coilarray.quantities import QUANTITIES, canonical
 from coilarray.tolerance.outputs import Outputs, default_quantities, evaluate_board, wanted_outputs
@@ -213,6 +214,10 @@ def _asked(
     limits = tuple(_canonical(limit) for limit in tolerances.limits)
     by_name = [limit.quantity for limit in limits if limit.quantity.partition("[")[0] in QUANTITIES]
     outputs = wanted_outputs(design, [*asked, *by_name], tolerances.positions, accuracy)
+    if tolerances.positions is not None:
+        states, places = len(design.circuit.plan), len(tolerances.positions.x) * len(tolerances.positions.y)
+        needed = 8.0 * len(PARAMETERS) * states * places**2  # of `Shifts.matrix`
+        require_memory(needed, f"the matrix of shifts at {places} positions", "take fewer")
     return _Asked(found, outputs, limits, draw(found, samples, seed, sampling))
 
 
