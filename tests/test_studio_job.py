@@ -145,9 +145,10 @@ def run(ask):
     return asyncio.run(main())
 
 
-def step(seen, name, value=None, *, takes=0.0, **options):
+def step(seen, name, value=None, *, takes=0.0, gate=None, **options):
     def compute():
         time.sleep(takes)
+        assert gate is None or gate.wait(_PATIENCE)
         if isinstance(value, Exception):
             raise value
         return value
@@ -159,10 +160,12 @@ def step(seen, name, value=None, *, takes=0.0, **options):
 
 def test_steps_come_in_order_and_the_newest_wish_counts():
     async def ask(calculator, seen):
-        calculator.ask([step(seen, "first", 1, takes=0.05), step(seen, "second", 1)])
+        gate = threading.Event()
+        calculator.ask([step(seen, "first", 1, gate=gate), step(seen, "second", 1)])
         await asyncio.sleep(0.01)  # the first has begun
         calculator.ask([step(seen, "first", 2), step(seen, "second", 2)])
         calculator.ask([step(seen, "first", 3), step(seen, "second", 3)])
+        gate.set()
 
     assert run(ask) == [("first", 1), ("first", 3), ("second", 3)]
 
@@ -170,8 +173,9 @@ def test_steps_come_in_order_and_the_newest_wish_counts():
 def test_a_step_that_waits_for_rest_comes_last_and_once():
     async def ask(calculator, seen):
         for k in range(5):
-            calculator.ask([step(seen, "full", k, rest=0.2), step(seen, "rough", k)])
-            await asyncio.sleep(0.03)
+            calculator.ask([step(seen, "full", k, rest=1.0), step(seen, "rough", k)])
+            while ("rough", k) not in seen:
+                await asyncio.sleep(0.005)
 
     assert run(ask) == [*(("rough", k) for k in range(5)), ("full", 4)]
 

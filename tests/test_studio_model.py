@@ -129,6 +129,12 @@ def test_numbers_are_read_as_they_are_shown(value):
     assert number_of("key", text_of(value).replace("-", "−")) == number_of("key", text_of(value))
 
 
+@pytest.mark.parametrize("text", ["", "wide", "1,5", "1_0", "0x10"])
+def test_what_is_no_number_is_one_line(text):
+    with pytest.raises(DesignError, match=rf"^key must be a number; got '{text}'\.$"):
+        number_of("key", text)
+
+
 # ------------------------------------------------------------------------ numbers
 
 
@@ -231,7 +237,8 @@ def test_a_touch_reads_the_response_and_is_located_where_it_is(sensor):
     # the search ends where χ² no longer falls, well within what noise does
     assert (np.abs([best.x - x, best.y - y, best.depth - depth]) < 0.05 * best.deviations).all()
     beyond = touched(sensor, 1.0, -1.0, 1.0)
-    assert (*beyond.at, beyond.depth) == (sensor.bounds[2], sensor.bounds[1], sensor.deepest)
+    low, high = sensor.model.lower, sensor.model.upper
+    assert (*beyond.at, beyond.depth) == (high[0], low[1], high[2])
 
 
 def test_the_papers_ellipses_meet_at_the_touch(sensor):
@@ -338,15 +345,41 @@ def test_a_saved_design_is_read_back_and_nothing_else_is_touched(starter, tmp_pa
 
 
 @pytest.mark.parametrize(
-    "name", ["../better.toml", "/tmp/better.toml", "better", "", ".toml", "a/b.toml", "-x.toml", "a\0.toml"]
+    "name",
+    [
+        "../better.toml",
+        "/tmp/better.toml",
+        "better",
+        "",
+        ".toml",
+        "a/b.toml",
+        "-x.toml",
+        "a\0.toml",
+        f"{300 * 'a'}.toml",
+    ],
 )
 def test_only_plain_names_are_written_and_read(starter, tmp_path, name):
     shelf = Shelf(tmp_path)
-    with pytest.raises(OutputError, match=r"plain name that ends in \.toml"):
+    with pytest.raises(OutputError, match=r"plain, short name that ends in \.toml"):
         shelf.save(work_on(starter, "starter"), name)
     with pytest.raises((OutputError, DesignError)):
         shelf.open(name)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_what_would_be_lost_is_known_before_it_is(starter, tmp_path):
+    shelf, begun = Shelf(tmp_path), work_on(starter, "starter")
+    changed = begun.with_entry("array.pitch_mm", "12")
+    assert not shelf.would_lose(begun, "mine.toml")  # there is none
+    mine = shelf.save(begun, "mine.toml")
+    assert shelf.would_lose(begun, "mine.toml")  # it was begun with another one
+    assert not shelf.would_lose(mine.with_entry("array.pitch_mm", "13"), "mine.toml")
+    shelf.save(changed, "mine.toml")  # meanwhile, from another page
+    assert shelf.would_lose(mine, "mine.toml")
+    (tmp_path / "mine.toml").write_text("schema = ", encoding="utf-8")
+    assert shelf.would_lose(mine, "mine.toml")
+    with pytest.raises(OutputError, match="plain, short name"):
+        shelf.would_lose(mine, "../mine.toml")
 
 
 def test_a_file_that_is_no_design_is_one_line(tmp_path):

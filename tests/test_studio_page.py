@@ -92,11 +92,20 @@ def test_a_slider_changes_the_matrix_to_what_the_library_gives(page):
 def test_dragging_a_slider_shows_rough_numbers_then_full_ones(page):
     box = page.locator("[data-key='array.pitch_mm'] [role=slider]").bounding_box()
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    # they may stand there for a moment only: what was there is written down, and the slider moves until it was
+    page.evaluate(
+        "window.told = []; window.telling = new MutationObserver("
+        "() => told.push(document.querySelector('#accuracy')?.dataset.accuracy));"
+        "telling.observe(document.body, { attributes: true, subtree: true, attributeFilter: ['data-accuracy'] })"
+    )
     page.mouse.move(x, y)
     page.mouse.down()
-    for k in range(8):
-        page.mouse.move(x + 3 * k, y)
-    page.wait_for_selector("#accuracy[data-accuracy=screen]")
+    deadline = time.monotonic() + 60.0
+    while not page.evaluate("told.includes('screen')"):
+        assert time.monotonic() < deadline
+        for k in range(1, 8):
+            page.mouse.move(x + 3 * k, y)
+    page.evaluate("telling.disconnect()")
     page.mouse.up()
     at_rest(page)
     pitch = float(field(page, "array.pitch_mm").input_value())
@@ -190,6 +199,9 @@ def test_the_indenter_is_dragged_and_located(page):
     page.fill("[data-axis=depth] input", "deep")
     page.press("[data-axis=depth] input", "Enter")
     assert page.wait_for_selector("#place-error").inner_text() == "depth must be a number; got 'deep'."
+    page.fill("[data-axis=depth] input", "99")
+    page.press("[data-axis=depth] input", "Enter")
+    page.wait_for_selector("#place-error:has-text('mm; got 99.')")
     page.fill("[data-axis=depth] input", "0.3")
     page.press("[data-axis=depth] input", "Enter")
     page.wait_for_selector("#place-error", state="detached")
@@ -204,13 +216,27 @@ def test_a_design_is_saved_opened_and_kept_through_a_reload(page, folder):
     page.click("#save")
     page.fill("#save-name", "../outside.toml")
     page.click("#save-now")
-    assert "plain name" in page.wait_for_selector("#file-problem").inner_text()
+    assert "plain, short name" in page.wait_for_selector("#file-problem").inner_text()
     picture(page, "save")
     page.fill("#save-name", "better.toml")
     page.click("#save-now")
     page.wait_for_selector("#file:has-text('better.toml')")
     page.wait_for_selector("#changed", state="detached")
     assert load_design(folder / "better.toml").values["array.pitch_mm"] == 12.5
+    (folder / "other.toml").write_text("another's", encoding="utf-8")
+    page.click("#save")
+    page.fill("#save-name", "other.toml")
+    page.click("#save-now")
+    assert "other.toml is there already" in page.wait_for_selector("#file-problem").inner_text()
+    assert (folder / "other.toml").read_text(encoding="utf-8") == "another's"
+    page.click("#save-now:has-text('Replace')")
+    page.wait_for_selector("#file:has-text('other.toml')")
+    assert load_design(folder / "other.toml").values["array.pitch_mm"] == 12.5
+    page.click("#save")
+    page.fill("#save-name", "better.toml")
+    page.click("#save-now")
+    page.click("#save-now:has-text('Replace')")
+    page.wait_for_selector("#file:has-text('better.toml')")
     field(page, "array.columns").fill("2")
     field(page, "array.columns").press("Tab")  # to leave a field enters it too
     page.wait_for_selector("#changed")
@@ -276,9 +302,17 @@ def test_a_board_is_watched_and_stopped(page, studio):
     if os.environ.get(browser.ARTIFACTS):
         page.screenshot(path=os.path.join(os.environ[browser.ARTIFACTS], "studio_board.png"))  # it is never at rest
     (child,) = set(studio.children()) - before
+    box = page.get_attribute("#board-view", "viewBox")
+    enter(page, "array.pitch_mm", "13")  # the board that runs stays what it is
+    page.wait_for_selector("#changed")
+    scan = int(page.get_attribute("#board-line", "data-scan"))
+    page.wait_for_function("scan => Number(document.querySelector('#board-line').dataset.scan) > scan + 1", arg=scan)
+    assert page.get_attribute("#board-view", "viewBox") == box
     page.click("#stop-board")
     page.wait_for_selector("#start-board")
     assert gone([child])
+    assert page.get_attribute("#board-view", "viewBox") != box
+    assert page.inner_text("#board-told") == ""  # it was of another board
 
 
 def test_a_report_is_written_beside_the_page_and_can_be_cancelled(page, studio, folder):

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import http.client
 import json
-import os
 import socket
 import sys
+import time
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -15,7 +15,7 @@ import xarray as xr
 from browser import missing_studio, served
 from command_line import runner
 
-from coilarray import load_design
+from coilarray import designs, load_design
 from coilarray.cli import main as program
 from coilarray.cli import studio as command
 from coilarray.errors import OutputError
@@ -74,12 +74,15 @@ def test_the_page_and_all_that_it_loads_come_from_here(alone):
     assert policy.startswith("default-src 'self';")
     assert "http:" not in policy
     assert "https:" not in policy
+    # a socket to this server and no other: who is at its end says which scripts the page runs
+    host = urlsplit(alone).netloc
+    assert policy.endswith(f"; connect-src 'self' ws://{host} wss://{host}")
+    assert "frame-ancestors 'none'" in policy
     assert "Set-Cookie" not in headers
     status, _, text = ask(alone, "/open/sometab", "POST")
     session = json.loads(text)
     assert status == 200
     assert session["sessionURL"].startswith("ws://USE_HOST/ws/")
-    assert session["sessionURL"] == session["sessionURL"].replace("ws/", "ws/").strip()
     key = session["sessionURL"].rpartition("/")[2]
     assert key == key.lower()  # the client makes all letters small
     assert ask(alone, "/vue.global.js")[0] == 200
@@ -107,6 +110,25 @@ def test_other_pages_and_names_are_refused(alone, headers):
 def test_localhost_is_this_computer_too(alone):
     port = urlsplit(alone).port
     assert ask(alone, Host=f"localhost:{port}", Origin=f"http://localhost:{port}")[0] == 200
+
+
+@needs_studio
+def test_a_name_that_is_none_gets_no_socket(shared):
+    address, _, query = shared.partition("?")
+    for name in ("a b", "a;script-src *", "*", "[::1"):
+        _, headers, _ = ask(address, f"/?{query}", Host=name)
+        assert headers["Content-Security-Policy"].endswith("; connect-src 'self'")
+
+
+@needs_studio
+def test_too_many_pages_are_refused_in_words(folder):
+    with served("starter", "--folder", folder, COILARRAY_NO_RENDERING="1") as started:
+        answers = [ask(started.url, f"/open/tab{k}", "POST") for k in range(13)]
+        assert [status for status, _, _ in answers] == [200] * 12 + [503]
+        assert json.loads(answers[-1][2]) == {"error": "the studio serves at most 12 pages at once"}
+        status, _, text = ask(started.url)
+        assert status == 503
+        assert text.startswith("coilarray studio: the studio serves at most 12 pages at once; close one")
 
 
 @needs_studio
@@ -245,14 +267,13 @@ def test_the_browser_is_opened_with_the_address(capsys, monkeypatch, tmp_path):
 
     monkeypatch.setattr("coilarray.viz.studio.server.serve", serve)
     monkeypatch.setattr("webbrowser.open", opened.append)
-    (tmp_path / "mine.toml").write_text(load_text(), encoding="utf-8")
+    (tmp_path / "mine.toml").write_text(designs.read("starter"), encoding="utf-8")
     code, out, err = run(capsys, tmp_path / "mine.toml", "--port", "0", "--board", "/dev/ttyX", "--linger", "3")
     assert (code, out) == (0, "studio: http://127.0.0.1:1/ (Ctrl-C ends it)\n")
     assert err == "coilarray: the studio has ended\n"
-    for _ in range(100):
-        if opened:
-            break
-        threading_wait()
+    deadline = time.monotonic() + 20.0  # s; it is opened in a thread
+    while not opened and time.monotonic() < deadline:
+        time.sleep(0.05)
     assert opened == ["http://127.0.0.1:1/"]
     assert seen["work"].file == "mine.toml"
     assert seen["shelf"].folder == tmp_path.resolve()
@@ -262,18 +283,6 @@ def test_the_browser_is_opened_with_the_address(capsys, monkeypatch, tmp_path):
     assert code == 0
     assert len(seen["address"].token) >= 32
     assert len(opened) == 1
-
-
-def load_text():
-    from coilarray import designs
-
-    return designs.read("starter")
-
-
-def threading_wait():
-    import time
-
-    time.sleep(0.05)
 
 
 # ------------------------------------------------------------------------ what it hands in
@@ -346,5 +355,11 @@ def test_the_emulated_finger_goes_round_where_the_map_is():
         assert depth == max(setup.depths)
 
 
-def test_paths_are_kept_in_their_folder():
-    assert Path(os.path.commonpath([command._folder(None, Path.cwd()), Path.cwd()])) == Path.cwd()
+def test_the_folder_is_that_of_the_design_unless_another_is_named(monkeypatch, tmp_path):
+    (tmp_path / "designs").mkdir()
+    (tmp_path / "designs" / "mine.toml").touch()
+    monkeypatch.chdir(tmp_path)
+    assert command._folder("designs/mine.toml", None) == (tmp_path / "designs").resolve()
+    assert command._folder("designs/mine.toml", Path()) == tmp_path.resolve()
+    assert command._folder("starter", None) == tmp_path.resolve()
+    assert command._folder(None, None) == tmp_path.resolve()

@@ -10,7 +10,7 @@ from coilarray.viz.studio.job import Outcome
 from coilarray.viz.studio.scene_making import BoardParts, coloured_by_delta
 from coilarray.viz.studio.services import BoardFrame, BoardRequest, Stopped, Tell
 from coilarray.viz.studio.told import told
-from coilarray.viz.studio.top_view import TopView, delta_bars, delta_fills, pins, top_view
+from coilarray.viz.studio.top_view import TopView, board_drawing, delta_bars, delta_fills, pins, top_view
 
 if TYPE_CHECKING:
     from coilarray.viz.studio.page import Page
@@ -30,29 +30,33 @@ class BoardPanel:
 
     def __init__(self, page: Page) -> None:
         self._page = page
-        self._design = page.work.design
-        self._view = top_view(page.work.design)
+        self._design: Design = page.work.design
+        self._view: TopView = top_view(page.work.design)
         self._frame: BoardFrame | None = None
         services = page.setup.services
         page.state.update(
             {
                 "can_watch": services.watch_board is not None, "board_port": services.port, "board_running": False,
-                "board_line": "", "board_bars": [], "board_told": [], "board_pins": [], "board_fills": {},
-                "board_problem": "", "board_scan": 0,
+                "board_line": "", "board_problem": "", "board_scan": 0,
             }
         )  # fmt: skip
+        self.show(page.work.design)
         page.trigger("start_board", self._start)
         page.trigger("stop_board", lambda: page.stop_job(_JOB))
 
-    def show(self, design: Design, view: TopView) -> None:
+    def show(self, design: Design) -> None:
         """Go on with a changed design: the running board stays that of the design it was started with."""
-        if not self._page.state.board_running:
-            self._design, self._view, self._frame = design, view, None
+        state = self._page.state
+        if state.board_running:
+            return
+        self._design, self._view, self._frame = design, top_view(design), None
+        state.board_plan = board_drawing(design, self._view)
+        state.board_bars, state.board_told, state.board_pins, state.board_fills = [], [], [], {}
 
     def scene(self, design: Design, board: BoardParts) -> Scene | None:
         """Return the board coloured by the last δ; None where there is none. Computed in a thread."""
         frame = self._frame
-        if frame is None or frame.waiting or self._design is not design:
+        if frame is None or not _reads(frame) or self._design is not design:
             return None
         return coloured_by_delta(board, frame.delta)
 
@@ -62,13 +66,13 @@ class BoardPanel:
         watch = services.watch_board
         if watch is None:
             return
-        design = self._design = page.work.design
-        self._view = top_view(design)
+        design = page.work.design
         request = BoardRequest(design.document, design.name, services.port, services.wiring)
         if page.start_job(
             _JOB, _watch, (watch, request), on_message=self._take, on_end=self._ended, patience=_PATIENCE
         ):
-            page.state.update({"board_running": True, "board_problem": "", "board_line": "opening …", "board_told": []})
+            self.show(design)
+            page.state.update({"board_running": True, "board_problem": "", "board_line": "opening …"})
 
     def _take(self, frame: BoardFrame) -> None:
         state = self._page.state
@@ -80,16 +84,8 @@ class BoardPanel:
         ]
         state.board_fills = delta_fills(self._design, frame.delta)
         state.board_pins = [] if frame.location is None else pins(self._view, frame.location)
-        rate = "–" if frame.rate is None else f"{frame.rate:.2f}"
-        where = (
-            [f"baseline: {frame.waiting} more scans without an indentation"]
-            if frame.waiting
-            else told(frame.location)
-            if frame.location is not None
-            else [frame.problem]
-        )
-        state.board_told = [*where, f"{rate} scans/s, {frame.lost} lost"]
-        if state.tab == "board" and not frame.waiting:
+        state.board_told = _told(frame)
+        if state.tab == "board" and _reads(frame):
             self._page.redraw()
 
     def _ended(self, outcome: Outcome) -> None:
@@ -97,6 +93,27 @@ class BoardPanel:
         state.board_running = False
         state.board_line = "" if outcome.kind == "failed" else "stopped"
         state.board_problem = outcome.problem
+        if not self._page.is_current(self._design):
+            self.show(self._page.work.design)
+
+
+def _reads(frame: BoardFrame) -> bool:
+    """Whether there are δ in it: it may be told while the board is opened, or before there is a baseline."""
+    return bool(frame.delta) and not frame.waiting
+
+
+def _told(frame: BoardFrame) -> list[str]:
+    """Lines under the bars: where the finger is, or why that is not known, and how fast scans come."""
+    if not frame.delta:
+        return []
+    if frame.waiting:
+        where = [f"baseline: {frame.waiting} more scans without an indentation"]
+    elif frame.location is not None:
+        where = told(frame.location)
+    else:
+        where = [frame.problem] if frame.problem else []
+    rate = "" if frame.rate is None else f"{frame.rate:.2f} scans/s, "
+    return [*where, f"{rate}{frame.lost} lost"]
 
 
 def _watch(item: Any, tell: Tell, stopped: Stopped) -> None:

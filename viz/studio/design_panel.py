@@ -33,8 +33,9 @@ class DesignPanel:
         state.update(
             {
                 "groups": [], "texts": {}, "errors": {}, "file": "", "title": "", "changed": False, "shelf": [],
-                "save_name": "", "file_problem": "", "file_note": "", "open_dialog": False, "save_dialog": False,
-                "report_url": "", "can_report": page.setup.services.write_report is not None,
+                "save_name": "", "save_over": "", "file_problem": "", "file_note": "",
+                "open_dialog": False, "save_dialog": False, "report_url": "",
+                "can_report": page.setup.services.write_report is not None,
             }
         )  # fmt: skip
         for name, function in (
@@ -94,13 +95,20 @@ class DesignPanel:
         page.state.open_dialog = False
         page.take(work)
 
-    def _save(self, name: str) -> None:
+    def _save(self, name: str, replaced: str = "") -> None:
+        """Save under a name; a file that would be lost is to be named once more, as the one that is replaced."""
         page = self._page
+        name = str(name).strip()
         try:
-            work = page.setup.shelf.save(page.work, name.strip())
+            if name != replaced and page.setup.shelf.would_lose(page.work, name):
+                page.state.file_problem = f"{name} is there already; Replace writes over it."
+                page.state.save_over = name
+                return
+            work = page.setup.shelf.save(page.work, name)
         except (DesignError, OutputError) as error:
             page.state.file_problem = str(error)
             return
+        page.state.save_over = ""
         page.state.save_dialog = False
         page.work = work
         page.state.file, page.state.changed = work.file, False

@@ -108,6 +108,8 @@ def number_of(key: str, text: str) -> float:
         No number: the key, and what was given.
     """
     try:
+        if "_" in text:  # which only Python reads as a number
+            raise ValueError
         value = float(text.strip().replace("−", "-"))
     except ValueError:
         raise DesignError(f"{key} must be a number; got {text.strip()[:40]!r}.") from None

@@ -20,6 +20,7 @@ def build_layout(page: Page) -> None:
         text = text.replace(f"<!-- {name} -->", _read(name))
     with VAppLayout(page.server) as layout:
         layout.root.add_child(text.replace("<!-- view -->", page.scene.html))
+    page.state.trame__template_error = _read("gone")  # in place of all that when the connection is lost
 
 
 def _read(name: str) -> str:

@@ -141,6 +141,7 @@ class Page:
             self.design.show(work, typed=typed)
             self.switches.show(work.design)
             self.touch.show(work.design, anew=other)
+            self.board.show(work.design)
             self.numbers.wait()
             self.state.scene_rests = False
         self.follow()

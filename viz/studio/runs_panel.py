@@ -33,6 +33,7 @@ class RunsPanel:
     def __init__(self, page: Page) -> None:
         self._page = page
         self._runs: tuple[Run, ...] = ()
+        self._name = ""  # of the folder that is read; the page's own word for it may be any
         self._stamp: tuple[int, ...] = ()
         self._watching: asyncio.Task[None] | None = None
         page.state.update(
@@ -59,7 +60,7 @@ class RunsPanel:
         if name not in run_folders(self._page.setup.shelf.folder):
             return
         folder = self._page.setup.shelf.folder / name
-        self._stamp = _stamp(folder)
+        self._name, self._stamp = name, _stamp(folder)
         try:
             self._runs = await asyncio.to_thread(read_runs, folder)
         except CoilarrayError as error:
@@ -78,11 +79,10 @@ class RunsPanel:
 
     async def _follow(self) -> None:
         """Read a run again as its search goes on, while it is looked at."""
-        state = self._page.state
-        while state.tab == "runs" and state.run_folder:
+        while self._page.state.tab == "runs":
             await asyncio.sleep(_EVERY)
-            if _stamp(self._page.setup.shelf.folder / state.run_folder) != self._stamp:
-                await self._read(state.run_folder)
+            if _stamp(self._page.setup.shelf.folder / self._name) != self._stamp:
+                await self._read(self._name)
 
     def close(self) -> None:
         """Follow no run any more."""

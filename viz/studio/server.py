@@ -41,23 +41,29 @@ _GOING_AWAY = 1001  # of RFC 6455
 _GOODBYE = 2.0  # s that requests have to end
 _THREADS = 2
 _MOST_PAGES = 12
+_TOO_MANY = f"the studio serves at most {_MOST_PAGES} pages at once"
 _MOST_TABS = 200  # whose design is kept for a reload
+# what a page of trame's client is connected to says which scripts it runs, so that may be the studio alone
 _POLICY = (
     "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; style-src 'self' 'unsafe-inline'; "
-    "img-src 'self' data: blob:; font-src 'self' data:; connect-src 'self' ws: wss:; worker-src 'self' blob:"
+    "img-src 'self' data: blob:; font-src 'self' data:; worker-src 'self' blob:; frame-ancestors 'none'; "
+    "base-uri 'self'; form-action 'none'; object-src 'none'; connect-src 'self'"
 )
+_HOST = re.compile(r"[A-Za-z0-9_.-]+(:\d+)?|\[[0-9A-Fa-f:.]+\](:\d+)?")
 _HEADERS = {
-    "Content-Security-Policy": _POLICY,
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",
     "Cache-Control": "no-cache",
 }
-# a tab keeps its name through a reload, and another tab has another one
-_TAB = """<script>
+# a tab keeps its name through a reload, and another tab has another one; of the address only the token is for us:
+# trame's client would take from it whom to connect to
+_TAB = """<script>{
+const token = new URLSearchParams(location.search).get("token");
+history.replaceState(null, "", location.pathname + (token === null ? "" : "?token=" + encodeURIComponent(token)));
 const part = () => Math.random().toString(36).slice(2);
 if (!sessionStorage.studioTab) sessionStorage.studioTab = part() + part() + part();
 document.documentElement.dataset.sessionManagerUrl = "open/" + sessionStorage.studioTab;
-</script>"""
+}</script>"""
 
 
 @dataclass(frozen=True)
@@ -227,10 +233,10 @@ class _Studio:
 
         problem = self._refusal(request)
         if problem:
-            return web.Response(status=403, text=f"coilarray studio: {problem}\n", headers=_HEADERS)
+            return web.Response(status=403, text=f"coilarray studio: {problem}\n", headers=_headers(request))
         response: web.StreamResponse = await handler(request)
         if not response.prepared:
-            response.headers.update(_HEADERS)
+            response.headers.update(_headers(request))
             if self._address.token:
                 response.set_cookie(self._cookie, self._address.token, httponly=True, samesite="Strict", path="/")
         return response
@@ -254,6 +260,10 @@ class _Studio:
     async def _index(self, _: web.Request) -> web.Response:
         from aiohttp import web
 
+        if len(self._pages) >= _MOST_PAGES:
+            return web.Response(
+                status=503, text=f"coilarray studio: {_TOO_MANY}; close one, and load this one again.\n"
+            )
         text = (_client_folder() / "index.html").read_text(encoding="utf-8")
         text = re.sub("<title>.*?</title>", "<title>coilarray studio</title>", text)
         return web.Response(text=text.replace("<head>", f"<head>{_TAB}", 1), content_type="text/html")
@@ -276,7 +286,7 @@ class _Studio:
         from coilarray.viz.studio.page import Page, Setup
 
         if len(self._pages) >= _MOST_PAGES:
-            return web.json_response({"error": f"the studio serves at most {_MOST_PAGES} pages at once"}, status=503)
+            return web.json_response({"error": _TOO_MANY}, status=503)
         tab = request.match_info["tab"]
         setup = Setup(self._shelf, self._services, self._threads, self._problem)
         try:
@@ -379,6 +389,13 @@ class _Studio:
             self._ending.cancel()
         await asyncio.gather(*(one.close(code=_GOING_AWAY) for one in list(self._talking)))
         await asyncio.gather(*(self._close(key) for key in list(self._pages)))
+
+
+def _headers(request: web.Request) -> dict[str, str]:
+    """Return what a browser must keep to; not every browser's 'self' holds for its own web sockets."""
+    host = request.headers.get("Host", "")
+    sockets = f" ws://{host} wss://{host}" if _HOST.fullmatch(host) else ""
+    return {**_HEADERS, "Content-Security-Policy": _POLICY + sockets}
 
 
 def _client_folder() -> Path:

@@ -8,11 +8,11 @@ from pathlib import Path
 
 from coilarray import designs
 from coilarray.design import load_design, parse_design
-from coilarray.errors import DesignError, OutputError
+from coilarray.errors import CoilarrayError, DesignError, OutputError
 from coilarray.files import write_text
 from coilarray.viz.studio.work import Work, work_on
 
-_FILE = re.compile(r"[A-Za-z0-9_+][A-Za-z0-9_.+-]*\.toml")
+_FILE = re.compile(r"[A-Za-z0-9_+][A-Za-z0-9_.+-]{0,120}\.toml")  # no name that a file system finds too long
 
 
 @dataclass(frozen=True)
@@ -69,10 +69,26 @@ class Shelf:
         write_text(path, text)
         return work.saved_as(name)
 
+    def would_lose(self, work: Work, name: str) -> bool:
+        """Whether saving a design under a name replaces a file that says something it was not read from.
+
+        Raises
+        ------
+        OutputError
+            A name that is no file name.
+        """
+        path = self.path(name)
+        if not path.exists():
+            return False
+        try:
+            return name != work.file or load_design(path).document != work.kept
+        except CoilarrayError:
+            return True
+
     def path(self, name: str) -> Path:
         """Return the path of a file of the folder; OutputError for what is not the name of one."""
         if not _FILE.fullmatch(name):
             raise OutputError(
-                f"a design file must have a plain name that ends in .toml, as better.toml; got {name[:60]!r}."
+                f"a design file must have a plain, short name that ends in .toml, as better.toml; got {name[:60]!r}."
             )
         return self.folder / name

@@ -44,17 +44,6 @@ class Sensor:
         """The indentation of the design."""
         return indentation_of(self.design)
 
-    @property
-    def bounds(self) -> tuple[float, float, float, float]:
-        """Where the response is known: x_min, y_min, x_max, y_max in m from the map's origin."""
-        (x_min, y_min, _), (x_max, y_max, _) = self.model.lower.tolist(), self.model.upper.tolist()
-        return x_min, y_min, x_max, y_max
-
-    @property
-    def deepest(self) -> float:
-        """Greatest depth of the response in m."""
-        return float(self.model.upper[2])
-
 
 @dataclass(frozen=True, eq=False)
 class Touched:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import xarray as xr
 
 from coilarray.design import Design
-from coilarray.errors import CoilarrayError
+from coilarray.errors import CoilarrayError, DesignError
 from coilarray.viz.scenes import Scene
 from coilarray.viz.studio.entries import number_of
 from coilarray.viz.studio.job import Outcome, progress_of
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from coilarray.viz.studio.page import Page
 
 _TABLE = "table"
+_SHOWN = 1e-5  # m; places are shown to it, and one at the edge may be shown beyond it
 _NOTHING: dict[str, Any] = {
     "indenter": None, "ellipses": [], "crossing": [], "pins": [], "fills": {}
 }  # fmt: skip
@@ -57,7 +58,7 @@ class TouchPanel:
 
     def show(self, design: Design, *, anew: bool) -> None:
         """Show the board of a design; its response is known where it was computed in this session."""
-        page, state = self._page, self._page.state
+        state = self._page.state
         self._view = top_view(design)
         state.plan = board_drawing(design, self._view)
         state.can_touch = design.indentation is not None
@@ -73,7 +74,6 @@ class TouchPanel:
             state.touch_note = ""
         else:
             state.touch_note = "The design has changed: its response is to be computed anew."
-        page.board.show(design, self._view)
 
     def scene(self, design: Design, board: BoardParts) -> Scene | None:
         """Return the scene of the touch; None where there is none. Computed in a thread."""
@@ -120,7 +120,6 @@ class TouchPanel:
             return
         self._page.state.touch_ready, self._page.state.touch_note = True, ""
         self._put(*first_place(self._sensor))
-        self._page.board.show(design, self._view)
 
     # ---------------------------------------------------------------- the indenter
 
@@ -136,7 +135,7 @@ class TouchPanel:
         if self._sensor is None:
             return
         try:
-            numbers = [number_of(name, str(text)) * 1e-3 for name, text in (("x", x), ("y", y), ("depth", depth))]
+            numbers = _place(self._sensor, (x, y, depth))
         except CoilarrayError as error:
             self._page.state.place_error = str(error)
             return
@@ -155,6 +154,19 @@ class TouchPanel:
         (at_x, at_y), deep = touch.at, touch.depth
         place = {"x": f"{at_x * 1e3:.2f}", "y": f"{at_y * 1e3:.2f}", "depth": f"{deep * 1e3:.2f}"}
         state.place = {name: text.replace("-0.00", "0.00") for name, text in place.items()}
+
+
+def _place(sensor: Sensor, texts: tuple[str, str, str]) -> list[float]:
+    """Read x, y and depth in m that were typed in mm; DesignError for no number, or one beyond the response."""
+    numbers = []
+    limits = zip(sensor.model.lower.tolist(), sensor.model.upper.tolist(), strict=True)
+    for name, text, (low, high) in zip(("x", "y", "depth"), texts, limits, strict=True):
+        number = number_of(name, str(text)) * 1e-3
+        if not low - _SHOWN <= number <= high + _SHOWN:
+            line = f"{name} must be {low * 1e3:.2f} to {high * 1e3:.2f} mm; got {number * 1e3:g}."
+            raise DesignError(line.replace("-", "−"))
+        numbers.append(number)
+    return numbers
 
 
 def _compute_table(item: Any, tell: Tell, _: Stopped) -> xr.Dataset:

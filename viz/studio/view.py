@@ -9,7 +9,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from coilarray.viz.scenes import Scene, draw_parts
+from coilarray.viz.scenes import Scene, Text, draw_parts
 from coilarray.viz.scenes.camera import Side, aim, direction
 from coilarray.viz.scenes.draw import set_camera, text_name
 
@@ -21,8 +21,11 @@ _ENCODING = 0.01  # s from one look at whether a picture is encoded to the next
 _LOOKS = 200  # before it is left to trame; a page that is not seen gets no pictures
 _SAMPLES = 8  # of a pixel in a smooth picture, which takes three times as long
 _SAME = 1e-6  # of a camera's numbers
+_LARGEST = (5120, 5120)  # pixels across and up, more than the part of a screen that is for it
 _RESIZED = 0.03  # of a side, above which texts are drawn anew
 _NARROW = 1.2  # width over height below which letters and lines become smaller
+_LEAST_LETTER = 9.0  # pixels; smaller ones cannot be read
+_HEIGHT = 900.0  # pixels of the picture that heights of letters are given for
 
 
 class SceneView:
@@ -118,8 +121,8 @@ class SceneView:
             if part.group:
                 self._plotter.actors[part.name].SetVisibility(part.group not in self._hidden)
         for text in self._scene.texts:
-            height = text.height * _part(self._drawn_size)
-            name = f"{text_name(text.group, height, text.bold)}-labels"
+            height = _letters(text, self._drawn_size)
+            name = f"{text_name(text.group, height, text.bold, text.always)}-labels"
             if text.group and name in self._plotter.actors:
                 self._plotter.actors[name].SetVisibility(text.group not in self._hidden)
 
@@ -172,6 +175,9 @@ class SceneView:
 
     def _resized(self) -> None:
         """Letters and lines are made for a height: make them anew when the page has settled on one."""
+        width, height = (min(side, most) for side, most in zip(self._size, _LARGEST, strict=True))
+        if (width, height) != self._size:  # the page may ask for any; nothing of such a size has been made yet
+            self._window.SetSize(width, height)
         if self._resizing is not None:
             self._resizing.cancel()
         self._resizing = asyncio.get_running_loop().call_later(0.1, self._fit)
@@ -205,8 +211,13 @@ def _fitted(scene: Scene, size: tuple[int, int]) -> Scene:
     """Make letters and lines, which count in heights of the picture, fit a narrow one; the page tells the notes."""
     part = _part(size)
     parts = tuple(replace(one, line_width=one.line_width * part) for one in scene.parts)
-    texts = tuple(replace(text, height=text.height * part) for text in scene.texts)
+    texts = tuple(replace(text, height=_letters(text, size)) for text in scene.texts)
     return Scene(parts, texts)
+
+
+def _letters(text: Text, size: tuple[int, int]) -> float:
+    """Height of a text's letters in pixels of a picture 900 pixels high, so that they can be read in this one."""
+    return max(text.height * _part(size), _LEAST_LETTER * _HEIGHT / size[1])
 
 
 def _part(size: tuple[int, int]) -> float:
