@@ -22,7 +22,7 @@ IntArray = npt.NDArray[np.int64]
 
 MOST_NODES = 16
 """Along one side of the box; nearer pairs need more and are left to the sums over segments."""
-_LOG_TOLERANCE = math.log(1e-6)  # of ρ^−n; windings err by less than 2e-8 of L (tests/test_inductance_lattice.py)
+_LOG_TOLERANCE = math.log(1e-6)  # of ρ^−n; windings err by less than 3e-8 of L (tests/test_inductance_lattice.py)
 _NONE = 1e-9  # of the box: an extent that is none
 
 
@@ -35,7 +35,7 @@ class EquivalentCurrents:
     nodes : ndarray, shape (n, 3)
         Places in m.
     currents : ndarray, shape (n, 3)
-        ∫ L dl in m, for a current of 1 A.
+        ∫ L I dl in A m.
     """
 
     nodes: FloatArray
@@ -98,27 +98,29 @@ def nodes_needed(first: Boxes, second: Boxes, shifts: FloatArray) -> IntArray:
     return np.asarray(np.minimum(count, MOST_NODES + 1.0), dtype=np.int64)
 
 
-def equivalent_currents(vertices: FloatArray, count: int, count_z: int) -> EquivalentCurrents:
-    """Currents of a path at the Chebyshev nodes of its box.
+def equivalent_currents(segments: FloatArray, count: int, count_z: int, current: float = 1.0) -> EquivalentCurrents:
+    """Currents of segments at the Chebyshev nodes of their box.
 
     Parameters
     ----------
-    vertices : ndarray, shape (m, 3)
-        Of the path in m.
+    segments : ndarray, shape (m, 2, 3)
+        Ends of each in m.
     count, count_z : int
         Nodes along x and y, and along z.
+    current : float
+        In every segment, in A.
 
     Returns
     -------
     EquivalentCurrents
         Of count² · count_z nodes. Polynomials along a segment are integrated exactly.
     """
-    box = bounding_boxes([vertices])
+    box = bounding_boxes([segments.reshape(-1, 3)])
     centre, extent = box.centre[0], box.half[0]
     gauss, weight = np.polynomial.legendre.leggauss(count + (count_z + 1) // 2)
-    step = np.diff(vertices, axis=0)
-    places = (vertices[:-1, None] + 0.5 * (1.0 + gauss)[:, None] * step[:, None]).reshape(-1, 3)
-    pieces = (0.5 * weight[:, None] * step[:, None]).reshape(-1, 3)
+    step = segments[:, 1] - segments[:, 0]
+    places = (segments[:, :1] + 0.5 * (1.0 + gauss)[:, None] * step[:, None]).reshape(-1, 3)
+    pieces = (0.5 * current * weight[:, None] * step[:, None]).reshape(-1, 3)
     local = np.clip((places - centre) / np.where(extent > 0, extent, 1.0), -1.0, 1.0)
     counts = (count, count, count_z)
     along_x, along_y, along_z = (_lagrange(n, local[:, axis]) for axis, n in enumerate(counts))

@@ -14,6 +14,7 @@ from coilarray.blocks import Progress, cores, ranges, run_blocks
 from coilarray.conductors import Source, as_conductors
 from coilarray.constants import MU_0
 from coilarray.errors import GeometryError
+from coilarray.geometry.conductor import LARGEST
 from coilarray.kernels.segments import add_magnetic_field, add_vector_potential
 from coilarray.memory import require_memory
 
@@ -27,6 +28,7 @@ _BLOCK = 512
 _BLOCKS_A_TASK, _TASKS_A_CORE = 16, 4
 # beside the points: the field, and which of them are finite; the axes of a grid spread out, and the points
 _BYTES_A_POINT, _BYTES_A_GRID_POINT = 27.0, 48.0
+_LARGEST_CURRENT = 1e30  # A; with `LARGEST` no field leaves the range of float64
 _IN_PIECES = "compute it in pieces, or write it block by block with coilarray.volumes"
 
 
@@ -132,10 +134,15 @@ def grid_points(x: npt.ArrayLike, y: npt.ArrayLike, z: npt.ArrayLike) -> FloatAr
 
     Raises
     ------
+    GeometryError
+        Axes of another shape, or that are not finite.
     MemoryLimitError
         More points than `coilarray.memory.allowed_memory` has room for.
     """
     axes = [np.atleast_1d(np.asarray(axis, dtype=np.float64)) for axis in (x, y, z)]
+    for name, axis in zip("xyz", axes, strict=True):
+        if axis.ndim != 1 or not np.isfinite(axis).all():
+            raise GeometryError(f"{name} must be one finite number, or n{name} of them; got shape {axis.shape}.")
     count = math.prod(axis.size for axis in axes)
     require_memory(_BYTES_A_GRID_POINT * count, f"a grid of {count} points", _IN_PIECES)
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
@@ -154,20 +161,25 @@ class _Paths:
 
 def _paths(source: Source, points: npt.ArrayLike, currents: npt.ArrayLike) -> _Paths:
     conductors = as_conductors(source)
-    where = np.asarray(points, dtype=np.float64)
+    try:
+        where = np.asarray(points, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise GeometryError("points must be numbers of shape (..., 3).") from None
     if where.ndim == 0 or where.shape[-1] != 3:
         raise GeometryError(f"points must have shape (..., 3); got {where.shape}.")
     require_memory(_BYTES_A_POINT * (where.size // 3), f"the field at {where.size // 3} points", _IN_PIECES)
     if not np.isfinite(where).all():
         raise GeometryError("points must be finite; at least one is not.")
+    if where.size and max(where.max(), -where.min()) > LARGEST:
+        raise GeometryError(f"points must be at most {LARGEST:g} m from the origin; at least one is not.")
     try:
         current = np.array(np.broadcast_to(np.asarray(currents, dtype=np.float64), (len(conductors),)))
-    except ValueError:
+    except (TypeError, ValueError):
         raise GeometryError(
             f"currents must be one number or {len(conductors)}, one a path; got shape {np.shape(currents)}."
         ) from None
-    if not np.isfinite(current).all():
-        raise GeometryError("currents must be finite; at least one is not.")
+    if not (np.abs(current) <= _LARGEST_CURRENT).all():  # also not a number
+        raise GeometryError(f"currents must be finite and at most {_LARGEST_CURRENT:g} A; at least one is not.")
     used = [c for c in range(len(conductors)) if current[c] != 0]
     vertices = np.concatenate([np.zeros((0, 3)), *(conductors[c].vertices for c in used)])
     starts = np.cumsum([0, *(len(conductors[c].vertices) for c in used)])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import get_args
+
 import numpy as np
 import numpy.typing as npt
 
@@ -10,6 +12,7 @@ from coilarray.conductors import Source, as_conductors
 from coilarray.constants import MU_0
 from coilarray.errors import GeometryError
 from coilarray.geometry import Conductor
+from coilarray.geometry.conductor import LARGEST, SMALLEST
 from coilarray.kernels.bars import bar_self, parallel_bars
 from coilarray.kernels.filaments import filament_pair
 from coilarray.kernels.turns import find_series, series_members, series_rules
@@ -88,7 +91,7 @@ def rectangular_bars(
     Raises
     ------
     GeometryError
-        A size that is not positive and finite, or an offset that is not finite.
+        A size that is not 1e-30 to 1e30 m, or an offset that is not finite or larger.
 
     Notes
     -----
@@ -101,10 +104,14 @@ def rectangular_bars(
     570.425359
     """
     for size in (size_1, size_2 or size_1):
-        if not all(np.isfinite(value) and value > 0 for value in size):
-            raise GeometryError(f"length, width and thickness of a bar must be positive and finite; got {size}.")
-    if not np.isfinite(offset).all():
-        raise GeometryError(f"the offset between two bars must be finite; got {offset}.")
+        if len(size) != 3 or not all(SMALLEST <= value <= LARGEST for value in size):
+            raise GeometryError(
+                f"length, width and thickness of a bar must be positive, {SMALLEST:g} to {LARGEST:g} m; got {size}."
+            )
+    if len(offset) != 3 or not all(abs(value) <= LARGEST for value in offset):
+        raise GeometryError(
+            f"the offset between two bars must be finite, three numbers up to {LARGEST:g} m; got {offset}."
+        )
     if size_2 is None:
         return float(_SCALE * bar_self(*size_1))
     along, across, up = offset
@@ -152,7 +159,7 @@ def mutual_inductance(first: Source, second: Source, *, accuracy: Accuracy = "fu
     Raises
     ------
     GeometryError
-        Two thin filaments that run over each other on one line.
+        Two thin filaments that run over each other on one line; another accuracy.
     MemoryLimitError
         More pairs than `coilarray.memory.allowed_memory` has room for.
 
@@ -189,7 +196,7 @@ def inductance_matrix(source: Source, progress: Progress | None = None, *, accur
     Raises
     ------
     GeometryError
-        A thin filament: its self-inductance is infinite.
+        A thin filament: its self-inductance is infinite; another accuracy.
     MemoryLimitError
         More paths than `coilarray.memory.allowed_memory` has room for.
 
@@ -197,7 +204,8 @@ def inductance_matrix(source: Source, progress: Progress | None = None, *, accur
     -----
     Neumann's integral averaged over the cross-sections. Pairs of equal shapes at equal offsets are computed once,
     so identical coils on a lattice cost one evaluation a distinct offset; those that lie apart are computed by
-    `coilarray.equivalent_currents` to 2e-8 of L. The rules are set for 1e-6 of L and of k for
+    `coilarray.equivalent_currents` to 3e-8 of L, windings smaller than 200 widths with the cross-section, which is
+    worth less than 3e-7 of L in larger ones. The rules are set for 1e-6 of L and of k for
     traces wider than thick, with gaps of a quarter of their width or more and sides of a few widths;
     `tests/test_inductance_convergence.py` holds the study. Shorter sides or narrower gaps than that cost up to 2e-5,
     copper thicker than wide more. Traces run from vertex to vertex with square ends: the true, mitred corner of a
@@ -231,7 +239,7 @@ def coupling_matrix(inductance: npt.ArrayLike) -> FloatArray:
     Raises
     ------
     ValueError
-        A matrix that is not square or has a diagonal entry that is not positive.
+        A matrix that is not square, has values that are not finite or a diagonal entry that is not positive.
 
     Examples
     --------
@@ -242,6 +250,8 @@ def coupling_matrix(inductance: npt.ArrayLike) -> FloatArray:
     L = np.asarray(inductance, dtype=np.float64)
     if L.ndim != 2 or L.shape[0] != L.shape[1]:
         raise ValueError(f"an inductance matrix must be square; got shape {L.shape}.")
+    if not np.isfinite(L).all():
+        raise ValueError("an inductance matrix must be finite; at least one entry is not.")
     diagonal = np.diag(L)
     if not (diagonal > 0).all():
         raise ValueError(f"every self-inductance must be positive; got {diagonal.min()} H.")
@@ -291,6 +301,8 @@ def _matrix(
     progress: Progress | None = None,
 ) -> FloatArray:
     """Symmetric matrix of the wanted pairs of paths in H, zero elsewhere."""
+    if accuracy not in get_args(Accuracy):
+        raise GeometryError(f"accuracy must be one of {', '.join(get_args(Accuracy))}; got {accuracy!r}.")
     values = _SCALE * path_sums(conductors, first, second, accuracy, progress)
     infinite = np.flatnonzero(~np.isfinite(values))
     if len(infinite):

@@ -108,7 +108,7 @@ def open_large(
     Parameters
     ----------
     path : Path
-        The file to make or replace, .nc; its folder must exist.
+        The file to make or replace, .nc; its folder is made where it does not exist.
     frame : xarray.Dataset
         Coordinates and attributes.
     variables : sequence of Variable
@@ -128,6 +128,8 @@ def open_large(
         Too little room on the disk, an unfinished file of another key, one that another run is filling, or a file
         that cannot be written.
     """
+    if os.path.isdir(path):  # told before the work, not after it; false for names that are too long
+        raise OutputError(f"cannot write {path}: it is a folder.")
     folder = parts_folder(path)
     make_folder(folder)
     empty = complete = named = False
@@ -183,7 +185,10 @@ def _lay_out(
     if begun and laid_out == (key,):
         return
     if begun:
-        raise OutputError(f"{data.parent} holds another unfinished file; delete it or give another file.")
+        raise OutputError(
+            f"{data.parent} holds another unfinished file, of other inputs or another version; "
+            "delete it or give another file."
+        )
     for table in ("layout", "block"):
         connection.execute(f"DELETE FROM {table}")
     size = sum(_ITEM * math.prod(frame.sizes[dim] for dim in variable.dims) for variable in variables)

@@ -19,6 +19,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from coilarray.blocks import Progress, ranges
+from coilarray.code_version import code_version
 from coilarray.conductors import Source, as_conductors
 from coilarray.errors import GeometryError, OutputError
 from coilarray.geometry import Conductor
@@ -30,7 +31,6 @@ from coilarray.workers import Pool
 
 FloatArray = npt.NDArray[np.float64]
 
-_FORMAT = "1"  # of unfinished files; to be raised where the numerics change
 _PATHS = 256  # in a block
 _VARIABLE = Variable("inductance", ("path", "other"), "H", "inductance matrix")
 
@@ -157,8 +157,8 @@ def _write(file: LargeFile, count: int, rows: tuple[int, int], columns: tuple[in
 
 
 def _key(conductors: tuple[Conductor, ...], accuracy: Accuracy) -> str:
-    """Name of all that enters the numbers and the attributes."""
-    digest = hashlib.sha256(repr((_FORMAT, metadata.version("coilarray"), accuracy)).encode())
+    """Name of all that enters the numbers and the attributes: blocks of two versions are never mixed."""
+    digest = hashlib.sha256(repr((code_version(), accuracy)).encode())
     for conductor in conductors:
         for array in (conductor.vertices, conductor.widths, conductor.thicknesses):
             digest.update(repr(array.shape).encode() + np.ascontiguousarray(array).tobytes())

@@ -49,7 +49,7 @@ def require_memory(size: float, what: str, advice: str = "") -> None:
     if size <= _SMALL and LIMIT_VARIABLE not in os.environ:
         return
     allowed = allowed_memory()
-    if size > allowed:
+    if not size <= allowed:  # also not a number
         ending = f": {advice}" if advice else ""
         raise MemoryLimitError(
             f"{what} needs about {size / _GB:.3g} GB of memory; {allowed / _GB:.3g} GB are allowed{ending}."

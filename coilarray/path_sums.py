@@ -26,7 +26,7 @@ from coilarray.errors import GeometryError
 from coilarray.geometry import Conductor
 from coilarray.kernels.bars import bar_self
 from coilarray.kernels.node_pairs import add_node_sums
-from coilarray.kernels.paths import mutual_sum, own_mutual_sum
+from coilarray.kernels.paths import INNER, mutual_sum, own_mutual_sum
 from coilarray.kernels.turns import find_series, own_series_sum, series_members, series_rules, series_sum
 
 FloatArray = npt.NDArray[np.float64]
@@ -44,11 +44,14 @@ BYTES_A_PAIR = 400.0
 """Of memory that sums over many pairs take."""
 OWN_REACH = 160.0
 """Widths up to which the cross-section counts within one path (tests/test_inductance_convergence.py)."""
-MUTUAL_REACH = 40.0
+MUTUAL_REACH = 120.0
 """Widths up to which the cross-section counts between two paths (tests/test_inductance_convergence.py)."""
+_THIN = 200.0  # widths in the extent of a winding whose widths count from afar by less than 3e-7 of L
 # the same for screening: leaves out 1/(12·15²) = 4e-5 of a pair, and 5e-3 of one where coils overlap
 _SCREEN_OWN_REACH, _SCREEN_MUTUAL_REACH = 15.0, 4.0
 _SAME_PLACE = 1e-12  # of the paths' extent; offsets and shapes that differ by less are the same pair
+_SAME_SHAPE = 1e-8  # of a path itself at the most, in arrays that are far larger than it
+_LEAST_STEP = 1e-18  # of the paths' extent: offsets are counted in 64 bits
 _NODE_PAIRS = 20_000_000  # in a block of far pairs: some 20 ms
 _NODE_PAIRS_A_BAR_PAIR = 20  # that take as long; where there are fewer bars, they are summed
 _BLOCKS_A_CLASS = 8  # of near pairs, where there are few of them
@@ -93,10 +96,13 @@ def path_sums(
                 "is infinite; give widths and thicknesses."
             )
     extent = float(np.ptp(np.concatenate([conductor.vertices for conductor in conductors]), axis=0).max())
-    shapes, of_path, origin = _shapes(conductors, _SAME_PLACE * extent)
+    own = np.array([np.ptp(conductor.vertices, axis=0).max() for conductor in conductors])
+    quanta = _same(extent, own)
+    shapes, of_path, origin = _shapes(conductors, quanta)
     shift = origin[second] - origin[first]
-    classes, of_pair = _classes(of_path[first], of_path[second], shift, _SAME_PLACE * extent)
-    boxes = bounding_boxes([shape.vertices for shape in shapes])
+    quantum = max(float(quanta.min()), _LEAST_STEP * extent)
+    classes, of_pair = _classes(of_path[first], of_path[second], shift, quantum)
+    boxes = bounding_boxes([shape.seen_from_afar.reshape(-1, 3) for shape in shapes])
     nodes = nodes_needed(boxes[classes.first], boxes[classes.second], classes.shift)
     segments = np.array([len(shape.table) for shape in shapes])
     node_pairs = nodes[:, 0] ** 4 * nodes[:, 1] ** 2
@@ -104,12 +110,18 @@ def path_sums(
     near |= node_pairs > _NODE_PAIRS_A_BAR_PAIR * segments[classes.first] * segments[classes.second]
     thin = np.array([shape.is_filament for shape in shapes])
     near |= thin[classes.first] & thin[classes.second]  # these are promised to 1e-11, not to a part of L
-    blocks = _near_blocks(shapes, classes, np.flatnonzero(near), accuracy)
-    blocks += _far_blocks(shapes, classes, np.flatnonzero(~near), nodes)
+    blocks = _far_blocks(shapes, classes, np.flatnonzero(~near), nodes)  # first, for they are long
+    blocks += _near_blocks(shapes, classes, np.flatnonzero(near), accuracy)
     sums = np.zeros(len(classes.shift))
     for numbers, values in run_blocks(lambda block: block(), blocks, progress):
         np.add.at(sums, numbers, values)
     return np.asarray(sums[of_pair])
+
+
+def _same(extent: float, own: FloatArray) -> FloatArray:
+    """Differences in m that do not make another shape or offset, for paths as large as `own` in all of `extent`."""
+    rounded = 2.0 ** np.round(np.log2(own))  # so that copies that differ by rounding have the same
+    return np.asarray(np.minimum(_SAME_PLACE * extent, _SAME_SHAPE * rounded))
 
 
 def segment_table(conductor: Conductor) -> FloatArray:
@@ -134,7 +146,6 @@ class _Shape:
     def __init__(self, conductor: Conductor, table: FloatArray) -> None:
         self.table = table
         self.is_filament = conductor.is_filament
-        self.vertices = conductor.vertices - conductor.vertices[0]
         self.currents = cache(self._currents)
 
     @cached_property
@@ -142,8 +153,20 @@ class _Shape:
         """Sides of successive turns, see `coilarray.kernels.turns.find_series`."""
         return find_series(self.table)
 
+    @cached_property
+    def seen_from_afar(self) -> FloatArray:
+        """Segments that share the current: the centre lines, or two a bar where their width counts; (m, 2, 3)."""
+        start, step = self.table[:, :3], self.table[:, 3:6] * self.table[:, 6:7]
+        lines = np.stack((start, start + step), axis=1)
+        width = np.sqrt(np.average(self.table[:, 10] ** 2, weights=self.table[:, 6]))
+        if np.ptp(lines, axis=(0, 1)).max() > _THIN * width:
+            return lines
+        aside = (INNER * self.table[:, 10:11] * self.table[:, 7:10])[:, None]
+        return np.concatenate((lines - aside, lines + aside))
+
     def _currents(self, count: int, count_z: int) -> EquivalentCurrents:
-        return equivalent_currents(self.vertices, count, count_z)
+        lines = self.seen_from_afar
+        return equivalent_currents(lines, count, count_z, len(self.table) / len(lines))
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,16 +178,16 @@ class _Classes:
     shift: FloatArray
 
 
-def _shapes(conductors: Sequence[Conductor], quantum: float) -> tuple[list[_Shape], IntArray, FloatArray]:
-    """Distinct shapes (to `quantum` in m), the shape of every path, and the paths' starting points."""
+def _shapes(conductors: Sequence[Conductor], quanta: FloatArray) -> tuple[list[_Shape], IntArray, FloatArray]:
+    """Distinct shapes (to `quanta` in m, one a path), the shape of every path, and the paths' starting points."""
     shapes: list[_Shape] = []
-    known: dict[bytes, int] = {}
+    known: dict[tuple[float, bytes], int] = {}
     of_path = []
-    for conductor in conductors:
+    for conductor, quantum in zip(conductors, quanta.tolist(), strict=True):
         table = segment_table(conductor)
         columns = np.column_stack((table[:, :3], table[:, 6:7], table[:, 10:12]))
         end = conductor.vertices[-1] - conductor.vertices[0]
-        key = np.round(np.append(columns.ravel(), end) / quantum).astype(np.int64).tobytes()
+        key = quantum, np.round(np.append(columns.ravel(), end) / quantum).astype(np.int64).tobytes()
         if key not in known:
             known[key] = len(shapes)
             shapes.append(_Shape(conductor, table))
@@ -233,9 +256,11 @@ def _pair_sum(a: _Shape, b: _Shape, shift: FloatArray, start: int, stop: int, ac
 
 def _bars_alone(rows: FloatArray, weights: FloatArray) -> float:
     """Weighted sum of ∬ dl·dl'/R of every bar with itself; equal ones are computed once."""
-    sizes, which = np.unique(np.round(rows[:, [6, 10, 11]], 15), axis=0, return_inverse=True)
+    sizes = rows[:, [6, 10, 11]]
+    alike = np.round(sizes / (_SAME_PLACE * sizes.max(axis=0)))
+    _, example, which = np.unique(alike, axis=0, return_index=True, return_inverse=True)
     counts = np.bincount(which.ravel(), weights)
-    return float(sum(c * bar_self(*size) for size, c in zip(sizes, counts, strict=True)))
+    return float(sum(c * bar_self(*size) for size, c in zip(sizes[example], counts, strict=True)))
 
 
 def _far_blocks(shapes: list[_Shape], classes: _Classes, far: IntArray, nodes: IntArray) -> list[_Block]:

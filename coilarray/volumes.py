@@ -18,6 +18,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from coilarray.blocks import Progress, ranges
+from coilarray.code_version import code_version
 from coilarray.design import Design
 from coilarray.errors import GeometryError, OutputError
 from coilarray.field import magnetic_field
@@ -30,7 +31,6 @@ from coilarray.workers import Pool
 FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
 
-_FORMAT = "1"  # of unfinished files; to be raised where the numerics change
 _ALIGNED = 512  # points; `magnetic_field` sums so many at once, and others give other last digits
 _MOST_POINTS, _MOST_PAIRS = 2**18, 2e10  # of points and segments in a block, some seconds of work
 _BYTES_A_POINT = 200.0  # of a block: its points, the fields, and their copies on the way
@@ -202,8 +202,8 @@ def _axis(values: npt.ArrayLike) -> FloatArray:
 def _key(
     sample: xr.Dataset, currents: ComplexArray, axes: Sequence[FloatArray], conductors: Sequence[Conductor]
 ) -> str:
-    """Name of all that enters the numbers and the attributes."""
-    digest = hashlib.sha256(repr((_FORMAT, sorted(sample.attrs.items()))).encode())
+    """Name of all that enters the numbers and the attributes: blocks of two versions are never mixed."""
+    digest = hashlib.sha256(repr((code_version(), sorted(sample.attrs.items()))).encode())
     for array in (currents, *axes, *(conductor.vertices for conductor in conductors)):
         digest.update(repr(array.shape).encode() + np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()[:24]

@@ -11,6 +11,9 @@ from coilarray.errors import GeometryError
 
 FloatArray = npt.NDArray[np.float64]
 
+SMALLEST, LARGEST = 1e-30, 1e30
+"""Lengths in m between which powers of them, up to the sixth in the kernels, stay within the range of float64."""
+
 
 @dataclass(frozen=True, eq=False)
 class Conductor:
@@ -22,7 +25,7 @@ class Conductor:
     Parameters
     ----------
     vertices : array_like, shape (n + 1, 3)
-        In m, in the direction of the current; neighbours must differ.
+        In m, in the direction of the current, up to 1e30; neighbours must differ, by 1e-30 at least.
     widths, thicknesses : array_like, shape (n,) or scalar
         Cross-section in m that sets the inductance; both zero or both positive.
     areas : array_like, shape (n,) or scalar, optional
@@ -33,8 +36,8 @@ class Conductor:
     Raises
     ------
     GeometryError
-        Fewer than two vertices, values that are not finite, a segment of length zero, a negative width, or a bar
-        with a width and no thickness.
+        Fewer than two vertices, values that are not finite or beyond 1e30 m, a segment of length zero, a negative
+        width, or a bar with a width and no thickness.
 
     Examples
     --------
@@ -65,9 +68,11 @@ class Conductor:
             raise GeometryError(f"vertices of {name} must have shape (n + 1 >= 2, 3); got {points.shape}.")
         if not np.isfinite(points).all():
             raise GeometryError(f"vertices of {name} must be finite; vertex {_first_bad(points)} is not.")
+        if np.abs(points).max() > LARGEST:
+            raise GeometryError(f"vertices of {name} must be at most {LARGEST:g} m; got {np.abs(points).max():g} m.")
         n = len(points) - 1
         lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
-        if (lengths <= 1e-13 * np.ptp(points)).any():
+        if (lengths <= max(1e-13 * np.ptp(points), SMALLEST)).any():
             raise GeometryError(f"segment {int(np.argmin(lengths))} of {name} has length zero.")
         given = {"widths": widths, "thicknesses": thicknesses}
         if areas is not None:
@@ -75,6 +80,9 @@ class Conductor:
         sizes = {key: _per_segment(value, n, key, name) for key, value in given.items()}
         if ((sizes["widths"] > 0) != (sizes["thicknesses"] > 0)).any():
             raise GeometryError(f"widths and thicknesses of {name} must be both zero or both positive.")
+        for key in ("widths", "thicknesses"):
+            if ((sizes[key] > 0) & ~((SMALLEST <= sizes[key]) & (sizes[key] <= LARGEST))).any():
+                raise GeometryError(f"{key} of {name} must be zero or {SMALLEST:g} to {LARGEST:g} m.")
         if "areas" not in sizes:
             sizes["areas"] = sizes["widths"] * sizes["thicknesses"]
         for key, array in {"vertices": points, **sizes}.items():

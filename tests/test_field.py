@@ -275,6 +275,21 @@ def test_grid_points():
     assert grid[1, 2, 0].tolist() == [1, 4, 5]
 
 
+@pytest.mark.parametrize(("axes", "message"), [(([0, np.nan], 0, 0), "x must be"), ((0, [[1]], 0), "y must be")])
+def test_axes_that_are_no_grid(axes, message):
+    with pytest.raises(GeometryError, match=message):
+        grid_points(*axes)
+
+
+@pytest.mark.parametrize("size", [1e-29, 1e-9, 1e3, 1e30])
+def test_fields_of_any_size_stay_numbers(size):
+    points = np.array([[0.5, 0, 0.1], [1e-9, 1e-10, 0], [0, 0, 0], [1, 1, 1]])
+    B, A = magnetic_field([TRIANGLE], points), vector_potential([TRIANGLE], points)
+    # B falls with the size and A does not change; 1e-12 for rounding next to the wire
+    np.testing.assert_allclose(magnetic_field([TRIANGLE * size], points * size) * size, B, rtol=1e-6, atol=1e-12)
+    np.testing.assert_allclose(vector_potential([TRIANGLE * size], points * size), A, rtol=1e-6, atol=1e-18)
+
+
 def test_progress_counts_up():
     seen = []
     magnetic_field([TRIANGLE], np.zeros((30000, 3)) + 1, progress=lambda done, total: seen.append((done, total)))
@@ -287,6 +302,11 @@ def test_progress_counts_up():
     [
         (([TRIANGLE], [1, 2]), r"points must have shape \(\.\.\., 3\); got \(2,\)"),
         (([TRIANGLE], [1, 2, np.nan]), "points must be finite"),
+        (([TRIANGLE], [1, 2, 1e200]), "points must be at most 1e"),
+        (([TRIANGLE], "here"), "points must be numbers"),
+        (([TRIANGLE], [1, 2, 3], 1e300), "currents must be finite and at most"),
+        (([TRIANGLE], [1, 2, 3], "much"), "currents must be one number or 1"),
+        (([TRIANGLE * 1e200], [1, 2, 3]), "vertices of path 1 must be at most"),
         (([TRIANGLE], [1, 2, 3], [1, 2]), r"currents must be one number or 1, one a path; got shape \(2,\)"),
         (([TRIANGLE], [1, 2, 3], np.inf), "currents must be finite"),
         (([], [1, 2, 3]), "at least one current path"),

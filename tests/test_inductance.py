@@ -6,6 +6,7 @@ over both cross-sections, reuse against no reuse, and the identities that every 
 
 from __future__ import annotations
 
+import mpmath
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -111,12 +112,11 @@ def test_a_cut_trace_has_the_inductance_of_the_whole():
 
 def test_reuse_of_equal_pairs_changes_nothing(monkeypatch):
     array = load_design("starter").array
-    reused = inductance_matrix(array)
     summed = []
     original = path_sums._near_block
     monkeypatch.setattr(path_sums, "_near_block", lambda k, *rest: summed.append(k) or original(k, *rest))
     monkeypatch.setattr(path_sums, "MOST_NODES", 0)  # none by equivalent currents
-    inductance_matrix(array)
+    reused = inductance_matrix(array)
     assert len(set(summed)) == 4  # one shape alone; neighbours downwards and upwards; next but one
     # the same coils an offset of 1 nm away share nothing
     paths = [
@@ -159,6 +159,71 @@ def test_scales_with_length(scale):
     small = hexagon()
     large = Conductor(small.vertices * scale, small.widths * scale, small.thicknesses * scale)
     assert self_inductance(large)[0] == pytest.approx(scale * self_inductance(small)[0], rel=1e-9)
+
+
+@pytest.mark.parametrize("scale", [1e-12, 1e-6, 1e6])
+def test_scales_with_length_however_small(scale):
+    coils = [(hexagon(1.0, z, width=0.03), 5e-3) for z in (0.0, 0.5)]
+    scaled = [Conductor(one.vertices * scale, one.widths * scale, 1e-2 * scale) for one, _ in coils]
+    expected = scale * inductance_matrix([Conductor(one.vertices, one.widths, 1e-2) for one, _ in coils])
+    np.testing.assert_allclose(inductance_matrix(scaled), expected, rtol=1e-12)  # the same sums, rounded otherwise
+
+
+def test_a_coil_far_away_changes_nothing_for_those_near():
+    # what counts as the same shape and place must not grow with the distance: these radii differ by 3e-4
+    near = [hexagon(5e-3), hexagon(5.0015e-3), hexagon(5e-3, 2e-3), hexagon(5e-3, 2.001e-3)]
+    alone = inductance_matrix(near)
+    assert abs(alone[0, 2] / alone[0, 3] - 1) > 1e-4
+    for away in (1e3, 1e7, 1e9):
+        together = inductance_matrix([*near, hexagon(centre=(away, 0))])[:4, :4]
+        np.testing.assert_allclose(together, alone, rtol=1e-7)  # 1e-8 of a coil's size is the same at most
+
+
+def _filaments_in_many_digits(p1, p2, q1, q2):
+    """Campbell's formula for two filaments that are not parallel, in H, with 60 digits."""
+    with mpmath.workdps(60):
+        p1, p2, q1, q2 = (mpmath.matrix([mpmath.mpf(float(value)) for value in point]) for point in (p1, p2, q1, q2))
+
+        def dot(a, b):
+            return sum(s * t for s, t in zip(a, b, strict=True))
+
+        def cross(a, b):
+            return mpmath.matrix([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+        def potential(x, start, end):
+            r1, r2, length = mpmath.norm(x - start), mpmath.norm(x - end), mpmath.norm(end - start)
+            return mpmath.log((r1 + r2 + length) / (r1 + r2 - length))
+
+        l1, l2 = mpmath.norm(p2 - p1), mpmath.norm(q2 - q1)
+        u, v, d = (p2 - p1) / l1, (q2 - q1) / l2, q1 - p1
+        w = cross(u, v)
+        sine2, cosine = dot(w, w), dot(u, v)
+        foot_1, foot_2 = dot(cross(d, v), w) / sine2, dot(cross(d, u), w) / sine2
+        height = abs(dot(d, w)) / mpmath.sqrt(sine2)
+        a, b = (-foot_1, l1 - foot_1), (-foot_2, l2 - foot_2)
+        total = a[1] * potential(p2, q1, q2) - a[0] * potential(p1, q1, q2)
+        total += b[1] * potential(q2, p1, p2) - b[0] * potential(q1, p1, p2)
+        for i, p in enumerate((p1, p2)):
+            for j, q in enumerate((q1, q2)):
+                distance = mpmath.norm(p - q)
+                sine = mpmath.sqrt(sine2)
+                angle = mpmath.atan2(height**2 * cosine + a[i] * b[j] * sine2, height * sine * distance)
+                total -= (1 if i == j else -1) * height / sine * angle
+        return float(MU_0 / (4 * mpmath.pi) * cosine * total)
+
+
+@pytest.mark.parametrize("ratio", [1.0, 1e-3])
+@pytest.mark.parametrize("height", [1e-6, 1e-2])
+@pytest.mark.parametrize("angle", [1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1.0])
+def test_filaments_that_cross_at_a_small_angle(angle, height, ratio):
+    # just above each other, in their middles; a short one is a thousandth of the other
+    along = 0.5 * ratio * np.array([np.cos(angle), np.sin(angle), 0])
+    centre = np.array([0.4, 0, height])
+    ends = [0, 0, 0], [1, 0, 0], centre - along, centre + along
+    # the skew form errs like 1e-17/sin²: up to 1e-8 where the panels take over, 1e-9 at the angles here
+    expected = _filaments_in_many_digits(*ends)
+    assert straight_filaments(*ends) == pytest.approx(expected, rel=1e-9)
+    assert straight_filaments(ends[0], ends[1], ends[3], ends[2]) == pytest.approx(-expected, rel=1e-9)
 
 
 def test_the_matrix_of_the_board_is_symmetric_and_positive_definite():
@@ -216,7 +281,19 @@ def test_wide_trace_against_the_current_sheet_limit():
         (lambda: Conductor([[0, 0, 0], [1, 0, 0]], -1.0, 1.0), "widths of path must be finite and not negative"),
         (lambda: Conductor([[0, 0, 0], [1, 0, 0]], 1.0, 0.0), "both zero or both positive"),
         (lambda: Conductor([[0, 0, 0], [1, 0, 0]], [1.0, 2.0], 1.0), "widths of path must be one number or 1"),
+        (lambda: inductance_matrix(hexagon(), accuracy="fast"), "accuracy must be one of full, screen; got 'fast'"),
+        (lambda: mutual_inductance(hexagon(), hexagon(z=1e-3), accuracy="fast"), "accuracy must be one of full"),
+        (lambda: straight_filaments([0, 0, 0], [1, 2, 3], [0.5, 1, 1.5], [2, 4, 6]), "run over each other"),
+        (lambda: straight_filaments([0, 0, 0], [1, 2, 3], [2, 4, 6], [0.5, 1, 1.5]), "run over each other"),
+        (lambda: rectangular_bars((1e200, 1, 1)), "length, width and thickness of a bar must be positive"),
+        (lambda: rectangular_bars((1, 1e-200, 1)), "length, width and thickness of a bar must be positive"),
+        (lambda: rectangular_bars((1, 1)), "length, width and thickness of a bar must be positive"),
+        (lambda: rectangular_bars((1, 1, 1), offset=(0, 0, 1e200)), "offset between two bars must be finite"),
+        (lambda: Conductor([[0, 0, 0], [1e200, 0, 0]]), "vertices of path must be at most"),
+        (lambda: Conductor([[0, 0, 0], [1e-60, 0, 0]]), "segment 0 of path has length zero"),
+        (lambda: Conductor([[0, 0, 0], [1, 0, 0]], 1e-200, 1.0), "widths of path must be zero or 1e-30 to"),
         (lambda: coupling_matrix([[1.0, 0.0]]), "must be square"),
+        (lambda: coupling_matrix([[1.0, np.nan], [np.nan, 1.0]]), "an inductance matrix must be finite"),
         (lambda: coupling_matrix([[-1.0]]), "every self-inductance must be positive"),
     ],
 )

@@ -67,3 +67,16 @@ def test_mutual_nodes_and_reach():
         # in terms of k, since M is a small difference of large parts: measured 5e-7
         assert abs(finer - default) / own < 1e-6
         assert abs(further - default) / own < 1e-6
+
+
+@pytest.mark.parametrize("turns", [4, 10])
+@pytest.mark.parametrize("shift", [(0, 0, -0.5e-3), (8e-3, 0, -0.5e-3), (10.4e-3, 0, -0.5e-3), (16.3e-3, 0, 0)])
+def test_small_coils_on_and_beside_each_other(turns, shift):
+    # 107 widths across: with 40 widths for the cross-section 6e-6 were left out of coils on each other
+    table = _table(Spiral(6, 8e-3, turns, 0.15e-3, 0.15e-3), (0.0,))
+    n = len(table)
+    own = own_mutual_sum(table, 0, n, OWN_REACH, 0)
+    default = mutual_sum(table, table, np.array(shift), 0, n, MUTUAL_REACH, 0)
+    exact = mutual_sum(table, table, np.array(shift), 0, n, 1e9, 4)
+    # measured at most 3e-7
+    assert abs(default - exact) / own < 1e-6

@@ -86,7 +86,9 @@ def test_an_unfinished_file_of_something_else_is_not_touched(tmp_path):
     path = tmp_path / "a.nc"
     fill(path, [2])
     for changed in ({"key": "two"}, {"blocks": 6}):
-        with pytest.raises(OutputError, match=r"a\.nc\.parts holds another unfinished file; delete it or give another"):
+        with pytest.raises(
+            OutputError, match=r"a\.nc\.parts holds another unfinished file, of other inputs or another version"
+        ):
             fill(path, [0], **changed)
     assert fill(path, [0])[0] == {0: 0.0, 2: 20.0}
 
@@ -131,8 +133,20 @@ def test_places_that_cannot_be_written(tmp_path):
         fill(tmp_path / ("n" * 300 + ".nc"), [0])
     path = tmp_path / "a.nc"
     path.mkdir()
-    with pytest.raises(OutputError, match=r"cannot write .*a\.nc: Is a directory"):
+    with pytest.raises(OutputError, match=r"cannot write .*a\.nc: it is a folder"):  # before the work
         fill(path, range(5))
+    path.rmdir()
+    assert not list(tmp_path.iterdir())
+
+    def fill_while_a_folder_is_made():
+        with open_large(path, FRAME, VARIABLES, "one", 5) as file:
+            for number in range(5):
+                file.write("B", 6 * number, VALUES[number])
+                file.finish(number)
+            path.mkdir()
+
+    with pytest.raises(OutputError, match=r"cannot write .*a\.nc: Is a directory"):
+        fill_while_a_folder_is_made()
     path.rmdir()
     assert fill(path, [])[1] == []  # what was done is still there
     assert path.is_file()

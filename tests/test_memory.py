@@ -105,6 +105,11 @@ def test_the_variable_goes_before_the_system(monkeypatch):
     assert issubclass(MemoryLimitError, MemoryError)
 
 
+def test_a_size_that_is_no_number_is_refused():
+    with pytest.raises(MemoryLimitError, match="a map needs about nan GB"):
+        require_memory(float("nan"), "a map")
+
+
 def test_small_arrays_cost_no_look_at_the_system(system, monkeypatch):
     monkeypatch.setattr(memory, "allowed_memory", lambda: 0.0)
     require_memory(10e6, "this")

@@ -75,7 +75,10 @@ def test_a_slider_changes_the_matrix_to_what_the_library_gives(page):
     np.testing.assert_array_equal(matrix(page), couple_design(load_design("gast2020")).coupling.values)
     clipped = "inputs => inputs.filter(one => one.scrollWidth > one.clientWidth).map(one => one.value)"
     shown = page.locator(".studio-entry input[type=text]:visible")
-    assert (shown.evaluate_all(clipped), "13.28" in shown.evaluate_all("all => all.map(one => one.value)")) == ([], True)
+    assert (shown.evaluate_all(clipped), "13.28" in shown.evaluate_all("all => all.map(one => one.value)")) == (
+        [],
+        True,
+    )
     before = drawn(page)
     picture(page, "first")
     page.locator("[data-key='array.pitch_mm'] [role=slider]").focus()

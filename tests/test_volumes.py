@@ -14,6 +14,7 @@ import xarray as xr
 from command_line import runner
 from lattices import hexagonal
 
+import coilarray.large_matrix as large_matrix
 import coilarray.volumes as volumes
 from coilarray import couple_design, inductance_matrix, load_design
 from coilarray.errors import GeometryError, OutputError
@@ -114,6 +115,25 @@ def test_an_interrupted_volume_is_gone_on_with(coupling, small_blocks, tmp_path,
     expected = operating_field(STARTER, coupling, "coil2", *GRID)
     assert read(path).identical(expected)
     assert peak == np.abs(expected.B.values[..., 2]).max()
+
+
+def test_blocks_of_another_version_are_not_gone_on_with(coupling, coils, small_blocks, tmp_path, monkeypatch):
+    # the package's version stays the same where somebody edits the code or updates numpy
+    monkeypatch.setattr(large_matrix, "_PATHS", 2)
+    volume, matrix = tmp_path / "v.nc", tmp_path / "L.nc"
+    with workers() as pool:
+        with pytest.raises(StopError):
+            write_field_volume(volume, STARTER, coupling, "coil2", *GRID, pool, progress=stop_after(2))
+        with pytest.raises(StopError):
+            write_inductance_matrix(matrix, coils, pool, progress=stop_after(2))
+        for module in (volumes, large_matrix):
+            monkeypatch.setattr(module, "code_version", lambda: "1.0+edited")
+        with pytest.raises(OutputError, match="of other inputs or another version"):
+            write_field_volume(volume, STARTER, coupling, "coil2", *GRID, pool)
+        with pytest.raises(OutputError, match="of other inputs or another version"):
+            write_inductance_matrix(matrix, coils, pool)
+    assert not volume.exists()
+    assert not matrix.exists()
 
 
 def test_blocks_take_some_seconds_whatever_the_number_of_paths():

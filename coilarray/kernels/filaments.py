@@ -17,10 +17,12 @@ from coilarray.kernels.segments import log_of_ratio
 FloatArray = npt.NDArray[np.float64]
 Point = tuple[float, float, float]
 
-PARALLEL_SIN2 = 1e-10
-"""Below this sin² of the angle the skew form loses digits like 1e-16/sin and the panel rule takes over."""
+PARALLEL_SIN2 = 1e-9
+"""Below this sin² of the angle the panel rule takes over from the skew form, which errs like 1e-17/sin²."""
 COLLINEAR = 1e-13
 """Distance between parallel lines, as a fraction of the lengths, below which they count as one line."""
+_NEAR = 1e-3  # of the distances to the ends: where r1 + r2 − length would lose more than three digits
+_ON_LINE = 1e-32  # of the distances to the ends: least r1 + r2 − length, so that its logarithm is finite
 
 _GAUSS_12 = np.polynomial.legendre.leggauss(12)
 _NODES, _WEIGHTS = np.ascontiguousarray(_GAUSS_12[0]), np.ascontiguousarray(_GAUSS_12[1])
@@ -56,11 +58,33 @@ def parallel_filaments(rho: float, offset: float, length_1: float, length_2: flo
 
 
 @kernel
+def _is_near(r1: float, r2: float, length: float) -> bool:
+    """Whether a point r1 and r2 from the ends of a segment is so near that `_line_potential` would lose digits."""
+    return r1 + r2 - length < _NEAR * (r1 + r2)
+
+
+@kernel
 def _line_potential(r1: float, r2: float, length: float) -> float:
-    """∫ dl/R along a segment at a point with the distances r1, r2 from its ends."""
+    """∫ dl/R along a segment at a point r1 and r2 from its ends that is not near it."""
     total = r1 + r2
-    gap = total - length
-    smallest = 1e-16 * total
+    return log_of_ratio(total + length, total - length, length / total)
+
+
+@kernel
+def _near_potential(x: float, y: float, z: float, ux: float, uy: float, uz: float, length: float) -> float:
+    """∫ dl/R along a segment, from the origin along the unit vector u, at a point (x, y, z) near or on it.
+
+    With ρ from the line and a, b along it from the ends, r1 + r2 − length = (r1 − a) + (r2 − b) is a sum of two
+    positive parts, each ρ²/(r + a) where a > 0: nothing cancels.
+    """
+    cx, cy, cz = uy * z - uz * y, uz * x - ux * z, ux * y - uy * x
+    rho2 = cx * cx + cy * cy + cz * cz
+    a = ux * x + uy * y + uz * z
+    b = length - a
+    r1, r2 = math.sqrt(a * a + rho2), math.sqrt(b * b + rho2)
+    gap = (rho2 / (r1 + a) if a > 0.0 else r1 - a) + (rho2 / (r2 + b) if b > 0.0 else r2 - b)
+    total = r1 + r2
+    smallest = _ON_LINE * total  # where it is infinite, it is multiplied by a length of nothing
     return log_of_ratio(total + length, gap if gap > smallest else smallest, length / total)
 
 
@@ -71,12 +95,11 @@ def _distance(ax: float, ay: float, az: float, bx: float, by: float, bz: float) 
 
 @kernel
 def _graded(
-    p0: Point, p1: Point, length_1: float, q0: Point, v: Point, start: float, end: float,
-    finest: float,
-) -> float:  # fmt: skip
-    """Integrate the potential of the filament p0 p1 over q0 + t v, t from `start` to `end`, panels halving to `start`.
+    p0: Point, u: Point, length_1: float, q0: Point, v: Point, start: float, end: float, finest: float
+) -> float:
+    """Integrate the potential of the filament p0 + s u over q0 + t v, t from `start` to `end`.
 
-    The panel at `start` is not longer than `finest`.
+    The panels halve towards `start`; the one there is not longer than `finest`.
     """
     total = 0.0
     far = end
@@ -87,35 +110,48 @@ def _graded(
         half, middle = 0.5 * (far - near), 0.5 * (far + near)
         for g in range(_NODES.shape[0]):
             t = middle + half * _NODES[g]
-            x, y, z = q0[0] + t * v[0], q0[1] + t * v[1], q0[2] + t * v[2]
-            r1 = _distance(x, y, z, p0[0], p0[1], p0[2])
-            r2 = _distance(x, y, z, p1[0], p1[1], p1[2])
-            total += abs(half) * _WEIGHTS[g] * _line_potential(r1, r2, length_1)
+            x, y, z = q0[0] - p0[0] + t * v[0], q0[1] - p0[1] + t * v[1], q0[2] - p0[2] + t * v[2]
+            r1 = math.sqrt(x * x + y * y + z * z)
+            r2 = _distance(x, y, z, length_1 * u[0], length_1 * u[1], length_1 * u[2])
+            value = (
+                _near_potential(x, y, z, u[0], u[1], u[2], length_1)
+                if _is_near(r1, r2, length_1)
+                else _line_potential(r1, r2, length_1)
+            )
+            total += abs(half) * _WEIGHTS[g] * value
         far = near
     return total
 
 
 @kernel
-def _panels(p0: Point, p1: Point, length_1: float, q0: Point, v: Point, length_2: float) -> float:
+def _panels(p0: Point, u: Point, length_1: float, q0: Point, v: Point, length_2: float) -> float:
     """∬ dl dl'/R for nearly parallel filaments: closed inner integral, outer Gauss rule on graded panels.
 
-    The inner integral varies on the scale of the distance where the outer point passes an end of the inner filament;
-    the panels halve towards these two places.
+    The inner integral varies on the scale of the distance where the outer point passes an end of the inner filament,
+    and like the logarithm of the distance where the two lines cross; the panels halve towards these three places.
     """
-    at_0 = (p0[0] - q0[0]) * v[0] + (p0[1] - q0[1]) * v[1] + (p0[2] - q0[2]) * v[2]
-    at_1 = (p1[0] - q0[0]) * v[0] + (p1[1] - q0[1]) * v[1] + (p1[2] - q0[2]) * v[2]
-    first = min(max(min(at_0, at_1), 0.0), length_2)
-    second = min(max(at_0, at_1, 0.0), length_2)
-    rho_0 = _distance(p0[0], p0[1], p0[2], q0[0] + at_0 * v[0], q0[1] + at_0 * v[1], q0[2] + at_0 * v[2])
-    rho_1 = _distance(p1[0], p1[1], p1[2], q0[0] + at_1 * v[0], q0[1] + at_1 * v[1], q0[2] + at_1 * v[2])
-    finest = max(min(rho_0, rho_1), 1e-15 * length_2)
-    between = 0.5 * (first + second)
-    return (
-        _graded(p0, p1, length_1, q0, v, first, 0.0, finest)
-        + _graded(p0, p1, length_1, q0, v, first, between, finest)
-        + _graded(p0, p1, length_1, q0, v, second, between, finest)
-        + _graded(p0, p1, length_1, q0, v, second, length_2, finest)
-    )
+    dx, dy, dz = q0[0] - p0[0], q0[1] - p0[1], q0[2] - p0[2]
+    at_0 = -(dx * v[0] + dy * v[1] + dz * v[2])
+    at_1 = at_0 + length_1 * (u[0] * v[0] + u[1] * v[1] + u[2] * v[2])
+    # across the first line: from it to the start of the second, and the drift of the second
+    offset, cosine = dx * u[0] + dy * u[1] + dz * u[2], u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
+    ex, ey, ez = dx - offset * u[0], dy - offset * u[1], dz - offset * u[2]
+    wx, wy, wz = v[0] - cosine * u[0], v[1] - cosine * u[1], v[2] - cosine * u[2]
+    w2 = wx * wx + wy * wy + wz * wz
+    crossing = -(ex * wx + ey * wy + ez * wz) / w2 if w2 > 0.0 else 0.0
+    low, high = min(max(min(at_0, at_1), 0.0), length_2), min(max(at_0, at_1, 0.0), length_2)
+    crossing = min(max(crossing, 0.0), length_2)
+    places = (0.0, min(low, crossing), max(low, min(high, crossing)), max(high, crossing), length_2)
+    total = 0.0
+    # the distance to the line is least at the crossing: nothing varies faster than on its scale
+    rx, ry, rz = ex + crossing * wx, ey + crossing * wy, ez + crossing * wz
+    finest = max(math.sqrt(rx * rx + ry * ry + rz * rz), 1e-15 * length_2)
+    for k in range(4):
+        start, end = places[k], places[k + 1]
+        between = start if k == 0 else end if k == 3 else 0.5 * (start + end)
+        total += _graded(p0, u, length_1, q0, v, start, between, finest)
+        total += _graded(p0, u, length_1, q0, v, end, between, finest)
+    return total
 
 
 @kernel
@@ -160,12 +196,21 @@ def filament_pair(
     r12 = _distance(p0x, p0y, p0z, q1x, q1y, q1z)
     r21 = _distance(p1x, p1y, p1z, q0x, q0y, q0z)
     r22 = _distance(p1x, p1y, p1z, q1x, q1y, q1z)
-    total = (
-        a2 * _line_potential(r21, r22, length_2)
-        - a1 * _line_potential(r11, r12, length_2)
-        + b2 * _line_potential(r12, r22, length_1)
-        - b1 * _line_potential(r11, r21, length_1)
-    )
+    if (
+        _is_near(r21, r22, length_2) or _is_near(r11, r12, length_2)
+        or _is_near(r12, r22, length_1) or _is_near(r11, r21, length_1)
+    ):  # fmt: skip
+        total = (
+            a2 * _near_potential(p1x - q0x, p1y - q0y, p1z - q0z, vx, vy, vz, length_2)
+            - a1 * _near_potential(p0x - q0x, p0y - q0y, p0z - q0z, vx, vy, vz, length_2)
+            + b2 * _near_potential(q1x - p0x, q1y - p0y, q1z - p0z, ux, uy, uz, length_1)
+            - b1 * _near_potential(q0x - p0x, q0y - p0y, q0z - p0z, ux, uy, uz, length_1)
+        )
+    else:
+        total = (
+            a2 * _line_potential(r21, r22, length_2) - a1 * _line_potential(r11, r12, length_2)
+            + b2 * _line_potential(r12, r22, length_1) - b1 * _line_potential(r11, r21, length_1)
+        )  # fmt: skip
     if height > COLLINEAR * (length_1 + length_2):
         h2c = height * height * cosine
         hs = height * sine
@@ -192,16 +237,19 @@ def _nearly_parallel(
     ex, ey, ez = dx - offset * ux, dy - offset * uy, dz - offset * uz
     rho = math.sqrt(ex * ex + ey * ey + ez * ez)
     extent = length_1 + length_2
-    if sine2 * extent * extent < COLLINEAR * COLLINEAR * max(rho * rho, COLLINEAR * extent * extent):
-        if rho < COLLINEAR * extent:
-            overlap = min(length_1, offset + length_2) - max(0.0, offset)
-            if overlap > COLLINEAR * extent:
-                return sign * math.inf
-            return sign * parallel_filaments(0.0, offset, length_1, length_2)
+    one_line = COLLINEAR * extent
+    along = length_2 * abs(cosine)
+    ex, ey, ez = ex + length_2 * vx - along * ux, ey + length_2 * vy - along * uy, ez + length_2 * vz - along * uz
+    if max(rho, math.sqrt(ex * ex + ey * ey + ez * ez)) < one_line:  # at both ends of the second one
+        overlap = min(length_1, offset + length_2) - max(0.0, offset)
+        if overlap > one_line:
+            return sign * math.inf
+        return sign * parallel_filaments(0.0, offset, length_1, length_2)
+    if sine2 * extent * extent < COLLINEAR * COLLINEAR * rho * rho:
         return sign * parallel_filaments(rho, offset, length_1, length_2)
-    p0 = (p0x, p0y, p0z)
-    p1 = (p0x + length_1 * ux, p0y + length_1 * uy, p0z + length_1 * uz)
-    return sign * abs(cosine) * _panels(p0, p1, length_1, (q0x, q0y, q0z), (vx, vy, vz), length_2)
+    return (
+        sign * abs(cosine) * _panels((p0x, p0y, p0z), (ux, uy, uz), length_1, (q0x, q0y, q0z), (vx, vy, vz), length_2)
+    )
 
 
 @kernel

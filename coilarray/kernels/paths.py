@@ -43,7 +43,8 @@ _LOG_TOLERANCE_ANGLED = -13.8  # ln 1e-6: the same for bars at an angle, whose e
 _LOG_TOLERANCE_THICKNESS = -11.5  # ln 1e-5: the thickness changes a pair by about 1 %
 _LOG_TOLERANCE_FILAMENTS = -25.3  # ln 1e-11: error of the rules along distant thin filaments, exact otherwise
 _LEAST, _LEAST_FILAMENTS = least_distances(_LOG_TOLERANCE), least_distances(_LOG_TOLERANCE_FILAMENTS)
-_INNER = 0.5 / math.sqrt(3.0)  # of a width: the two nodes of a Gauss rule across it
+INNER = 0.5 / math.sqrt(3.0)
+"""Of a width: the two nodes of a Gauss rule across it."""
 
 
 def _gauss_tables() -> tuple[FloatArray, FloatArray]:
@@ -347,8 +348,8 @@ def _collect(
             tx, ty, tz = step * nx, step * ny, step * nz
         else:
             sides = 4
-            sx, sy, sz = _INNER * a[10] * a[7], _INNER * a[10] * a[8], _INNER * a[10] * a[9]
-            tx, ty, tz = _INNER * b[10] * b[7], _INNER * b[10] * b[8], _INNER * b[10] * b[9]
+            sx, sy, sz = INNER * a[10] * a[7], INNER * a[10] * a[8], INNER * a[10] * a[9]
+            tx, ty, tz = INNER * b[10] * b[7], INNER * b[10] * b[8], INNER * b[10] * b[9]
     for side in range(sides):
         s = 1.0 if side < 2 else -1.0
         t = 1.0 if side % 2 == 0 else -1.0
