@@ -113,11 +113,13 @@ def accuracies() -> list[Accuracy]:
     return found
 
 
-_MEMORY = """
+_MEMORY = f"""
+import sys
+sys.path.insert(0, {str(Path(__file__).parent)!r})
+from speed import peak_memory
 from coilarray import load_design, response_map
 response_map(load_design("gast2020"))
-with open("/proc/self/status", encoding="ascii") as status:  # ru_maxrss may be that of the process that started it
-    print(next(int(line.split()[1]) for line in status if line.startswith("VmHWM")) / 1024)
+print(peak_memory())
 """
 
 

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
-from speed import Speed
+from speed import Speed, peak_memory
 
 from coilarray.design import Design, Indentation, parse_design
 from coilarray.designs import read
@@ -44,9 +44,8 @@ _LAYERS = {
 _FEW, _MANY = 300, 750
 _ACROSS = 40
 _SPAN_X, _SPAN_Y = 54e-3, 6e-3  # m
-_ALL = 6  # positions along x and y where all coils are taken
 _COUNTS = (6, 64, 256, 1024)
-_LARGEST_ALL = 256  # coils of the largest board of which all coils are taken
+_ALL = {6: 48, 64: 20, 256: 6}  # positions along x and along y where all coils are taken, some seconds of work
 _GROWTH = 1.5  # at most, from 256 to 1024 coils, which have as many within reach
 _BOARD = "import sys; sys.path.insert(0, {folder!r}); import large_response; large_response.tell({count})"
 
@@ -109,10 +108,10 @@ def tell(count: int) -> None:
     _warm_up()
     few, first = _timed(design, _FEW, matrix)
     many, _ = _timed(design, _MANY, matrix)
-    memory = _peak()
+    memory = peak_memory()
     position = (many - few) / ((_MANY - _FEW) * _ACROSS)
     peak = float(np.abs(first.delta).max())
-    everything, error = _against_all(design, matrix, peak) if count <= _LARGEST_ALL else (None, None)
+    everything, error = _against_all(design, matrix, peak, _ALL[count]) if count in _ALL else (None, None)
     states, coils = first.sizes["near"], _coils_within(design, first)
     print(json.dumps(asdict(Cost(position, few, taken, states, coils, memory, everything, error))))
 
@@ -173,13 +172,7 @@ def _coils_within(design: Design, response: xr.Dataset) -> int:
     return int(within.sum(axis=1).max())
 
 
-def _peak() -> float:
-    """Peak memory of this process in MB; ru_maxrss may be that of the process that started it."""
-    lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
-    return next(int(line.split()[1]) for line in lines if line.startswith("VmHWM")) / 1024
-
-
-def _against_all(design: Design, matrix: FloatArray, peak: float) -> tuple[float, float]:
+def _against_all(design: Design, matrix: FloatArray, peak: float, along: int) -> tuple[float, float]:
     """Compare with the inductance changes of all coils, without what the circuit would take: time and error of δ.
 
     The error is told in parts of the map's peak, which few positions may miss.
@@ -189,7 +182,7 @@ def _against_all(design: Design, matrix: FloatArray, peak: float) -> tuple[float
     dent = dent_of(contact.isel(depth=0), design.sheets)
     R = dc_resistance(design.array.conductors(), design.circuit.resistivity)
     states = state_sensitivity(design.array.names, matrix, R, design.circuit.switches, design.circuit.plan)
-    x, y = _places(design, _ALL, _ALL)
+    x, y = _places(design, along, along)
     places = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2) + setup.origin_point
     begun = time.process_time()
     dent_inductance(design.array, [dent], places[: len(places) // 4])

@@ -10,6 +10,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -47,14 +48,22 @@ def _fresh(code: str, **environment: str) -> tuple[float, str]:
     return time.perf_counter() - start, done.stdout.strip()
 
 
-_MEMORY = """
+def peak_memory() -> float:
+    """Peak memory of this process in MB; ru_maxrss may be that of the process that started it."""
+    lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
+    return next(int(line.split()[1]) for line in lines if line.startswith("VmHWM")) / 1024
+
+
+_MEMORY = f"""
+import sys
 import numpy as np
+sys.path.insert(0, {str(Path(__file__).parent)!r})
+from speed import peak_memory
 from coilarray import load_design, magnetic_field
 array = load_design("gast2020").array
 points = np.random.default_rng(0).uniform([-0.04, -0.012, 0.002], [0.04, 0.012, 0.01], (1_000_000, 3))
 B = magnetic_field(array, points)
-with open("/proc/self/status", encoding="ascii") as status:  # ru_maxrss may be that of the process that started it
-    print(next(int(line.split()[1]) for line in status if line.startswith("VmHWM")) / 1024)
+print(peak_memory())
 """
 
 
