@@ -142,7 +142,8 @@ def test_lines_of_a_stream(bench, kind):
     assert counts.scans.stale == (line.done if kind == "late" else 0)
     assert counts.link.lines.too_long >= (line.done if kind == "endless" else 0)
     if kind in LEAVES_BYTES:
-        assert counts.link.lines.dropped >= line.done
+        # one fault in 65 536 leaves a line with the right checksum, which then says nothing that can be read
+        assert counts.link.lines.dropped + counts.link.bad_messages >= line.done
     assert bench.goes_on()
 
 

@@ -10,6 +10,7 @@ import xarray as xr
 
 from coilarray.design import Design
 from coilarray.elastomer.contact import indent
+from coilarray.map_places import indentation_of
 from coilarray.network import StateResult
 from coilarray.viz.scenes import (
     Part,
@@ -26,7 +27,7 @@ from coilarray.viz.scenes.board import CoilColours, recoloured
 from coilarray.viz.scenes.scene import symmetric
 from coilarray.viz.studio.switching import UnitFields
 from coilarray.viz.studio.top_view import delta_by_coil
-from coilarray.viz.studio.touch import Touched, indentation_of
+from coilarray.viz.studio.touch import Touched
 
 _VEILED = 0.13  # opacity of dented sheets: the coils are seen through them
 _COPPER = "copper "

@@ -10,11 +10,12 @@ import numpy as np
 import xarray as xr
 
 from coilarray.design import Design, Indentation
-from coilarray.errors import ElastomerError, LocalizeError
+from coilarray.errors import LocalizeError
 from coilarray.localize.ellipse import Ellipse, fit_ellipses
 from coilarray.localize.ellipse_model import EllipseModel, EllipsePosition, ellipse_model, locate_x
 from coilarray.localize.forward import ForwardModel, forward_model
 from coilarray.localize.inverse import Location, locate
+from coilarray.map_places import indentation_of
 
 NOISE = 1e-5
 """Standard deviation of δ that a position is told with."""
@@ -74,13 +75,6 @@ class Touched:
     ellipses: Mapping[str, Ellipse]
     crossing: EllipsePosition | None
     problem: str
-
-
-def indentation_of(design: Design) -> Indentation:
-    """Return how a design is pressed; ElastomerError where it says nothing of it."""
-    if design.indentation is None:
-        raise ElastomerError(f"the design {design.name} has no [indenter] and [indentation].")
-    return design.indentation
 
 
 def sensor_of(design: Design, table: xr.Dataset) -> Sensor:
