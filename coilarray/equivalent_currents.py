@@ -124,11 +124,11 @@ def equivalent_currents(segments: FloatArray, count: int, count_z: int, current:
     local = np.clip((places - centre) / np.where(extent > 0, extent, 1.0), -1.0, 1.0)
     counts = (count, count, count_z)
     along_x, along_y, along_z = (_lagrange(n, local[:, axis]) for axis, n in enumerate(counts))
-    in_plane = (along_x[:, :, None] * along_y[:, None, :]).reshape(len(places), -1)
     upwards = (along_z[:, :, None] * pieces[:, None, :]).reshape(len(places), -1)
+    across = (along_y[:, :, None] * upwards[:, None, :]).reshape(len(places), -1)
     axes = [centre[axis] + extent[axis] * _chebyshev(n) for axis, n in enumerate(counts)]
     nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    return EquivalentCurrents(nodes, (in_plane.T @ upwards).reshape(-1, 3))
+    return EquivalentCurrents(nodes, (along_x.T @ across).reshape(-1, 3))
 
 
 def _chebyshev(n: int) -> FloatArray:
@@ -137,7 +137,6 @@ def _chebyshev(n: int) -> FloatArray:
 
 def _lagrange(n: int, t: FloatArray) -> FloatArray:
     """Lagrange polynomials of the Chebyshev nodes at points of [−1, 1], shape (points, n)."""
-    order = np.arange(n)
-    at_points, at_nodes = np.cos(np.outer(np.arccos(t), order)), np.cos(np.outer(np.arccos(_chebyshev(n)), order))
+    at_points, at_nodes = (np.polynomial.chebyshev.chebvander(x, n - 1) for x in (t, _chebyshev(n)))
     at_points[:, 0] *= 0.5
     return np.asarray(2.0 / n * at_points @ at_nodes.T)
