@@ -39,7 +39,9 @@ def map_axis(name: str, values: npt.ArrayLike) -> FloatArray:
 
 def contact_at(setup: Indentation, sheets: Sequence[Sheet], depths: FloatArray) -> xr.Dataset:
     """As `coilarray.elastomer.contact.indent`; what was solved last is kept, as coils may change under one sheet."""
-    return _kept_contact(tuple(sheets), setup.indenter, setup.base, setup.sample_radius, tuple(depths.tolist()))
+    return _kept_contact(
+        tuple(sheets), setup.indenter, setup.base, setup.sample_radius, tuple(np.atleast_1d(depths).tolist())
+    )
 
 
 @lru_cache(maxsize=8)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -15,15 +14,14 @@ import xarray as xr
 from coilarray.blocks import Progress, ranges
 from coilarray.coupling import design_inductance, provenance
 from coilarray.design import Design, Indentation
-from coilarray.elastomer.compliance import Base
-from coilarray.elastomer.contact import indent
 from coilarray.elastomer.dent import Dent, dent_of
 from coilarray.elastomer.dented_layer import dent_inductance
 from coilarray.elastomer.dielectric import dent_capacitance
 from coilarray.elastomer.flat_layer import layer_inductance, magnetic_slab
 from coilarray.elastomer.scattering import LayerMesh
 from coilarray.errors import ElastomerError
-from coilarray.geometry import Conductor, Indenter, Sheet
+from coilarray.geometry import Conductor, Sheet
+from coilarray.map_places import contact_at, indentation_of, map_axis, require_inside
 from coilarray.memory import require_memory
 from coilarray.network import Network, resonances_near, resonate
 from coilarray.resistance import dc_resistance
@@ -34,7 +32,6 @@ FloatArray = npt.NDArray[np.float64]
 
 _POSITIONS = 1000  # in a part of a resumable map, which is of one depth
 _FORMAT = "1"  # of parts; to be raised where the numerics change
-_FARTHEST = 1.0  # m
 _STEEPEST = 0.1  # slope of a sample; beyond it the wedge's own slope would count
 _MOST_VALUES = 100_000_000  # of the inductance changes: 0.8 GB
 _BYTES_A_VALUE = 24.0  # the change, the inductances that the circuit takes, and a copy on the way
@@ -163,10 +160,10 @@ def response_map(
     >>> response.delta.dims, response.delta.shape
     (('depth', 'y', 'x', 'state'), (1, 1, 2, 6))
     """
-    setup = _setup(design)
+    setup = indentation_of(design)
     faults = imperfections or Imperfections()
     depth, along, across = (
-        _rising(name, default if given is None else given)
+        map_axis(name, default if given is None else given)
         for name, given, default in (("depths", depths, setup.depths), ("x", x, setup.x), ("y", y, setup.y))
     )
     mesh = mesh or LayerMesh()
@@ -175,9 +172,9 @@ def response_map(
     places = grid + faults.offset
     _require_room(len(depth), len(grid), len(design.array.names))
     magnetic_slab(sheets)  # more than one magnetic region is refused before the work begins
-    contact = _indent(setup, sheets, depth + faults.depth_error)
+    contact = contact_at(setup, sheets, depth + faults.depth_error)
     levels = _levels(setup, sheets, contact, depth + faults.depth_error, places, faults.tilt)
-    _require_inside(setup, places, max(float(level.contact.contact_radius.max()) for level in levels))
+    require_inside(setup, places, max(float(level.contact.contact_radius.max()) for level in levels))
     coils = len(design.array.names)
     change, gained = np.zeros((len(depth), len(grid), coils, coils)), np.zeros((len(depth), len(grid), coils))
     steps = _Steps(progress, len(depth) * len(ranges(len(grid), _POSITIONS)) * len(levels))
@@ -288,29 +285,14 @@ def inductance_changes(
     ElastomerError
         As `response_map`.
     """
-    setup = _setup(design)
+    setup = indentation_of(design)
     sheets = _true_sheets(design.sheets, imperfections.thickness_errors)
     depths = response.depth.values + imperfections.depth_error
     places = np.stack(np.meshgrid(response.x, response.y), axis=-1).reshape(-1, 2) + imperfections.offset
-    levels = _levels(setup, sheets, _indent(setup, sheets, depths), depths, places, imperfections.tilt)
+    levels = _levels(setup, sheets, contact_at(setup, sheets, depths), depths, places, imperfections.tilt)
     on_board = places + setup.origin_point
     change = sum(level.shares[:, None, None] * dent_inductance(paths, level.dents, on_board) for level in levels)
     return np.asarray(change).reshape(len(depths), response.sizes["y"], response.sizes["x"], len(paths), len(paths))
-
-
-def _setup(design: Design) -> Indentation:
-    if design.indentation is None:
-        raise ElastomerError(f"the design {design.name} has no [indenter] and [indentation].")
-    return design.indentation
-
-
-def _rising(name: str, values: npt.ArrayLike) -> FloatArray:
-    array = np.atleast_1d(np.asarray(values, dtype=np.float64))
-    if array.ndim != 1 or not array.size or not np.isfinite(array).all() or (np.diff(array) <= 0).any():
-        raise ElastomerError(f"{name} must be finite and rising, in m; got {array}.")
-    if np.abs(array).max() > _FARTHEST:
-        raise ElastomerError(f"{name} must be at most {_FARTHEST} m from the map's origin; got {array} m.")
-    return array
 
 
 def _true_sheets(sheets: Sequence[Sheet], errors: Mapping[str, float]) -> tuple[Sheet, ...]:
@@ -326,19 +308,6 @@ def _raised(sheets: Sequence[Sheet], height: float) -> tuple[Sheet, ...]:
     return (replace(sheets[0], thickness=sheets[0].thickness + height), *sheets[1:])
 
 
-def _indent(setup: Indentation, sheets: Sequence[Sheet], depths: FloatArray) -> xr.Dataset:
-    return _kept_contact(
-        tuple(sheets), setup.indenter, setup.base, setup.sample_radius, tuple(np.atleast_1d(depths).tolist())
-    )
-
-
-@lru_cache(maxsize=8)  # the coils may change a hundred times under one sheet
-def _kept_contact(
-    sheets: tuple[Sheet, ...], indenter: Indenter, base: Base, radius: float | None, depths: tuple[float, ...]
-) -> xr.Dataset:
-    return indent(sheets, indenter, depths, base=base, radius=radius)
-
-
 def _require_room(depths: int, places: int, coils: int) -> None:
     """Refuse a map that is too large before anything of it is computed."""
     values = depths * places * coils**2
@@ -348,20 +317,6 @@ def _require_room(depths: int, places: int, coils: int) -> None:
             f"{what} are {values} inductance changes; at most {_MOST_VALUES} are allowed: compute the map in pieces."
         )
     require_memory(_BYTES_A_VALUE * values, f"a map of {what}", "compute it in pieces")
-
-
-def _require_inside(setup: Indentation, places: FloatArray, reach: float) -> None:
-    """Refuse places where the contact leaves the sample."""
-    if setup.sample_bounds is None:
-        return
-    x_min, y_min, x_max, y_max = setup.sample_bounds
-    out = (places < [x_min + reach, y_min + reach]) | (places > [x_max - reach, y_max - reach])
-    if out.any():
-        x, y = places[int(np.flatnonzero(out.any(axis=1))[0])] * 1e3
-        raise ElastomerError(
-            f"at ({x:.4g}, {y:.4g}) mm the contact of {reach * 1e3:.3g} mm radius is outside the sample, which reaches "
-            f"from ({x_min * 1e3:.4g}, {y_min * 1e3:.4g}) to ({x_max * 1e3:.4g}, {y_max * 1e3:.4g}) mm."
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -399,7 +354,7 @@ def _levels(
     levels = []
     for height, share in zip(heights.tolist(), shares.T, strict=True):
         raised = _raised(sheets, height)
-        indented = _indent(setup, raised, depths + height)
+        indented = contact_at(setup, raised, depths + height)
         levels.append(_Level(indented, _dents(indented, raised), share))
     return levels
 
