@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from coilarray.blocks import Progress, ranges, run_blocks
+from coilarray.blocks import Progress, ranges, run_blocks, serial_algebra
 from coilarray.conductors import Source, as_conductors
 from coilarray.constants import MU_0, RESISTIVITY_COPPER
 from coilarray.errors import GeometryError
@@ -128,6 +128,7 @@ def skin_depth(frequency: npt.ArrayLike, resistivity: float = RESISTIVITY_COPPER
     return np.asarray(np.sqrt(resistivity / (np.pi * f * MU_0)))
 
 
+@serial_algebra()
 def cross_section(
     width: float, thickness: float, frequency: npt.ArrayLike, resistivity: float = RESISTIVITY_COPPER
 ) -> CrossSection:
@@ -220,6 +221,7 @@ def _reach(side: float, delta: FloatArray) -> int:
     return max(2, math.ceil(math.log2(side / float(delta.min()))))
 
 
+@serial_algebra()
 def parallel_traces(
     widths: npt.ArrayLike,
     thicknesses: npt.ArrayLike,
@@ -306,6 +308,7 @@ def parallel_traces(
     return TraceLosses(1.0 + bundle.losses(source, beta)[0, :, 0] / density**2, 1.0 + induced / density)
 
 
+@serial_algebra()
 def resistance_matrix(
     source: Source,
     frequencies: npt.ArrayLike,

@@ -8,8 +8,10 @@ Meanwhile the linear algebra libraries get one thread each: more of them on our 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Sequence
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
+from contextlib import contextmanager
 from functools import cache
 from typing import TypeVar
 
@@ -55,7 +57,7 @@ def run_blocks(
         return _run_here(work, todo, progress)
     done = 0
     with (
-        _controller().limit(limits=1, user_api="blas"),
+        serial_algebra(),
         ThreadPoolExecutor(max_workers=min(cores(), len(todo))) as pool,
     ):
         futures = [pool.submit(work, item) for item in todo]
@@ -77,7 +79,7 @@ def run_blocks(
 def _run_here(work: Callable[[Item], Result], todo: Sequence[Item], progress: Progress | None) -> Sequence[Result]:
     """Apply `work` in this thread: starting another one for each of many small blocks costs as much as they do."""
     results = []
-    with _controller().limit(limits=1, user_api="blas"):
+    with serial_algebra():
         for item in todo:
             results.append(work(item))
             if progress is not None:
@@ -85,7 +87,18 @@ def _run_here(work: Callable[[Item], Result], todo: Sequence[Item], progress: Pr
     return results
 
 
+@contextmanager
+def serial_algebra() -> Iterator[None]:
+    """Let the linear algebra use one thread while the block, or the function that this decorates, runs.
+
+    The last bits of its results depend on their number. In most builds the limit is of the whole process: where blocks
+    run in several threads at once, the first that ends may lift it for all.
+    """
+    with _controller("scipy.linalg" in sys.modules).limit(limits=1, user_api="blas"):
+        yield
+
+
 @cache
-def _controller() -> ThreadpoolController:
-    """Find the linear algebra libraries once: it takes milliseconds."""
+def _controller(with_scipy: bool) -> ThreadpoolController:
+    """Find the linear algebra libraries once, which takes milliseconds; SciPy brings its own when it is imported."""
     return ThreadpoolController()

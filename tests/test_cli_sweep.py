@@ -193,13 +193,12 @@ def test_an_unknown_design_is_one_line(capsys):
 @pytest.mark.parametrize("count", ["1", "2"])
 def test_an_interrupted_sweep_tells_what_is_kept_and_goes_on(capsys, monkeypatch, count):
     vary = [f"{12 + k / 8:g}" for k in range(150)]  # half a minute of work where it is not interrupted
-    arguments = ["starter", "--quantity", "worst_k", "--workers", count, "--out", "s.csv"]
+    arguments = ["--vary", f"array.pitch_mm={','.join(vary)}", "--quantity", "worst_k", "--out", "s.csv"]
     # a test run in the background of a shell hands its ignorance of Ctrl-C down to us
     heard = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
-    start = f"import sys; from coilarray.cli.main import main; sys.exit(main(['sweep', *{arguments!r}, *sys.argv[1:]]))"
-    code = f"{heard}; {start}"
+    code = f"{heard}; import sys; from coilarray.cli.main import main; sys.exit(main(sys.argv[1:]))"
     process = subprocess.Popen(
-        [sys.executable, "-c", code, "--vary", f"array.pitch_mm={','.join(vary)}"],
+        [sys.executable, "-c", code, "sweep", "starter", *arguments, "--workers", count],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -225,8 +224,10 @@ def test_an_interrupted_sweep_tells_what_is_kept_and_goes_on(capsys, monkeypatch
     assert int(number) in (done, done - 1)
     assert rest == f"of 150 points are kept in {Path('cache').resolve()}; the same command goes on from there"
     assert not Path("s.csv").exists()
-    first = ["--vary", f"array.pitch_mm={','.join(vary[:2])}"]  # the first of the same points
-    monkeypatch.setattr("coilarray.points.evaluate", lambda *_, **__: pytest.fail("computed again"))
-    assert main(["sweep", *arguments, *first]) == 0
-    assert "wrote s.csv: 2 points" in capsys.readouterr().out
-    assert len(kept()) == done
+    computed = []
+    monkeypatch.setattr("coilarray.points.evaluate", lambda *_, **__: computed.append(1) or {"worst_k": 0.25})
+    assert run(capsys, *arguments, "--workers", "1")[0] == 0  # in this process
+    assert len(computed) == 150 - done
+    assert len(kept()) == 150
+    values = [float(row["worst_k"]) for row in csv.DictReader(Path("s.csv").read_text().splitlines())]
+    assert values.count(0.25) == 150 - done

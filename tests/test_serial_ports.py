@@ -206,15 +206,19 @@ def test_a_port_that_is_unplugged_is_lost(terminal, call):
 @needs_pty
 def test_a_port_that_is_unplugged_while_it_is_read_is_lost(terminal):
     port = open_serial_port(terminal.name)
-    threading.Timer(0.05, unplugged, [terminal]).start()
+    timer = threading.Timer(0.05, unplugged, [terminal])
+    timer.start()
 
     def read():
         end = time.monotonic() + 5.0
         while time.monotonic() < end:  # the first read after the loss may still come back empty
             port.read(1.0)
 
-    with pytest.raises(DeviceLost):
-        read()
+    try:
+        with pytest.raises(DeviceLost):
+            read()
+    finally:
+        timer.join()  # the near end is closed before the far one, and the fixture closes what is left
 
 
 @needs_pty

@@ -28,6 +28,7 @@ import pytest
 import tomli_w
 import xarray as xr
 from load_work import digests, results
+from threadpoolctl import threadpool_limits
 
 from coilarray.blocks import run_blocks
 from coilarray.cli.main import main
@@ -52,10 +53,11 @@ def test_threads_at_once_give_what_one_gives(alone):
         found.append(digests(results()))
 
     threads = [threading.Thread(target=work) for _ in range(2)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join(PATIENCE)
+    with threadpool_limits(limits=1, user_api="blas"):  # one of the threads would lift a limit of its own for both
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join(PATIENCE)
     assert found == [alone, alone]
 
 
@@ -66,8 +68,13 @@ def test_processes_at_once_give_what_one_gives(alone):
         "PYTHONPATH": os.pathsep.join((str(Path(__file__).parent), os.environ.get("PYTHONPATH", ""))),
     }
     running = [
-        subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True, env=environment)
-        for _ in range(4)
+        subprocess.Popen(
+            [sys.executable, "-c", code],
+            stdout=subprocess.PIPE,
+            text=True,
+            env={**environment, "OPENBLAS_NUM_THREADS": str(count), "COILARRAY_THREADS": str(count)},
+        )
+        for count in (1, 2, 3, 4)  # not even these change a bit
     ]
     outputs = [process.communicate(timeout=PATIENCE)[0] for process in running]
     assert [process.returncode for process in running] == [0] * 4
