@@ -17,8 +17,8 @@ from coilarray.kernels.bars import bar_self, parallel_bars
 from coilarray.kernels.filaments import filament_pair
 from coilarray.kernels.turns import find_series, series_members, series_rules
 from coilarray.memory import require_memory
+from coilarray.part_sums import Accuracy as Accuracy
 from coilarray.path_sums import BYTES_A_PAIR, path_sums, segment_table
-from coilarray.path_sums import Accuracy as Accuracy
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]

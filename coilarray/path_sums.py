@@ -1,20 +1,19 @@
 """Neumann's double integral over pairs of current paths: pairs that lie alike are computed once.
 
-Pairs whose bounding boxes lie apart go through `coilarray.equivalent_currents`, the others segment by segment.
+Pairs whose bounding boxes lie apart go through `coilarray.equivalent_currents`, the others segment by segment through
+`coilarray.part_sums`.
 """
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property, partial
-from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from coilarray.blocks import Progress, cores, ranges, run_blocks
+from coilarray.blocks import Progress, ranges, run_blocks
 from coilarray.equivalent_currents import (
     MOST_NODES,
     EquivalentCurrents,
@@ -24,37 +23,24 @@ from coilarray.equivalent_currents import (
 )
 from coilarray.errors import GeometryError
 from coilarray.geometry import Conductor
-from coilarray.kernels.bars import bar_self
 from coilarray.kernels.node_pairs import add_node_sums
-from coilarray.kernels.paths import INNER, mutual_sum, own_mutual_sum
-from coilarray.kernels.turns import find_series, own_series_sum, series_members, series_rules, series_sum
+from coilarray.kernels.paths import INNER
+from coilarray.pair_classes import pair_classes
+from coilarray.part_sums import Accuracy, Sums, part_blocks
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
-Accuracy = Literal["full", "screen"]
-"""``full``: 1e-6 of L and k. ``screen``: a tenth of the time for windings of many turns, for searches whose results
-are computed again in full: 1e-4 of L, 5e-5 in k on the bundled boards, some 1e-4 for other weakly coupled windings, and
-up to 1 % of k where windings lie on each other (tests/test_inductance_screen.py)."""
-
-_Sums = tuple[IntArray, FloatArray]  # numbers of distinct pairs, and what is to be added to their sums
-_Block = Callable[[], _Sums]
+_Block = Callable[[], Sums]
 
 BYTES_A_PAIR = 400.0
 """Of memory that sums over many pairs take."""
-OWN_REACH = 160.0
-"""Widths up to which the cross-section counts within one path (tests/test_inductance_convergence.py)."""
-MUTUAL_REACH = 120.0
-"""Widths up to which the cross-section counts between two paths (tests/test_inductance_convergence.py)."""
 _THIN = 200.0  # widths in the extent of a winding whose widths count from afar by less than 3e-7 of L
-# the same for screening: leaves out 1/(12·15²) = 4e-5 of a pair, and 5e-3 of one where coils overlap
-_SCREEN_OWN_REACH, _SCREEN_MUTUAL_REACH = 15.0, 4.0
 _SAME_PLACE = 1e-12  # of the paths' extent; offsets and shapes that differ by less are the same pair
 _SAME_SHAPE = 1e-8  # of a path itself at the most, in arrays that are far larger than it
 _LEAST_STEP = 1e-18  # of the paths' extent: offsets are counted in 64 bits
 _NODE_PAIRS = 20_000_000  # in a block of far pairs: some 20 ms
 _NODE_PAIRS_A_BAR_PAIR = 20  # that take as long; where there are fewer bars, they are summed
-_BLOCKS_A_CLASS = 8  # of near pairs, where there are few of them
 
 
 def path_sums(
@@ -111,7 +97,7 @@ def path_sums(
     thin = np.array([shape.is_filament for shape in shapes])
     near |= thin[classes.first] & thin[classes.second]  # these are promised to 1e-11, not to a part of L
     blocks = _far_blocks(shapes, classes, np.flatnonzero(~near), nodes)  # first, for they are long
-    blocks += _near_blocks(shapes, classes, np.flatnonzero(near), accuracy)
+    blocks += _near_blocks(shapes, classes, np.flatnonzero(near), quantum, accuracy)
     sums = np.zeros(len(classes.shift))
     for numbers, values in run_blocks(lambda block: block(), blocks, progress):
         np.add.at(sums, numbers, values)
@@ -143,15 +129,10 @@ def segment_table(conductor: Conductor) -> FloatArray:
 class _Shape:
     """A path that starts at the origin, shared by all its copies."""
 
-    def __init__(self, conductor: Conductor, table: FloatArray) -> None:
-        self.table = table
+    def __init__(self, conductor: Conductor, table: FloatArray, quantum: float) -> None:
+        self.table, self.quantum = table, quantum
         self.is_filament = conductor.is_filament
         self.currents = cache(self._currents)
-
-    @cached_property
-    def series(self) -> IntArray:
-        """Sides of successive turns, see `coilarray.kernels.turns.find_series`."""
-        return find_series(self.table)
 
     @cached_property
     def seen_from_afar(self) -> FloatArray:
@@ -190,7 +171,7 @@ def _shapes(conductors: Sequence[Conductor], quanta: FloatArray) -> tuple[list[_
         key = quantum, np.round(np.append(columns.ravel(), end) / quantum).astype(np.int64).tobytes()
         if key not in known:
             known[key] = len(shapes)
-            shapes.append(_Shape(conductor, table))
+            shapes.append(_Shape(conductor, table, quantum))
         of_path.append(known[key])
     return shapes, np.array(of_path), np.array([conductor.vertices[0] for conductor in conductors])
 
@@ -198,69 +179,29 @@ def _shapes(conductors: Sequence[Conductor], quanta: FloatArray) -> tuple[list[_
 def _classes(a: IntArray, b: IntArray, shift: FloatArray, quantum: float) -> tuple[_Classes, IntArray]:
     """Every distinct (shape, shape, shift) once, and the number of that of each pair; M(a, b, d) = M(b, a, −d)."""
     steps = np.round(shift / quantum).astype(np.int64)
-    key, turned = np.column_stack((a, b, steps)), np.column_stack((b, a, -steps))
-    turn, undecided = np.zeros(len(key), dtype=bool), np.ones(len(key), dtype=bool)
-    for column in range(key.shape[1]):
-        turn |= undecided & (turned[:, column] < key[:, column])
-        undecided &= turned[:, column] == key[:, column]
-    key[turn] = turned[turn]
-    number = np.zeros(len(key), dtype=np.int64)
-    for column in key.T:
-        values, place = np.unique(column, return_inverse=True)
-        number = np.unique(number * len(values) + place, return_inverse=True)[1]
-    _, example = np.unique(number, return_index=True)
-    signs = np.where(turn[example], -1.0, 1.0)
-    return _Classes(key[example, 0], key[example, 1], signs[:, None] * shift[example]), number
+    example, number, turn = pair_classes(np.column_stack((a, b, steps)), np.column_stack((b, a, -steps)))
+    turned = turn[example]
+    first, second = np.where(turned, b[example], a[example]), np.where(turned, a[example], b[example])
+    return _Classes(first, second, np.where(turned[:, None], -1.0, 1.0) * shift[example]), number
 
 
-def _near_blocks(shapes: list[_Shape], classes: _Classes, near: IntArray, accuracy: Accuracy) -> list[_Block]:
+def _near_blocks(
+    shapes: list[_Shape], classes: _Classes, near: IntArray, quantum: float, accuracy: Accuracy
+) -> list[_Block]:
     """Work on the pairs that are summed segment by segment."""
-    parts = _BLOCKS_A_CLASS if accuracy == "full" and len(near) < 4 * cores() else 1
-    blocks: list[_Block] = []
-    for k in near.tolist():
-        a, b = shapes[classes.first[k]], shapes[classes.second[k]]
-        own = a is b and not (classes.shift[k] != 0).any()
-        rows = len(a.table)
-        edges = np.linspace(0, rows, min(rows, parts) + 1).round().astype(int).tolist()
-        for start, stop in itertools.pairwise(edges):
-            work = partial(_own_sum, a, start, stop) if own else partial(_pair_sum, a, b, classes.shift[k], start, stop)
-            blocks.append(partial(_near_block, k, work, accuracy))
-    return blocks
+    numbers, paths = np.unique(np.concatenate((classes.first[near], classes.second[near])), return_inverse=True)
+    wanted = [shapes[number] for number in numbers.tolist()]
+    first, second = paths[: len(near)], paths[len(near) :]
+    quanta = np.array([shape.quantum for shape in wanted])
+    blocks = part_blocks(
+        [shape.table for shape in wanted], quanta, first, second, classes.shift[near], quantum, accuracy
+    )
+    return [partial(_near_block, near, block) for block in blocks]
 
 
-def _near_block(k: int, work: Callable[[Accuracy], float], accuracy: Accuracy) -> _Sums:
-    return np.array([k]), np.array([work(accuracy)])
-
-
-def _own_sum(shape: _Shape, start: int, stop: int, accuracy: Accuracy) -> float:
-    """Sum of the rows start:stop of a path with the path itself."""
-    if shape.is_filament:
-        return np.inf
-    if accuracy == "full":
-        rows = np.arange(start, stop)
-        mutual = own_mutual_sum(shape.table, start, stop, OWN_REACH, 0)
-        return float(mutual + _bars_alone(shape.table[rows], np.ones(len(rows))))
-    rules = series_rules(int(shape.series[:, 2].max()))
-    rows, weights = series_members(shape.series, *rules)
-    mutual = own_series_sum(shape.table, shape.series, _SCREEN_OWN_REACH, *rules)
-    return float(mutual + _bars_alone(shape.table[rows], weights))
-
-
-def _pair_sum(a: _Shape, b: _Shape, shift: FloatArray, start: int, stop: int, accuracy: Accuracy) -> float:
-    """Sum of the rows start:stop of a path with another one."""
-    if accuracy == "full":
-        return float(mutual_sum(a.table, b.table, shift, start, stop, MUTUAL_REACH, 0))
-    rules = series_rules(int(max(a.series[:, 2].max(), b.series[:, 2].max())))
-    return float(series_sum(a.table, b.table, shift, a.series, b.series, _SCREEN_MUTUAL_REACH, *rules))
-
-
-def _bars_alone(rows: FloatArray, weights: FloatArray) -> float:
-    """Weighted sum of ∬ dl·dl'/R of every bar with itself; equal ones are computed once."""
-    sizes = rows[:, [6, 10, 11]]
-    alike = np.round(sizes / (_SAME_PLACE * sizes.max(axis=0)))
-    _, example, which = np.unique(alike, axis=0, return_index=True, return_inverse=True)
-    counts = np.bincount(which.ravel(), weights)
-    return float(sum(c * bar_self(*size) for size, c in zip(sizes[example], counts, strict=True)))
+def _near_block(near: IntArray, block: _Block) -> Sums:
+    numbers, values = block()
+    return near[numbers], values
 
 
 def _far_blocks(shapes: list[_Shape], classes: _Classes, far: IntArray, nodes: IntArray) -> list[_Block]:
@@ -284,7 +225,7 @@ def _far_blocks(shapes: list[_Shape], classes: _Classes, far: IntArray, nodes: I
     return blocks
 
 
-def _far_block(shapes: list[_Shape], classes: _Classes, groups: list[IntArray], nodes: IntArray) -> _Sums:
+def _far_block(shapes: list[_Shape], classes: _Classes, groups: list[IntArray], nodes: IntArray) -> Sums:
     values = [np.zeros(len(group)) for group in groups]
     for group, sums in zip(groups, values, strict=True):
         count, count_z = nodes[group[0]].tolist()

@@ -12,7 +12,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from coilarray import coupling_matrix, inductance_matrix, load_design, mutual_inductance, path_sums, self_inductance
+from coilarray import (
+    coupling_matrix,
+    inductance_matrix,
+    load_design,
+    mutual_inductance,
+    part_sums,
+    path_sums,
+    self_inductance,
+)
 from coilarray.constants import MU_0
 from coilarray.errors import GeometryError
 from coilarray.geometry import Conductor, Spiral
@@ -113,11 +121,16 @@ def test_a_cut_trace_has_the_inductance_of_the_whole():
 def test_reuse_of_equal_pairs_changes_nothing(monkeypatch):
     array = load_design("starter").array
     summed = []
-    original = path_sums._near_block
-    monkeypatch.setattr(path_sums, "_near_block", lambda k, *rest: summed.append(k) or original(k, *rest))
+    for name in ("_own_sum", "_pair_sum"):
+        original = getattr(part_sums, name)
+        monkeypatch.setattr(part_sums, name, lambda *rest, sum_=original: summed.append(sum_) or sum_(*rest))
+    monkeypatch.setattr(part_sums, "_BLOCKS_A_PAIR", 1)
     monkeypatch.setattr(path_sums, "MOST_NODES", 0)  # none by equivalent currents
     reused = inductance_matrix(array)
-    assert len(set(summed)) == 4  # one shape alone; neighbours downwards and upwards; next but one
+    # alone: a layer and the via with itself, and the two layers; neighbours: the upper layers, which lie as the lower
+    # ones and as those of the neighbours on the other side, and on either side the two other pairs and the vias; next
+    # but one: the upper layers, the two other pairs, the vias
+    assert len(summed) == 3 + (1 + 2 * 3) + 4
     # the same coils an offset of 1 nm away share nothing
     paths = [
         Conductor(c.vertices + np.array([0, 0, 1e-9 * k * k]), c.widths, c.thicknesses, c.areas, c.name)

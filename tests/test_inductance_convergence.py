@@ -9,7 +9,8 @@ from coilarray import load_design, rectangular_bars
 from coilarray.constants import MU_0
 from coilarray.geometry import Conductor, Spiral
 from coilarray.kernels.paths import RULE_SIZE, bar_pair, mutual_sum, own_mutual_sum
-from coilarray.path_sums import MUTUAL_REACH, OWN_REACH, segment_table
+from coilarray.part_sums import MUTUAL_REACH, OWN_REACH
+from coilarray.path_sums import segment_table
 
 # W/G 0.1 mm and 0.15 mm, one and two layers, straight sides and arcs
 SPIRALS = {

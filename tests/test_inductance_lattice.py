@@ -11,7 +11,8 @@ from coilarray import Conductor, inductance_matrix, load_design, mutual_inductan
 from coilarray.equivalent_currents import MOST_NODES, bounding_boxes, equivalent_currents, nodes_needed
 from coilarray.geometry import Spiral
 from coilarray.kernels.paths import mutual_sum
-from coilarray.path_sums import MUTUAL_REACH, segment_table
+from coilarray.part_sums import MUTUAL_REACH
+from coilarray.path_sums import segment_table
 
 WINDING = load_design("gast2020").array.conductors()[0]
 PITCH = 13.28e-3

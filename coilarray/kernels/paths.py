@@ -106,11 +106,12 @@ def _log_bernstein(x: float, y: float) -> float:
 
 @kernel
 def _parallel_rule(
-    a: FloatArray, gx: float, gy: float, gz: float, extra: int, rule: FloatArray
+    a: FloatArray, gx: float, gy: float, gz: float, level: bool, extra: int, rule: FloatArray
 ) -> int:  # fmt: skip
     """Offsets of (nearly) parallel bars of equal size, the nearest places (gx, gy, gz) apart; 0 where they touch.
 
     The lateral offset of two filaments has a triangular density on [−width, width], and so across the thickness.
+    Offsets up and down are alike for bars that lie `level` with each other: then one stands for both.
     """
     width, thickness = a[10], a[11]
     nx, ny, nz = a[7], a[8], a[9]
@@ -129,9 +130,10 @@ def _parallel_rule(
     count = 0
     for k in range(n_w):
         sx = width * _TRIANGLE_NODES[n_w, k]
-        for m in range(n_t):
+        for m in range((n_t + 1) // 2 if level else n_t):
             sz = thickness * _TRIANGLE_NODES[n_t, m]
-            rule[count, 0] = _TRIANGLE_WEIGHTS[n_w, k] * _TRIANGLE_WEIGHTS[n_t, m]
+            stands_for = 2.0 if level and 2 * m + 1 < n_t else 1.0
+            rule[count, 0] = stands_for * _TRIANGLE_WEIGHTS[n_w, k] * _TRIANGLE_WEIGHTS[n_t, m]
             rule[count, 1] = sx * nx + sz * mx
             rule[count, 2] = sx * ny + sz * my
             rule[count, 3] = sx * nz + sz * mz
@@ -158,10 +160,11 @@ def _two_node_rule(a: FloatArray, rule: FloatArray) -> int:
 
 
 @kernel
-def _angled_rule(a: FloatArray, b: FloatArray, distance: float, extra: int, rule: FloatArray) -> int:
+def _angled_rule(a: FloatArray, b: FloatArray, distance: float, level: bool, extra: int, rule: FloatArray) -> int:
     """Offsets of two bars at an angle, or of parallel ones of different size.
 
-    Across the thickness two nodes with the variance of the offset, or one where the bars are too far apart.
+    Across the thickness two nodes with the variance of the offset, or one where the bars are too far apart or `level`
+    with each other, so that up and down are alike.
     """
     size = max(a[10], b[10])
     log_rho = max(_log_bernstein(1.0 + 2.0 * distance / size, 0.0), 1e-3)  # zero where the bars cross
@@ -173,7 +176,7 @@ def _angled_rule(a: FloatArray, b: FloatArray, distance: float, extra: int, rule
         s = 0.5 * a[10] * _NODES[n, k]
         for m in range(n):
             t = 0.5 * b[10] * _NODES[n, m]
-            for side in range(1 if half == 0.0 else 2):
+            for side in range(1 if level or half == 0.0 else 2):
                 h = half if side == 0 else -half
                 rule[count, 0] = _WEIGHTS[n, k] * _WEIGHTS[n, m]
                 rule[count, 1] = t * b[7] - s * a[7] + h * mx
@@ -184,11 +187,12 @@ def _angled_rule(a: FloatArray, b: FloatArray, distance: float, extra: int, rule
 
 
 @kernel
-def _corner_rule(a: FloatArray, b: FloatArray, extra: int, rule: FloatArray) -> int:
+def _corner_rule(a: FloatArray, b: FloatArray, level: bool, extra: int, rule: FloatArray) -> int:
     """Offsets of two bars at an angle that meet, as neighbours in a path do.
 
     The integrand has a kink where the two filaments meet end to end, at equal lateral offsets, so the second width
-    is cut there; the thickness rounds the kink off and enters by its triangular offset density.
+    is cut there; the thickness rounds the kink off and enters by its triangular offset density, of which one half
+    stands for both where the bars lie `level` with each other.
     """
     n = min(5 + extra, MAX_NODES)
     n_z = min(3 + extra, MAX_NODES)
@@ -206,7 +210,7 @@ def _corner_rule(a: FloatArray, b: FloatArray, extra: int, rule: FloatArray) -> 
                 t = low + half * (1.0 + _NODES[n, m])
                 for c in range(n_z):
                     z = 0.5 * (1.0 + _NODES[n_z, c])
-                    for side in range(2):
+                    for side in range(1 if level else 2):
                         h = thickness * z * (1.0 if side == 0 else -1.0)
                         rule[count, 0] = _WEIGHTS[n, k] * half * _WEIGHTS[n, m] * _WEIGHTS[n_z, c] * (1.0 - z)
                         rule[count, 1] = t * b[7] - s * a[7] + h * mx
@@ -279,17 +283,18 @@ def bar_pair(a: FloatArray, b: FloatArray, shift: FloatArray, reach: float, extr
         distance = math.sqrt(gx * gx + gy * gy + gz * gz)
         if distance < reach * size:
             parallel = 1.0 - cosine * cosine < PARALLEL_SIN2
+            level = dz == 0.0 and a[5] == 0.0 and b[5] == 0.0
             if parallel and a[10] == b[10] and a[11] == b[11]:
                 if distance > NODE_PAIR * size:
                     count = _two_node_rule(a, rule)
                 else:
-                    count = _parallel_rule(a, gx, gy, gz, extra, rule)
+                    count = _parallel_rule(a, gx, gy, gz, level, extra, rule)
             elif parallel and distance < size:
                 count = 0
             elif distance < TOUCHING * size and _ends_meet(dx, dy, dz, a, b, TOUCHING * size):
-                count = _corner_rule(a, b, extra, rule)
+                count = _corner_rule(a, b, level, extra, rule)
             else:
-                count = _angled_rule(a, b, distance, extra, rule)
+                count = _angled_rule(a, b, distance, level, extra, rule)
             if count == 0:
                 return _touching_parallel_bars(a, b, dx, dy, dz, cosine)
     total = 0.0
