@@ -102,10 +102,11 @@ def test_sums_by_parts_are_those_of_whole_paths(mirror, turned, aside, up):
     heights = [np.unique(path.vertices[:, 2]) for path in (COIL, other)]
     assume(np.abs(np.subtract.outer(*heights)).min() > 0.1e-3)  # not into each other's copper
     own = 1e-7 * own_mutual_sum(segment_table(COIL), 0, len(COIL.lengths), OWN_REACH, 0)
-    # a pair of bars the other way round has its nodes along the other bar: measured up to 2e-9 of L
+    # of a pair of nearly parallel bars the lateral direction is the first one's, and which that is depends on the parts
+    # that stand for them: measured up to 3e-8 of L
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("coilarray.path_sums.MOST_NODES", 0)  # none by equivalent currents
-        assert mutual_inductance(COIL, other)[0, 0] == pytest.approx(whole(COIL, other), abs=2e-8 * own, rel=0)
+        assert mutual_inductance(COIL, other)[0, 0] == pytest.approx(whole(COIL, other), abs=1e-7 * own, rel=0)
 
 
 @pytest.mark.parametrize("accuracy", ["full", "screen"])
@@ -119,8 +120,8 @@ def test_matrices_by_parts_are_those_of_whole_paths(monkeypatch, layers, accurac
     L = inductance_matrix(coils, accuracy=accuracy)
     monkeypatch.setattr("coilarray.path_parts.MOST_PARTS", 1)  # none is cut
     whole = inductance_matrix(coils, accuracy=accuracy)
-    # the rules act along the second bar of a pair, and screening's along the turns of the second winding
-    np.testing.assert_allclose(L, whole, atol=(2e-8 if accuracy == "full" else 1e-4) * L[0, 0], rtol=0)
+    # as above; screening's rules act along the turns of the winding that comes second
+    np.testing.assert_allclose(L, whole, atol=(1e-7 if accuracy == "full" else 1e-4) * L[0, 0], rtol=0)
 
 
 def test_a_wire_across_a_loop_has_no_part_in_it():
