@@ -25,6 +25,7 @@ from coilarray.kernels.far_pairs import APART, CAPACITY, MOST_NODES, add_nodes, 
 from coilarray.kernels.filaments import filament_pair, filament_pair_far
 
 FloatArray = npt.NDArray[np.float64]
+Vector = tuple[float, float, float]
 
 MAX_NODES = 16
 """Largest Gauss rule in the tables."""
@@ -77,7 +78,22 @@ _TRIANGLE_NODES, _TRIANGLE_WEIGHTS = _triangle_tables()
 
 
 @kernel
-def closest_offset(dx: float, dy: float, dz: float, a: FloatArray, b: FloatArray) -> tuple[float, float, float]:
+def _normal(a: FloatArray) -> Vector:
+    """Direction across the thickness of a bar."""
+    return a[4] * a[9] - a[5] * a[8], a[5] * a[7] - a[3] * a[9], a[3] * a[8] - a[4] * a[7]
+
+
+@kernel
+def _between(a: FloatArray, b: FloatArray, shift: FloatArray) -> tuple[float, float, float, float]:
+    """Vector from start to start of two bars, the second moved, and the distance of their middles."""
+    dx, dy, dz = b[0] + shift[0] - a[0], b[1] + shift[1] - a[1], b[2] + shift[2] - a[2]
+    first, second = 0.5 * a[6], 0.5 * b[6]
+    mx, my, mz = dx + second * b[3] - first * a[3], dy + second * b[4] - first * a[4], dz + second * b[5] - first * a[5]
+    return dx, dy, dz, math.sqrt(mx * mx + my * my + mz * mz)
+
+
+@kernel
+def closest_offset(dx: float, dy: float, dz: float, a: FloatArray, b: FloatArray) -> Vector:
     """Shortest vector from the first segment to the second; (dx, dy, dz) leads from start to start."""
     cosine = a[3] * b[3] + a[4] * b[4] + a[5] * b[5]
     du = dx * a[3] + dy * a[4] + dz * a[5]
@@ -105,6 +121,17 @@ def _log_bernstein(x: float, y: float) -> float:
 
 
 @kernel
+def _set_offset(
+    rule: FloatArray, k: int, weight: float, s: float, a: FloatArray, t: float, b: FloatArray, h: float, normal: Vector
+) -> None:
+    """Write row k of a rule: filaments s and t to the side of the middles of two bars, and h above each other."""
+    rule[k, 0] = weight
+    rule[k, 1] = t * b[7] - s * a[7] + h * normal[0]
+    rule[k, 2] = t * b[8] - s * a[8] + h * normal[1]
+    rule[k, 3] = t * b[9] - s * a[9] + h * normal[2]
+
+
+@kernel
 def _parallel_rule(
     a: FloatArray, gx: float, gy: float, gz: float, level: bool, extra: int, rule: FloatArray
 ) -> int:  # fmt: skip
@@ -114,48 +141,47 @@ def _parallel_rule(
     Offsets up and down are alike for bars that lie `level` with each other: then one stands for both.
     """
     width, thickness = a[10], a[11]
-    nx, ny, nz = a[7], a[8], a[9]
-    mx, my, mz = a[4] * nz - a[5] * ny, a[5] * nx - a[3] * nz, a[3] * ny - a[4] * nx
-    lateral = abs(gx * nx + gy * ny + gz * nz)
-    normal = abs(gx * mx + gy * my + gz * mz)
+    normal = _normal(a)
+    lateral = abs(gx * a[7] + gy * a[8] + gz * a[9])
+    above = abs(gx * normal[0] + gy * normal[1] + gz * normal[2])
     axial = abs(gx * a[3] + gy * a[4] + gz * a[5])
     # the nearest singularities, in the plane of the complex offset
-    log_w = _log_bernstein(lateral / width, math.hypot(normal, axial) / width)
+    log_w = _log_bernstein(lateral / width, math.hypot(above, axial) / width)
     beside = math.hypot(max(lateral - width, 0.0), axial)
-    log_t = _log_bernstein(normal / thickness, beside / thickness)
+    log_t = _log_bernstein(above / thickness, beside / thickness)
     if 2.0 * MAX_NODES * log_w < -_LOG_TOLERANCE or 2.0 * MAX_NODES * log_t < -_LOG_TOLERANCE_THICKNESS:
         return 0
     n_w = min(math.ceil(-_LOG_TOLERANCE / (2.0 * log_w)) + extra, MAX_NODES)
     n_t = min(math.ceil(-_LOG_TOLERANCE_THICKNESS / (2.0 * log_t)) + extra, MAX_NODES)
     count = 0
     for k in range(n_w):
-        sx = width * _TRIANGLE_NODES[n_w, k]
+        t = width * _TRIANGLE_NODES[n_w, k]
         for m in range((n_t + 1) // 2 if level else n_t):
-            sz = thickness * _TRIANGLE_NODES[n_t, m]
-            stands_for = 2.0 if level and 2 * m + 1 < n_t else 1.0
-            rule[count, 0] = stands_for * _TRIANGLE_WEIGHTS[n_w, k] * _TRIANGLE_WEIGHTS[n_t, m]
-            rule[count, 1] = sx * nx + sz * mx
-            rule[count, 2] = sx * ny + sz * my
-            rule[count, 3] = sx * nz + sz * mz
+            weight = _TRIANGLE_WEIGHTS[n_w, k] * _TRIANGLE_WEIGHTS[n_t, m]
+            if level and 2 * m + 1 < n_t:
+                weight *= 2.0
+            _set_offset(rule, count, weight, 0.0, a, t, a, thickness * _TRIANGLE_NODES[n_t, m], normal)
             count += 1
     return count
 
 
 @kernel
-def _two_node_rule(a: FloatArray, rule: FloatArray) -> int:
-    """Two offsets for parallel bars far apart against their size.
+def _two_node_offset(a: FloatArray) -> Vector:
+    """Offset, to both sides, that stands for parallel bars far apart against their size.
 
     In the plane across the bars the kernel is harmonic, so only the difference of the two variances counts.
     """
     variance = (a[10] * a[10] - a[11] * a[11]) / 6.0
     step = math.sqrt(abs(variance))
-    nx, ny, nz = a[7], a[8], a[9]
-    if variance < 0.0:
-        nx, ny, nz = a[4] * a[9] - a[5] * a[8], a[5] * a[7] - a[3] * a[9], a[3] * a[8] - a[4] * a[7]
+    direction = (a[7], a[8], a[9]) if variance > 0.0 else _normal(a)
+    return step * direction[0], step * direction[1], step * direction[2]
+
+
+@kernel
+def _two_node_rule(a: FloatArray, rule: FloatArray) -> int:
+    offset = _two_node_offset(a)
     for k in range(2):
-        side = step if k == 0 else -step
-        rule[k, 0] = 1.0
-        rule[k, 1], rule[k, 2], rule[k, 3] = side * nx, side * ny, side * nz
+        _set_offset(rule, k, 1.0, 0.0, a, 0.0, a, 1.0 - 2.0 * k, offset)
     return 2
 
 
@@ -170,18 +196,15 @@ def _angled_rule(a: FloatArray, b: FloatArray, distance: float, level: bool, ext
     log_rho = max(_log_bernstein(1.0 + 2.0 * distance / size, 0.0), 1e-3)  # zero where the bars cross
     n = min(math.ceil(-_LOG_TOLERANCE_ANGLED / (2.0 * log_rho)) + extra, MAX_NODES)
     half = math.sqrt((a[11] * a[11] + b[11] * b[11]) / 12.0) if distance < THICK * size else 0.0
-    mx, my, mz = a[4] * a[9] - a[5] * a[8], a[5] * a[7] - a[3] * a[9], a[3] * a[8] - a[4] * a[7]
+    normal = _normal(a)
+    sides = 1 if level or half == 0.0 else 2
     count = 0
     for k in range(n):
-        s = 0.5 * a[10] * _NODES[n, k]
         for m in range(n):
-            t = 0.5 * b[10] * _NODES[n, m]
-            for side in range(1 if level or half == 0.0 else 2):
-                h = half if side == 0 else -half
-                rule[count, 0] = _WEIGHTS[n, k] * _WEIGHTS[n, m]
-                rule[count, 1] = t * b[7] - s * a[7] + h * mx
-                rule[count, 2] = t * b[8] - s * a[8] + h * my
-                rule[count, 3] = t * b[9] - s * a[9] + h * mz
+            s, t = 0.5 * a[10] * _NODES[n, k], 0.5 * b[10] * _NODES[n, m]
+            for side in range(sides):
+                h = half * (1.0 - 2.0 * side)
+                _set_offset(rule, count, _WEIGHTS[n, k] * _WEIGHTS[n, m], s, a, t, b, h, normal)
                 count += 1
     return count
 
@@ -197,7 +220,8 @@ def _corner_rule(a: FloatArray, b: FloatArray, level: bool, extra: int, rule: Fl
     n = min(5 + extra, MAX_NODES)
     n_z = min(3 + extra, MAX_NODES)
     thickness = 0.5 * (a[11] + b[11])
-    mx, my, mz = a[4] * a[9] - a[5] * a[8], a[5] * a[7] - a[3] * a[9], a[3] * a[8] - a[4] * a[7]
+    normal = _normal(a)
+    sides = 1 if level else 2
     same = 1.0 if a[3] * b[3] + a[4] * b[4] + a[5] * b[5] > 0.0 else -1.0
     count = 0
     for k in range(n):
@@ -208,14 +232,12 @@ def _corner_rule(a: FloatArray, b: FloatArray, level: bool, extra: int, rule: Fl
             half = 0.5 * ((cut if piece == 0 else 0.5 * b[10]) - low)
             for m in range(n):
                 t = low + half * (1.0 + _NODES[n, m])
+                weight = _WEIGHTS[n, k] * half * _WEIGHTS[n, m]
                 for c in range(n_z):
                     z = 0.5 * (1.0 + _NODES[n_z, c])
-                    for side in range(1 if level else 2):
-                        h = thickness * z * (1.0 if side == 0 else -1.0)
-                        rule[count, 0] = _WEIGHTS[n, k] * half * _WEIGHTS[n, m] * _WEIGHTS[n_z, c] * (1.0 - z)
-                        rule[count, 1] = t * b[7] - s * a[7] + h * mx
-                        rule[count, 2] = t * b[8] - s * a[8] + h * my
-                        rule[count, 3] = t * b[9] - s * a[9] + h * mz
+                    for side in range(sides):
+                        h = thickness * z * (1.0 - 2.0 * side)
+                        _set_offset(rule, count, weight * _WEIGHTS[n_z, c] * (1.0 - z), s, a, t, b, h, normal)
                         count += 1
     return count
 
@@ -230,11 +252,11 @@ def _touching_parallel_bars(a: FloatArray, b: FloatArray, dx: float, dy: float, 
     ez = dz + (0.0 if cosine > 0.0 else b[6] * b[5])
     half = 0.5 * b[6] * sign
     cx, cy, cz = ex + half * b[3], ey + half * b[4], ez + half * b[5]
-    nx, ny, nz = a[7], a[8], a[9]
-    mx, my, mz = a[4] * nz - a[5] * ny, a[5] * nx - a[3] * nz, a[3] * ny - a[4] * nx
+    normal = _normal(a)
     return cosine * parallel_bars(
         a[6], a[10], a[11], b[6], b[10], b[11],
-        cx * nx + cy * ny + cz * nz + 0.5 * (a[10] - b[10]), cx * mx + cy * my + cz * mz + 0.5 * (a[11] - b[11]),
+        cx * a[7] + cy * a[8] + cz * a[9] + 0.5 * (a[10] - b[10]),
+        cx * normal[0] + cy * normal[1] + cz * normal[2] + 0.5 * (a[11] - b[11]),
         ex * a[3] + ey * a[4] + ez * a[5],
     )  # fmt: skip
 
@@ -264,11 +286,7 @@ def bar_pair(a: FloatArray, b: FloatArray, shift: FloatArray, reach: float, extr
     cosine = a[3] * b[3] + a[4] * b[4] + a[5] * b[5]
     if abs(cosine) < 1e-15:
         return 0.0
-    dx, dy, dz = b[0] + shift[0] - a[0], b[1] + shift[1] - a[1], b[2] + shift[2] - a[2]
-    mx = dx + 0.5 * (b[6] * b[3] - a[6] * a[3])
-    my = dy + 0.5 * (b[6] * b[4] - a[6] * a[4])
-    mz = dz + 0.5 * (b[6] * b[5] - a[6] * a[5])
-    centre_distance = math.sqrt(mx * mx + my * my + mz * mz)
+    dx, dy, dz, centre_distance = _between(a, b, shift)
     longest = max(a[6], b[6])
     size = max(a[10], b[10], a[11], b[11])
     nodes = 0
@@ -322,12 +340,9 @@ def _collect(
     The mean over the cross-sections is that of two lateral offsets of each bar, or of two in all where they are
     parallel, as in `bar_pair` at this distance.
     """
-    dx, dy, dz = b[0] + shift[0] - a[0], b[1] + shift[1] - a[1], b[2] + shift[2] - a[2]
-    mx = dx + 0.5 * (b[6] * b[3] - a[6] * a[3])
-    my = dy + 0.5 * (b[6] * b[4] - a[6] * a[4])
-    mz = dz + 0.5 * (b[6] * b[5] - a[6] * a[5])
+    dx, dy, dz, centre_distance = _between(a, b, shift)
     size = max(a[10], b[10], a[11], b[11])
-    distance = math.sqrt(mx * mx + my * my + mz * mz) - 0.5 * (a[6] + b[6])
+    distance = centre_distance - 0.5 * (a[6] + b[6])
     if distance < max(b[6], reach * size):
         gx, gy, gz = closest_offset(dx, dy, dz, a, b)
         distance = math.sqrt(gx * gx + gy * gy + gz * gz)
@@ -345,12 +360,7 @@ def _collect(
             if distance < NODE_PAIR * size:
                 return -1
             sides = 2
-            variance = (a[10] * a[10] - a[11] * a[11]) / 6.0
-            step = math.sqrt(abs(variance))
-            nx, ny, nz = a[7], a[8], a[9]
-            if variance < 0.0:
-                nx, ny, nz = a[4] * a[9] - a[5] * a[8], a[5] * a[7] - a[3] * a[9], a[3] * a[8] - a[4] * a[7]
-            tx, ty, tz = step * nx, step * ny, step * nz
+            tx, ty, tz = _two_node_offset(a)
         else:
             sides = 4
             sx, sy, sz = INNER * a[10] * a[7], INNER * a[10] * a[8], INNER * a[10] * a[9]
@@ -365,32 +375,6 @@ def _collect(
 
 
 @kernel
-def _row_sum(
-    a: FloatArray,
-    second: FloatArray,
-    first: int,
-    shift: FloatArray,
-    reach: float,
-    extra: int,
-    rule: FloatArray,
-    batch: FloatArray,
-) -> float:
-    """Sum of the pairs of a row `a` with the rows of `second` from `first` on."""
-    near, far = 0.0, 0.0
-    count = int(0.0)  # a plain 0 has a type of its own, for which all that takes it would be compiled once more
-    for j in range(first, second.shape[0]):
-        collected = _collect(a, second[j], shift, reach, extra, count, batch)
-        if collected < 0:
-            near += bar_pair(a, second[j], shift, reach, extra, rule)
-            continue
-        count = collected
-        if count > CAPACITY - 4 * MOST_NODES - 8:
-            far += batch_sum(a, count, batch)
-            count = int(0.0)
-    return near + far + batch_sum(a, count, batch)
-
-
-@kernel
 def _rows_sum(
     first: FloatArray, second: FloatArray, shift: FloatArray, start: int, stop: int, reach: float, extra: int, own: bool
 ) -> float:
@@ -399,7 +383,21 @@ def _rows_sum(
     batch = np.empty((4, CAPACITY))
     total = 0.0
     for i in range(start, stop):
-        total += _row_sum(first[i], second, i + 1 if own else int(0.0), shift, reach, extra, rule, batch)
+        near, far = 0.0, 0.0
+        # a plain 0 has a type of its own, for which all that takes it would be compiled once more
+        count, begin = int(0.0), i + 1 if own else int(0.0)
+        for j in range(begin, second.shape[0] + 1):
+            last = j == second.shape[0]  # so that `batch_sum` is called, and compiled into this, at one place
+            if not last:
+                collected = _collect(first[i], second[j], shift, reach, extra, count, batch)
+                if collected < 0:
+                    near += bar_pair(first[i], second[j], shift, reach, extra, rule)
+                    continue
+                count = collected
+            if last or count > CAPACITY - 4 * MOST_NODES - 8:
+                far += batch_sum(first[i], count, batch)
+                count = int(0.0)
+        total += near + far
     return total
 
 

@@ -26,7 +26,7 @@ IntArray = npt.NDArray[np.int64]
 
 _MEMBERS, _CHECK = 5, 4  # members that stand for a series, and those of the rule that checks them
 _APART = 0.3  # of a series' width: distance from which two series are taken as a whole
-_FEW = 49  # pairs that are summed one by one
+_FEW = 49  # pairs of series that are never taken as a whole
 _AGREE = 1e-2  # of a sum: what its two rules may differ by; the better rule errs far less
 _STEP = 1e-10  # of the path's size: evenness of the steps
 
@@ -160,17 +160,13 @@ def _sum_along(
     while left > 0:
         left -= 1
         begin, n = begins[left], lengths[left]
-        if n <= _MEMBERS + 1:
-            for t in range(begin, begin + n):  # a plain 0 would be a type of its own, and `bar_pair` compiled for it
-                total += bar_pair(first[i + t * di], second[j + t * dj], shift, reach, int(0.0), rule)
-            continue
         better, worse = 0.0, 0.0
         for k in range(counts[n]):
             t = begin + members[n, k]
             value = bar_pair(first[i + t * di], second[j + t * dj], shift, reach, int(0.0), rule)
             better += weights[n, k] * value
             worse += check[n, k] * value
-        if abs(better - worse) <= _AGREE * abs(better):
+        if n <= _MEMBERS or abs(better - worse) <= _AGREE * abs(better):  # of a few, all are taken
             total += better
         else:
             half = n // 2
@@ -181,85 +177,67 @@ def _sum_along(
 
 
 @kernel
-def _sum_apart(
-    first: FloatArray, second: FloatArray, shift: FloatArray, a: IntArray, b: IntArray, reach: float,
-    members: IntArray, weights: FloatArray, rule: FloatArray, counts: IntArray,
-) -> float:  # fmt: skip
-    """Sum of two series by a few members of each."""
-    total = 0.0
-    for i in range(counts[a[2]]):
-        row = 0.0
-        for j in range(counts[b[2]]):
-            p, q = a[0] + members[a[2], i] * a[1], b[0] + members[b[2], j] * b[1]
-            row += weights[b[2], j] * bar_pair(first[p], second[q], shift, reach, int(0.0), rule)
-        total += weights[a[2], i] * row
-    return total
-
-
-@kernel
 def _sum_two_series(
-    first: FloatArray, second: FloatArray, shift: FloatArray, a: IntArray, b: IntArray, reach: float,
+    first: FloatArray, second: FloatArray, shift: FloatArray, a: IntArray, b: IntArray, own: bool, reach: float,
     members: IntArray, weights: FloatArray, check: FloatArray, counts: IntArray, rule: FloatArray,
 ) -> float:  # fmt: skip
+    """Sum of two series, or of the pairs i < j of one's `own`."""
     m, n = a[2], b[2]
     a_last, b_last = a[0] + (m - 1) * a[1], b[0] + (n - 1) * b[1]
-    total = 0.0
-    if m * n <= _FEW or min(m, n) <= 2:
-        for i in range(m):
-            for j in range(n):
-                total += bar_pair(first[a[0] + i * a[1]], second[b[0] + j * b[1]], shift, reach, int(0.0), rule)
-        return total
     near, far = _distance(first[a[0]], second[b[0]], shift), _distance(first[a[0]], second[b_last], shift)
     near_too, far_too = _distance(first[a_last], second[b_last], shift), _distance(first[a_last], second[b[0]], shift)
-    if min(near, far, near_too, far_too) > _APART * max(_width(first, a), _width(second, b)):
-        return _sum_apart(first, second, shift, a, b, reach, members, weights, rule, counts)
+    nearest = min(near, far, near_too, far_too)
+    apart = m * n > _FEW and min(m, n) > 2 and nearest > _APART * max(_width(first, a), _width(second, b))
     # the pairs of one difference of the indices lie alike, or those of one sum: whichever leads along the nearness
     alike = near + near_too <= far + far_too
-    j_begin, dj = (b[0], b[1]) if alike else (b_last, -b[1])
-    for difference in range(1 - m, n):
-        i = max(0, -difference)
-        count = min(m, n - difference) - i
-        total += _sum_along(
-            first, second, shift, a[0] + i * a[1], a[1], j_begin + (i + difference) * dj, dj, count,
-            reach, members, weights, check, counts, rule,
-        )  # fmt: skip
+    j_begin, dj = (b[0], b[1]) if alike or apart else (b_last, -b[1])
+    total = 0.0
+    for k in range(counts[m] if apart else m + n - 1):  # one loop, so that what it calls is compiled once
+        if apart:  # some members of the first series, each with the second one
+            i, di, j, count, weight = a[0] + members[m, k] * a[1], int(0.0), j_begin, n, weights[m, k]
+        else:
+            difference = k + 1 - m
+            begin = max(0, -difference)
+            i, di, j = a[0] + begin * a[1], a[1], j_begin + (begin + difference) * dj
+            count, weight = min(m, n - difference) - begin, 0.0 if own and difference < 1 else 1.0
+        if weight != 0.0:
+            total += weight * _sum_along(
+                first, second, shift, i, di, j, dj, count, reach, members, weights, check, counts, rule
+            )
     return total
 
 
 @kernel
+def _series_sum(
+    first: FloatArray, second: FloatArray, shift: FloatArray, of_first: IntArray, of_second: IntArray, own: bool,
+    reach: float, members: IntArray, weights: FloatArray, check: FloatArray, counts: IntArray,
+) -> float:  # fmt: skip
+    rule = np.empty((RULE_SIZE, 4))
+    total = 0.0
+    for a in range(of_first.shape[0]):
+        for b in range(a if own else int(0.0), of_second.shape[0]):
+            total += _sum_two_series(
+                first, second, shift, of_first[a], of_second[b], own and a == b, reach,
+                members, weights, check, counts, rule,
+            )  # fmt: skip
+    return total
+
+
 def series_sum(
     first: FloatArray, second: FloatArray, shift: FloatArray, of_first: IntArray, of_second: IntArray, reach: float,
     members: IntArray, weights: FloatArray, check: FloatArray, counts: IntArray,
 ) -> float:  # fmt: skip
     """Sum of `bar_pair` over all rows of `first` and all of `second` moved by `shift`."""
-    rule = np.empty((RULE_SIZE, 4))
-    total = 0.0
-    for a in range(of_first.shape[0]):
-        for b in range(of_second.shape[0]):
-            total += _sum_two_series(
-                first, second, shift, of_first[a], of_second[b], reach, members, weights, check, counts, rule
-            )
-    return total
+    return _series_sum(
+        first, second, shift, of_first, of_second, False, reach, members, weights, check, counts
+    )  # fmt: skip
 
 
-@kernel
 def own_series_sum(
     path: FloatArray, series: IntArray, reach: float,
     members: IntArray, weights: FloatArray, check: FloatArray, counts: IntArray,
 ) -> float:  # fmt: skip
     """Twice the sum of `bar_pair` over the pairs i < j of one path."""
-    rule = np.empty((RULE_SIZE, 4))
-    shift = np.zeros(3)
-    total = 0.0
-    for a in range(series.shape[0]):
-        begin, step, n = series[a]
-        for apart in range(1, n):
-            total += _sum_along(
-                path, path, shift, begin, step, begin + apart * step, step, n - apart,
-                reach, members, weights, check, counts, rule,
-            )  # fmt: skip
-        for b in range(a + 1, series.shape[0]):
-            total += _sum_two_series(
-                path, path, shift, series[a], series[b], reach, members, weights, check, counts, rule
-            )
-    return 2.0 * total
+    return 2.0 * _series_sum(
+        path, path, np.zeros(3), series, series, True, reach, members, weights, check, counts
+    )  # fmt: skip
