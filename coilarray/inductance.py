@@ -202,14 +202,14 @@ def inductance_matrix(source: Source, progress: Progress | None = None, *, accur
 
     Notes
     -----
-    Neumann's integral averaged over the cross-sections. Pairs of equal shapes at equal offsets are computed once,
-    so identical coils on a lattice cost one evaluation a distinct offset; those that lie apart are computed by
-    `coilarray.equivalent_currents` to 3e-8 of L, windings smaller than 200 widths with the cross-section, which is
-    worth less than 3e-7 of L in larger ones. The rules are set for 1e-6 of L and of k for
-    traces wider than thick, with gaps of a quarter of their width or more and sides of a few widths;
-    `tests/test_inductance_convergence.py` holds the study. Shorter sides or narrower gaps than that cost up to 2e-5,
-    copper thicker than wide more. Traces run from vertex to vertex with square ends: the true, mitred corner of a
-    trace as wide as a tenth of its turns changes L by some 1e-3.
+    Neumann's integral averaged over the cross-sections. Pairs of equal shapes at equal offsets are computed once, so
+    identical coils on a lattice cost one evaluation a distinct offset, and of near ones even pairs of layers that
+    mirror each other (`coilarray.part_sums`). Pairs that lie apart are computed by `coilarray.equivalent_currents` to
+    3e-8 of L, windings smaller than 200 widths with the cross-section, which is worth less than 3e-7 of L in larger
+    ones. The rules are set for 1e-6 of L and of k for traces wider than thick, with gaps of a quarter of their width
+    or more and sides of a few widths; `tests/test_inductance_convergence.py` holds the study. Shorter sides or
+    narrower gaps than that cost up to 2e-5, copper thicker than wide more. Traces run from vertex to vertex with
+    square ends: the true, mitred corner of a trace as wide as a tenth of its turns changes L by some 1e-3.
 
     Examples
     --------

@@ -14,7 +14,6 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from coilarray.blocks import cores
 from coilarray.kernels.bars import bar_self
 from coilarray.kernels.paths import mutual_sum, own_mutual_sum
 from coilarray.kernels.turns import find_series, own_series_sum, series_members, series_rules, series_sum
@@ -36,7 +35,7 @@ MUTUAL_REACH = 120.0
 # the same for screening: leaves out 1/(12·15²) = 4e-5 of a pair, and 5e-3 of one where coils overlap
 _SCREEN_OWN_REACH, _SCREEN_MUTUAL_REACH = 15.0, 4.0
 _SAME_SIZE = 1e-12  # of the largest: sizes of bars that differ by less are equal
-_BLOCKS_A_PAIR = 8  # of parts, where there are few of them
+_FEW, _BLOCKS_A_PAIR = 32, 8  # distinct pairs of parts up to which each is cut into blocks, whatever the cores
 _TWO_PATHS, _ONE_PATH, _ITSELF = 0, 1, 2  # a part with one of another path, with another one of its path, with itself
 
 Sums = tuple[IntArray, FloatArray]
@@ -112,7 +111,7 @@ def part_blocks(
         return []
     example, number = _classes(found, pairs, quantum)
     members = np.split(np.argsort(number, kind="stable"), np.cumsum(np.bincount(number))[:-1])
-    pieces = _BLOCKS_A_PAIR if accuracy == "full" and len(example) < 4 * cores() else 1
+    pieces = _BLOCKS_A_PAIR if accuracy == "full" and len(example) <= _FEW else 1
     blocks: list[Callable[[], Sums]] = []
     for k, of_class in zip(example.tolist(), members, strict=True):
         a, b = parts[pairs.first[k]], parts[pairs.second[k]]
