@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Literal
 
@@ -109,7 +109,7 @@ def part_blocks(
     pairs = _pairs(found, first, second, shift)
     if not len(pairs.of):
         return []
-    example, number = _classes(found, pairs, quantum)
+    pairs, example, number = _classes(found, pairs, quantum)
     members = np.split(np.argsort(number, kind="stable"), np.cumsum(np.bincount(number))[:-1])
     pieces = _BLOCKS_A_PAIR if accuracy == "full" and len(example) <= _FEW else 1
     blocks: list[Callable[[], Sums]] = []
@@ -148,15 +148,23 @@ def _pairs(parts: PathParts, first: IntArray, second: IntArray, shift: FloatArra
     return _Pairs(of, weight, kind, i, j, back * parts.mirror[Q], moved)
 
 
-def _classes(parts: PathParts, pairs: _Pairs, quantum: float) -> tuple[IntArray, IntArray]:
-    """`pair_classes` of pairs of parts: M(a, gb, d) = M(b, ga, −gd) for a mirror g, and flat ones may change sides."""
+def _classes(parts: PathParts, pairs: _Pairs, quantum: float) -> tuple[_Pairs, IntArray, IntArray]:
+    """Write equal pairs alike; return them, an example of each class and the class of each pair.
+
+    M(a, gb, d) = M(b, ga, −gd) for a mirror g, and of two flat parts either may be the upper one.
+    """
+    turned = -pairs.mirror * pairs.shift
     steps, mirror = np.round(pairs.shift / quantum).astype(np.int64), pairs.mirror.astype(np.int64)
-    turned = -mirror * steps
+    other_steps = -mirror * steps
     flat = parts.flat[pairs.first] & parts.flat[pairs.second]
-    for ways in (steps, turned):
+    for ways in (steps, other_steps):
         ways[flat, 2] = np.abs(ways[flat, 2])
     key = np.column_stack((pairs.kind, pairs.first, pairs.second, mirror, steps))
-    return pair_classes(key, np.column_stack((pairs.kind, pairs.second, pairs.first, mirror, turned)))[:2]
+    other_key = np.column_stack((pairs.kind, pairs.second, pairs.first, mirror, other_steps))
+    example, number, turn = pair_classes(key, other_key)
+    first, second = np.where(turn, pairs.second, pairs.first), np.where(turn, pairs.first, pairs.second)
+    alike = replace(pairs, first=first, second=second, shift=np.where(turn[:, None], turned, pairs.shift))
+    return alike, example, number
 
 
 def _reach(kind: int, accuracy: Accuracy) -> float:

@@ -111,8 +111,9 @@ def test_overlapping_boxes_are_never_interpolated():
 
 
 def _lattice(rows):
+    """Hexagonal, on three heights so that no neighbours share copper."""
     return [
-        moved(((c + 0.5 * (r % 2)) * PITCH, r * PITCH * np.sqrt(0.75), -0.5e-3 * ((r + c) % 2)))
+        moved(((c + 0.5 * (r % 2)) * PITCH, r * PITCH * np.sqrt(0.75), -0.5e-3 * ((c - r // 2 - r) % 3)))
         for r in range(rows)
         for c in range(rows)
     ]

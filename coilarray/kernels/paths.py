@@ -84,6 +84,12 @@ def _normal(a: FloatArray) -> Vector:
 
 
 @kernel
+def _same_side(a: FloatArray, b: FloatArray) -> float:
+    """1 where the lateral directions of two nearly parallel bars agree, −1 where they oppose each other."""
+    return 1.0 if a[7] * b[7] + a[8] * b[8] + a[9] * b[9] > 0.0 else -1.0
+
+
+@kernel
 def _between(a: FloatArray, b: FloatArray, shift: FloatArray) -> tuple[float, float, float, float]:
     """Vector from start to start of two bars, the second moved, and the distance of their middles."""
     dx, dy, dz = b[0] + shift[0] - a[0], b[1] + shift[1] - a[1], b[2] + shift[2] - a[2]
@@ -133,15 +139,17 @@ def _set_offset(
 
 @kernel
 def _parallel_rule(
-    a: FloatArray, gx: float, gy: float, gz: float, level: bool, extra: int, rule: FloatArray
+    a: FloatArray, b: FloatArray, gx: float, gy: float, gz: float, level: bool, extra: int, rule: FloatArray
 ) -> int:  # fmt: skip
     """Offsets of (nearly) parallel bars of equal size, the nearest places (gx, gy, gz) apart; 0 where they touch.
 
-    The lateral offset of two filaments has a triangular density on [−width, width], and so across the thickness.
+    The lateral offset of two filaments has a triangular density on [−width, width], and so across the thickness; its
+    direction is the mean of the two, so that a tilt counts in second order.
     Offsets up and down are alike for bars that lie `level` with each other: then one stands for both.
     """
     width, thickness = a[10], a[11]
     normal = _normal(a)
+    side = 0.5 * _same_side(a, b)
     lateral = abs(gx * a[7] + gy * a[8] + gz * a[9])
     above = abs(gx * normal[0] + gy * normal[1] + gz * normal[2])
     axial = abs(gx * a[3] + gy * a[4] + gz * a[5])
@@ -155,31 +163,34 @@ def _parallel_rule(
     n_t = min(math.ceil(-_LOG_TOLERANCE_THICKNESS / (2.0 * log_t)) + extra, MAX_NODES)
     count = 0
     for k in range(n_w):
-        t = width * _TRIANGLE_NODES[n_w, k]
+        across = width * _TRIANGLE_NODES[n_w, k]
         for m in range((n_t + 1) // 2 if level else n_t):
             weight = _TRIANGLE_WEIGHTS[n_w, k] * _TRIANGLE_WEIGHTS[n_t, m]
             if level and 2 * m + 1 < n_t:
                 weight *= 2.0
-            _set_offset(rule, count, weight, 0.0, a, t, a, thickness * _TRIANGLE_NODES[n_t, m], normal)
+            h = thickness * _TRIANGLE_NODES[n_t, m]
+            _set_offset(rule, count, weight, -0.5 * across, a, side * across, b, h, normal)
             count += 1
     return count
 
 
 @kernel
-def _two_node_offset(a: FloatArray) -> Vector:
+def _two_node_offset(a: FloatArray, b: FloatArray) -> Vector:
     """Offset, to both sides, that stands for parallel bars far apart against their size.
 
     In the plane across the bars the kernel is harmonic, so only the difference of the two variances counts.
     """
     variance = (a[10] * a[10] - a[11] * a[11]) / 6.0
     step = math.sqrt(abs(variance))
-    direction = (a[7], a[8], a[9]) if variance > 0.0 else _normal(a)
+    side = _same_side(a, b)
+    across = (0.5 * (a[7] + side * b[7]), 0.5 * (a[8] + side * b[8]), 0.5 * (a[9] + side * b[9]))
+    direction = across if variance > 0.0 else _normal(a)
     return step * direction[0], step * direction[1], step * direction[2]
 
 
 @kernel
-def _two_node_rule(a: FloatArray, rule: FloatArray) -> int:
-    offset = _two_node_offset(a)
+def _two_node_rule(a: FloatArray, b: FloatArray, rule: FloatArray) -> int:
+    offset = _two_node_offset(a, b)
     for k in range(2):
         _set_offset(rule, k, 1.0, 0.0, a, 0.0, a, 1.0 - 2.0 * k, offset)
     return 2
@@ -304,9 +315,9 @@ def bar_pair(a: FloatArray, b: FloatArray, shift: FloatArray, reach: float, extr
             level = dz == 0.0 and a[5] == 0.0 and b[5] == 0.0
             if parallel and a[10] == b[10] and a[11] == b[11]:
                 if distance > NODE_PAIR * size:
-                    count = _two_node_rule(a, rule)
+                    count = _two_node_rule(a, b, rule)
                 else:
-                    count = _parallel_rule(a, gx, gy, gz, level, extra, rule)
+                    count = _parallel_rule(a, b, gx, gy, gz, level, extra, rule)
             elif parallel and distance < size:
                 count = 0
             elif distance < TOUCHING * size and _ends_meet(dx, dy, dz, a, b, TOUCHING * size):
@@ -360,7 +371,7 @@ def _collect(
             if distance < NODE_PAIR * size:
                 return -1
             sides = 2
-            tx, ty, tz = _two_node_offset(a)
+            tx, ty, tz = _two_node_offset(a, b)
         else:
             sides = 4
             sx, sy, sz = INNER * a[10] * a[7], INNER * a[10] * a[8], INNER * a[10] * a[9]
