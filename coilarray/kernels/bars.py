@@ -13,7 +13,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from coilarray.kernels.compiled import kernel
+from coilarray.kernels.compiled import inner_kernel, kernel
 from coilarray.kernels.filaments import parallel_filaments
 
 FloatArray = npt.NDArray[np.float64]
@@ -22,7 +22,7 @@ _GAUSS_16 = np.polynomial.legendre.leggauss(16)
 _NODES, _WEIGHTS = np.ascontiguousarray(_GAUSS_16[0]), np.ascontiguousarray(_GAUSS_16[1])
 
 
-@kernel
+@inner_kernel
 def _corner_cell(
     x_end: float, y_end: float, ax: float, bx: float, ay: float, by: float,
     offset: float, length_1: float, length_2: float,
@@ -65,7 +65,7 @@ def _corner_cell(
     return math.copysign(1.0, x_end) * math.copysign(1.0, y_end) * total
 
 
-@kernel
+@inner_kernel
 def _cell(
     x0: float, x1: float, y0: float, y1: float, ax: float, bx: float, ay: float, by: float,
     offset: float, length_1: float, length_2: float,
@@ -92,7 +92,7 @@ def _cell(
     return 0.25 * (x1 - x0) * (y1 - y0) * total
 
 
-@kernel
+@inner_kernel
 def _offset_density(
     start_1: float, size_1: float, start_2: float, size_2: float, edges: FloatArray, lines: FloatArray
 ) -> None:

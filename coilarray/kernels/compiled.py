@@ -1,13 +1,21 @@
-"""The one decorator of every kernel."""
+"""The decorators of all kernels."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, TypeVar, cast
+from typing import Any, NoReturn, TypeVar, cast
 
 from numba import njit
+from numba.core.registry import CPUDispatcher
 
 Function = TypeVar("Function", bound=Callable[..., Any])
+_OPTIONS: dict[str, Any] = {
+    "cache": True,
+    "nogil": True,
+    "error_model": "numpy",
+    "fastmath": {"contract"},
+    "no_cfunc_wrapper": True,  # nobody calls a kernel through a pointer of C; compiling takes 5 % less time
+}
 
 
 def kernel(function: Function) -> Function:
@@ -17,11 +25,20 @@ def kernel(function: Function) -> Function:
     released. numba renews the stored code when the kernel's own file changes, not when a kernel it calls does:
     after editing one, delete ``coilarray/kernels/__pycache__``.
     """
-    options: dict[str, Any] = {
-        "cache": True,
-        "nogil": True,
-        "error_model": "numpy",
-        "fastmath": {"contract"},
-        "no_cfunc_wrapper": True,  # nobody calls a kernel through a pointer of C; compiling takes 5 % less time
-    }
-    return cast(Function, njit(**options)(function))
+    return cast(Function, njit(**_OPTIONS)(function))
+
+
+def inner_kernel(function: Function) -> Function:
+    """Compile what other kernels call and Python does not: without a way in from there it takes a tenth less time.
+
+    Called from Python it raises TypeError, but where numba is switched off.
+    """
+    made = njit(**_OPTIONS | {"no_cpython_wrapper": True})(function)
+    if isinstance(made, CPUDispatcher):
+        made.__class__ = _Inner
+    return cast(Function, made)
+
+
+class _Inner(CPUDispatcher):
+    def __call__(self, *_: object, **__: object) -> NoReturn:
+        raise TypeError(f"{self.py_func.__name__} can be called by other kernels only.")

@@ -13,7 +13,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from coilarray.kernels.compiled import kernel
+from coilarray.kernels.compiled import inner_kernel
 from coilarray.kernels.segments import log_of_ratio
 
 FloatArray = npt.NDArray[np.float64]
@@ -43,7 +43,7 @@ def least_distances(log_tolerance: float) -> FloatArray:
         return np.asarray(0.5 * np.sinh(-log_tolerance / (2.0 * np.arange(MOST_NODES + 1))))
 
 
-@kernel
+@inner_kernel
 def node_count(distance: float, length: float, least: FloatArray) -> int:
     """Nodes along a segment at a distance by `least_distances`; MOST_NODES + 1 where they are too few."""
     for n in range(2, MOST_NODES + 1):
@@ -52,7 +52,7 @@ def node_count(distance: float, length: float, least: FloatArray) -> int:
     return MOST_NODES + 1
 
 
-@kernel
+@inner_kernel
 def add_nodes(
     count: int, b: FloatArray, dx: float, dy: float, dz: float, weight: float, n: int, batch: FloatArray
 ) -> int:
@@ -71,7 +71,7 @@ def add_nodes(
     return count
 
 
-@kernel
+@inner_kernel
 def batch_sum(a: FloatArray, count: int, batch: FloatArray) -> float:
     """Weighted sum of the potential of a segment, row `a` of a table, over the collected nodes."""
     x, y, z, weight = batch[0], batch[1], batch[2], batch[3]

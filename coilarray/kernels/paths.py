@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from coilarray.kernels.bars import parallel_bars
-from coilarray.kernels.compiled import kernel
+from coilarray.kernels.compiled import inner_kernel, kernel
 from coilarray.kernels.far_pairs import APART, CAPACITY, MOST_NODES, add_nodes, batch_sum, least_distances, node_count
 from coilarray.kernels.filaments import filament_pair, filament_pair_far
 
@@ -77,19 +77,19 @@ _NODES, _WEIGHTS = _gauss_tables()
 _TRIANGLE_NODES, _TRIANGLE_WEIGHTS = _triangle_tables()
 
 
-@kernel
+@inner_kernel
 def _normal(a: FloatArray) -> Vector:
     """Direction across the thickness of a bar."""
     return a[4] * a[9] - a[5] * a[8], a[5] * a[7] - a[3] * a[9], a[3] * a[8] - a[4] * a[7]
 
 
-@kernel
+@inner_kernel
 def _same_side(a: FloatArray, b: FloatArray) -> float:
     """1 where the lateral directions of two nearly parallel bars agree, −1 where they oppose each other."""
     return 1.0 if a[7] * b[7] + a[8] * b[8] + a[9] * b[9] > 0.0 else -1.0
 
 
-@kernel
+@inner_kernel
 def _between(a: FloatArray, b: FloatArray, shift: FloatArray) -> tuple[float, float, float, float]:
     """Vector from start to start of two bars, the second moved, and the distance of their middles."""
     dx, dy, dz = b[0] + shift[0] - a[0], b[1] + shift[1] - a[1], b[2] + shift[2] - a[2]
@@ -98,7 +98,7 @@ def _between(a: FloatArray, b: FloatArray, shift: FloatArray) -> tuple[float, fl
     return dx, dy, dz, math.sqrt(mx * mx + my * my + mz * mz)
 
 
-@kernel
+@inner_kernel
 def closest_offset(dx: float, dy: float, dz: float, a: FloatArray, b: FloatArray) -> Vector:
     """Shortest vector from the first segment to the second; (dx, dy, dz) leads from start to start."""
     cosine = a[3] * b[3] + a[4] * b[4] + a[5] * b[5]
@@ -118,7 +118,7 @@ def closest_offset(dx: float, dy: float, dz: float, a: FloatArray, b: FloatArray
     )
 
 
-@kernel
+@inner_kernel
 def _log_bernstein(x: float, y: float) -> float:
     """Give ln ρ of the Bernstein ellipse of [−1, 1] through x + iy: a Gauss rule of n nodes errs like ρ^(−2n)."""
     return math.log(0.5 * (math.hypot(x - 1.0, y) + math.hypot(x + 1.0, y)) + math.sqrt(
@@ -126,7 +126,7 @@ def _log_bernstein(x: float, y: float) -> float:
     ))  # fmt: skip
 
 
-@kernel
+@inner_kernel
 def _set_offset(
     rule: FloatArray, k: int, weight: float, s: float, a: FloatArray, t: float, b: FloatArray, h: float, normal: Vector
 ) -> None:
@@ -137,7 +137,7 @@ def _set_offset(
     rule[k, 3] = t * b[9] - s * a[9] + h * normal[2]
 
 
-@kernel
+@inner_kernel
 def _parallel_rule(
     a: FloatArray, b: FloatArray, gx: float, gy: float, gz: float, level: bool, extra: int, rule: FloatArray
 ) -> int:  # fmt: skip
@@ -174,7 +174,7 @@ def _parallel_rule(
     return count
 
 
-@kernel
+@inner_kernel
 def _two_node_offset(a: FloatArray, b: FloatArray) -> Vector:
     """Offset, to both sides, that stands for parallel bars far apart against their size.
 
@@ -188,7 +188,7 @@ def _two_node_offset(a: FloatArray, b: FloatArray) -> Vector:
     return step * direction[0], step * direction[1], step * direction[2]
 
 
-@kernel
+@inner_kernel
 def _two_node_rule(a: FloatArray, b: FloatArray, rule: FloatArray) -> int:
     offset = _two_node_offset(a, b)
     for k in range(2):
@@ -196,7 +196,7 @@ def _two_node_rule(a: FloatArray, b: FloatArray, rule: FloatArray) -> int:
     return 2
 
 
-@kernel
+@inner_kernel
 def _angled_rule(a: FloatArray, b: FloatArray, distance: float, level: bool, extra: int, rule: FloatArray) -> int:
     """Offsets of two bars at an angle, or of parallel ones of different size.
 
@@ -220,7 +220,7 @@ def _angled_rule(a: FloatArray, b: FloatArray, distance: float, level: bool, ext
     return count
 
 
-@kernel
+@inner_kernel
 def _corner_rule(a: FloatArray, b: FloatArray, level: bool, extra: int, rule: FloatArray) -> int:
     """Offsets of two bars at an angle that meet, as neighbours in a path do.
 
@@ -253,7 +253,7 @@ def _corner_rule(a: FloatArray, b: FloatArray, level: bool, extra: int, rule: Fl
     return count
 
 
-@kernel
+@inner_kernel
 def _touching_parallel_bars(a: FloatArray, b: FloatArray, dx: float, dy: float, dz: float, cosine: float) -> float:
     """Exact bars in the first one's frame, a tilt left out; (dx, dy, dz) leads from start to start."""
     sign = 1.0 if cosine > 0.0 else -1.0
@@ -272,7 +272,7 @@ def _touching_parallel_bars(a: FloatArray, b: FloatArray, dx: float, dy: float, 
     )  # fmt: skip
 
 
-@kernel
+@inner_kernel
 def _ends_meet(dx: float, dy: float, dz: float, a: FloatArray, b: FloatArray, reach: float) -> bool:
     """Say whether an end of one segment is within `reach` of an end of the other."""
     for i in range(2):
@@ -342,7 +342,7 @@ def bar_pair(a: FloatArray, b: FloatArray, shift: FloatArray, reach: float, extr
     return total / weights
 
 
-@kernel
+@inner_kernel
 def _collect(
     a: FloatArray, b: FloatArray, shift: FloatArray, reach: float, extra: int, count: int, batch: FloatArray
 ) -> int:

@@ -17,7 +17,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from coilarray.kernels.compiled import kernel
+from coilarray.kernels.compiled import inner_kernel, kernel
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -26,7 +26,7 @@ NEAR = 6.0
 """Distance, in sides of the larger cell, up to which the closed form is used."""
 
 
-@kernel
+@inner_kernel
 def _antiderivative(x: float, z: float) -> float:
     """Return −24 F of the module's text; even in x and z, zero at the origin."""
     x, z = abs(x), abs(z)

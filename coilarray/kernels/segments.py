@@ -16,7 +16,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from coilarray.kernels.compiled import kernel
+from coilarray.kernels.compiled import inner_kernel, kernel
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -85,7 +85,7 @@ def add_magnetic_field(
                 bz[i] += factor * cz
 
 
-@kernel
+@inner_kernel
 def log_of_ratio(top: float, bottom: float, ratio: float) -> float:
     """Give ln(top/bottom) without a branch, so that many are computed at once; `ratio` is tanh of half of it.
 

@@ -18,11 +18,12 @@ from functools import cache
 import numpy as np
 import numpy.typing as npt
 
-from coilarray.kernels.compiled import kernel
+from coilarray.kernels.compiled import inner_kernel, kernel
 from coilarray.kernels.paths import RULE_SIZE, bar_pair, closest_offset
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
 
 _MEMBERS, _CHECK = 5, 4  # members that stand for a series, and those of the rule that checks them
 _APART = 0.3  # of a series' width: distance from which two series are taken as a whole
@@ -62,51 +63,6 @@ def series_rules(longest: int) -> tuple[IntArray, FloatArray, FloatArray, IntArr
     return members, weights, check, counts
 
 
-@kernel
-def _steps_evenly(path: FloatArray, i: int, j: int, k: int, tolerance: float) -> bool:
-    """Say whether three segments of one cross-section have starts and ends on equidistant points."""
-    for column in range(10, 12):
-        if path[i, column] != path[j, column] or path[j, column] != path[k, column]:
-            return False
-    for axis in range(3):
-        p, q, r = path[i, axis], path[j, axis], path[k, axis]
-        if abs(p - 2.0 * q + r) > tolerance:
-            return False
-        p += path[i, 3 + axis] * path[i, 6]
-        q += path[j, 3 + axis] * path[j, 6]
-        r += path[k, 3 + axis] * path[k, 6]
-        if abs(p - 2.0 * q + r) > tolerance:
-            return False
-    return True
-
-
-@kernel
-def _find_series(path: FloatArray, tolerance: float) -> IntArray:
-    n = path.shape[0]
-    free = np.ones(n, np.bool_)
-    found = np.empty((n, 3), np.int64)
-    count = 0
-    for first in range(n):
-        if not free[first]:
-            continue
-        step, members = 1, 1
-        for stride in range(1, (n - 1 - first) // 2 + 1):
-            last = first
-            while last + 2 * stride < n:
-                a, b, c = last, last + stride, last + 2 * stride
-                if not (free[a] and free[b] and free[c] and _steps_evenly(path, a, b, c, tolerance)):
-                    break
-                last += stride
-            if last > first:
-                step, members = stride, (last - first) // stride + 2
-                break
-        for k in range(members):
-            free[first + k * step] = False
-        found[count, 0], found[count, 1], found[count, 2] = first, step, members
-        count += 1
-    return found[:count]
-
-
 def find_series(path: FloatArray) -> IntArray:
     """Cut a path into series of segments whose starts and ends step evenly.
 
@@ -120,7 +76,40 @@ def find_series(path: FloatArray) -> IntArray:
     ndarray, shape (series, 3)
         First row, stride and number of rows; every row is in one series. A single segment is a series of one.
     """
-    return np.asarray(_find_series(path, _STEP * float(np.ptp(path[:, :3], axis=0).max() + path[:, 6].max())))
+    ends = path[:, :3] + path[:, 3:6] * path[:, 6:7]
+    places, sizes = np.hstack((path[:, :3], ends)), path[:, 10:12]
+    tolerance = _STEP * float(np.ptp(path[:, :3], axis=0).max() + path[:, 6].max())
+    free = np.ones(len(path), dtype=bool)
+    found = []
+    for first in range(len(path)):
+        if not free[first]:
+            continue
+        strides = np.arange(1, (len(path) - 1 - first) // 2 + 1)
+        even = _step_evenly(places, sizes, free, first, first + strides, first + 2 * strides, tolerance)
+        step, count = 1, 1
+        if even.any():
+            step = int(strides[even.argmax()])
+            rows = np.arange(first, len(path), step)
+            even = _step_evenly(places, sizes, free, rows[:-2], rows[1:-1], rows[2:], tolerance)
+            count = 2 + (len(even) if even.all() else int(even.argmin()))
+        free[first : first + count * step : step] = False
+        found.append((first, step, count))
+    return np.array(found, dtype=np.int64)
+
+
+def _step_evenly(
+    places: FloatArray,
+    sizes: FloatArray,
+    free: BoolArray,
+    i: IntArray | int,
+    j: IntArray,
+    k: IntArray,
+    tolerance: float,
+) -> BoolArray:
+    """Say which triples of free segments have one cross-section, and starts and ends on equidistant points."""
+    alike = (sizes[i] == sizes[j]).all(axis=-1) & (sizes[j] == sizes[k]).all(axis=-1)
+    bend = np.abs(places[i] - 2.0 * places[j] + places[k]).max(axis=-1)
+    return np.asarray(alike & (bend <= tolerance) & free[i] & free[j] & free[k])
 
 
 def series_members(
@@ -131,13 +120,13 @@ def series_members(
     return np.concatenate(rows), np.concatenate([weights[n, : counts[n]] for n in series[:, 2]])
 
 
-@kernel
+@inner_kernel
 def _distance(a: FloatArray, b: FloatArray, shift: FloatArray) -> float:
     x, y, z = closest_offset(b[0] + shift[0] - a[0], b[1] + shift[1] - a[1], b[2] + shift[2] - a[2], a, b)
     return math.sqrt(x * x + y * y + z * z)
 
 
-@kernel
+@inner_kernel
 def _width(path: FloatArray, series: IntArray) -> float:
     """How far a series reaches from its first member to its last."""
     last = series[0] + (series[2] - 1) * series[1]
@@ -147,41 +136,15 @@ def _width(path: FloatArray, series: IntArray) -> float:
     return math.sqrt(square)
 
 
-@kernel
-def _sum_along(
-    first: FloatArray, second: FloatArray, shift: FloatArray, i: int, di: int, j: int, dj: int, count: int,
-    reach: float, members: IntArray, weights: FloatArray, check: FloatArray, counts: IntArray, rule: FloatArray,
-) -> float:  # fmt: skip
-    """Sum of the pairs (i + t·di, j + t·dj), 0 ≤ t < `count`, halved where the two rules disagree."""
-    total = 0.0
-    begins, lengths = np.empty(64, np.int64), np.empty(64, np.int64)
-    begins[0], lengths[0] = 0, count
-    left = 1
-    while left > 0:
-        left -= 1
-        begin, n = begins[left], lengths[left]
-        better, worse = 0.0, 0.0
-        for k in range(counts[n]):
-            t = begin + members[n, k]
-            value = bar_pair(first[i + t * di], second[j + t * dj], shift, reach, int(0.0), rule)
-            better += weights[n, k] * value
-            worse += check[n, k] * value
-        if n <= _MEMBERS or abs(better - worse) <= _AGREE * abs(better):  # of a few, all are taken
-            total += better
-        else:
-            half = n // 2
-            begins[left], lengths[left] = begin, half
-            begins[left + 1], lengths[left + 1] = begin + half, n - half
-            left += 2
-    return total
-
-
-@kernel
+@inner_kernel
 def _sum_two_series(
     first: FloatArray, second: FloatArray, shift: FloatArray, a: IntArray, b: IntArray, own: bool, reach: float,
     members: IntArray, weights: FloatArray, check: FloatArray, counts: IntArray, rule: FloatArray,
 ) -> float:  # fmt: skip
-    """Sum of two series, or of the pairs i < j of one's `own`."""
+    """Sum of two series, or of the pairs i < j of one's `own`.
+
+    It is cut into lines of pairs (i + t·di, j + t·dj), 0 ≤ t < n, and a line is halved where its two rules disagree.
+    """
     m, n = a[2], b[2]
     a_last, b_last = a[0] + (m - 1) * a[1], b[0] + (n - 1) * b[1]
     near, far = _distance(first[a[0]], second[b[0]], shift), _distance(first[a[0]], second[b_last], shift)
@@ -191,19 +154,36 @@ def _sum_two_series(
     # the pairs of one difference of the indices lie alike, or those of one sum: whichever leads along the nearness
     alike = near + near_too <= far + far_too
     j_begin, dj = (b[0], b[1]) if alike or apart else (b_last, -b[1])
+    begins, lengths = np.empty(64, np.int64), np.empty(64, np.int64)
     total = 0.0
-    for k in range(counts[m] if apart else m + n - 1):  # one loop, so that what it calls is compiled once
+    # nothing is called at two places, for it would be compiled into this twice
+    for line in range(m if own else int(0.0), counts[m] if apart else m + n - 1):
         if apart:  # some members of the first series, each with the second one
-            i, di, j, count, weight = a[0] + members[m, k] * a[1], int(0.0), j_begin, n, weights[m, k]
+            i, di, j, weight = a[0] + members[m, line] * a[1], int(0.0), j_begin, weights[m, line]
+            lengths[0] = n
         else:
-            difference = k + 1 - m
-            begin = max(0, -difference)
-            i, di, j = a[0] + begin * a[1], a[1], j_begin + (begin + difference) * dj
-            count, weight = min(m, n - difference) - begin, 0.0 if own and difference < 1 else 1.0
-        if weight != 0.0:
-            total += weight * _sum_along(
-                first, second, shift, i, di, j, dj, count, reach, members, weights, check, counts, rule
-            )
+            difference = line + 1 - m
+            start = max(int(0.0), -difference)
+            i, di, j, weight = a[0] + start * a[1], a[1], j_begin + (start + difference) * dj, 1.0
+            lengths[0] = min(m, n - difference) - start
+        begins[0] = 0
+        left = 1
+        while left > 0:
+            left -= 1
+            begin, count = begins[left], lengths[left]
+            better, worse = 0.0, 0.0
+            for k in range(counts[count]):
+                t = begin + members[count, k]
+                value = bar_pair(first[i + t * di], second[j + t * dj], shift, reach, int(0.0), rule)
+                better += weights[count, k] * value
+                worse += check[count, k] * value
+            if count <= _MEMBERS or abs(better - worse) <= _AGREE * abs(better):  # of a few, all are taken
+                total += weight * better
+            else:
+                half = count // 2
+                begins[left], lengths[left] = begin, half
+                begins[left + 1], lengths[left + 1] = begin + half, count - half
+                left += 2
     return total
 
 
