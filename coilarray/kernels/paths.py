@@ -190,6 +190,7 @@ def _two_node_offset(a: FloatArray, b: FloatArray) -> Vector:
 
 @inner_kernel
 def _two_node_rule(a: FloatArray, b: FloatArray, rule: FloatArray) -> int:
+    """Offsets of parallel bars far apart, see `_two_node_offset`."""
     offset = _two_node_offset(a, b)
     for k in range(2):
         _set_offset(rule, k, 1.0, 0.0, a, 0.0, a, 1.0 - 2.0 * k, offset)

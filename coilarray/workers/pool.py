@@ -142,14 +142,14 @@ def outcome_of(function: Callable[[Any], Any], item: Any) -> Any:
 @contextmanager
 def one_thread() -> Iterator[None]:
     """Compute with one thread while the block runs: the linear algebra and the blocks of our own work."""
-    from threadpoolctl import threadpool_limits
+    from coilarray.blocks import serial_algebra
 
     before = {name: os.environ.get(name) for name in _THREAD_VARIABLES}
     os.environ.update(dict.fromkeys(_THREAD_VARIABLES, "1"))
     import scipy.linalg  # noqa: F401 - loads every library there is to limit
 
     try:
-        with threadpool_limits(limits=1, user_api="blas"):
+        with serial_algebra():
             yield
     finally:
         for name, value in before.items():
