@@ -143,12 +143,13 @@ class Chips:
         woken, errors = self.clock.now(), 0
         self.clock.sleep(orders.wait)
         while True:
+            passed = self.clock.now() - woken  # before the look: a pause of the computer after it says nothing
             status = self.bus.read(_STATUS)
             errors |= status & _ERRORS  # reading clears them
             if status & _DATA_READY:
                 msb, lsb = self.bus.read(_DATA_MSB), self.bus.read(_DATA_LSB)
                 return RawSample(msb, lsb, status | errors)
-            if self.clock.now() - woken >= orders.timeout:
+            if passed >= orders.timeout:
                 return no_sample(SampleFault.NO_RESULT)
             self.clock.sleep(_LOOK_AGAIN)
 
