@@ -178,16 +178,16 @@ class GcodeStage:
         return HardwareError(f"the stage at {self._port.name} {what}.")
 
     def _answers(self, until: float) -> Iterator[str]:
-        """Lines that come before a deadline."""
+        """Lines that come before a deadline; those that have come are looked at however late it is."""
         taken = 0
         while True:
             while b"\n" in self._rest:
                 line, _, self._rest = self._rest.partition(b"\n")
                 yield line.decode("ascii", "replace").strip()
             left = until - self._now()
-            if left <= 0:
+            data = self._port.read(max(left, 0.0))
+            if left <= 0 and not data:
                 return
-            data = self._port.read(left)
             taken += len(data)
             self._rest = (self._rest + data)[-_LONGEST_LINE - _MOST_AT_ONCE :]
             if taken > _MOST_BYTES:

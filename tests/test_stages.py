@@ -7,6 +7,7 @@ import re
 import threading
 
 import pytest
+from patience import PATIENCE
 from recorded_boards import two_coil_wiring
 
 from coilarray.errors import HardwareError
@@ -147,6 +148,21 @@ def test_a_machine_that_failed_is_not_moved_again():
     assert len(machine.lines) == sent
 
 
+def test_an_answer_that_has_come_counts_however_late_it_is_read():
+    machine = Machine()
+    stage = stage_of(machine)
+    read = machine.read
+
+    def stopped(seconds):  # as by Ctrl-Z
+        machine.read = read
+        machine.time += 1000.0
+        return b""
+
+    machine.read = stopped
+    stage.move(1e-3, 0.0)
+    assert machine.at == {"X": 1.0, "Y": 0.0, "Z": 2.0}
+
+
 def test_retreat_never_raises():
     machine = Machine()
     stage = stage_of(machine)
@@ -245,10 +261,10 @@ def test_gcode_over_a_real_port():
     thread = threading.Thread(target=machine, daemon=True)
     thread.start()
     port = open_serial_port(os.ttyname(theirs))
-    stage = GcodeStage(port, REACH, "marlin", greeting=0.05)
+    stage = GcodeStage(port, REACH, "marlin", greeting=0.05, patience=PATIENCE)
     stage.move(1e-3, 2e-3)
     port.write(b"stop\n")
-    thread.join(5)
+    thread.join(PATIENCE)
     stage.close()
     for end in (ours, theirs):
         os.close(end)
