@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import importlib
 import inspect
+import itertools
 import pkgutil
 import re
 
@@ -160,6 +161,14 @@ def test_nothing_is_cut_off(name):
                 # the bounding box of a text is up to a pixel wider than its ink
                 inside = (box.x0 - page.x0, page.x1 - box.x1, box.y0 - page.y0, page.y1 - box.y1)
                 assert min(inside) >= -1, text.get_text()
+
+
+@pytest.mark.parametrize("name", DRAWN)
+def test_a_machine_that_is_slow_is_no_warning(name, monkeypatch):
+    """Matplotlib warns where it took a second to find the best place of a legend, unless "best" was asked for."""
+    ax = draw(name)()
+    monkeypatch.setattr("matplotlib.legend.time.perf_counter", itertools.count(0.0, 10.0).__next__)
+    ax.figure.draw_without_rendering()
 
 
 def test_every_figure_is_of_plots():

@@ -66,7 +66,7 @@ def plot_field_lines(
     ax.set_xlabel(MM.label("x"))
     ax.set_ylabel(_label(first, shown))
     ax.set_title(f"$B_z$ of {first.attrs['active_coil']}, {_place(first)}")
-    ax.legend()
+    ax.legend(loc="best")  # said, or it warns of a machine that is slow
     return ax
 
 

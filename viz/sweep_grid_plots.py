@@ -86,7 +86,7 @@ def plot_coupling_sweep(sweep: xr.Dataset, ax: Axes | None = None) -> Axes:
     if len(pairs) > _MOST_INSIDE:
         legend_beside(ax, math.ceil(len(pairs) / 16))
     else:
-        ax.legend()
+        ax.legend(loc="best")  # said, or it warns of a machine that is slow
     return ax
 
 
@@ -183,7 +183,7 @@ def plot_sweep_lines(sweep: xr.Dataset, quantity: str, ax: Axes | None = None) -
         for k, text in enumerate(sweep[apart].values.tolist()):
             values = sweep[quantity].isel({apart: k}).values
             ax.plot(x, values, marker="o", markersize=4, label=text, **curve_look(k))
-        ax.legend(title=apart)
+        ax.legend(title=apart, loc="best")  # as above
     _finish(ax, sweep, quantity, along)
     return ax
 
