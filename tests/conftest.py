@@ -1,0 +1,27 @@
+"""What all tests share: the machine is used by others too, and signals do what they do on a terminal."""
+
+import signal
+
+import hypothesis
+import pytest
+
+# Under CI the parent is hypothesis' own profile for it, which tries the same examples every time.
+hypothesis.settings.register_profile(
+    "shared machine",
+    hypothesis.settings(),
+    deadline=None,
+    suppress_health_check=[hypothesis.HealthCheck.too_slow],
+)
+hypothesis.settings.load_profile("shared machine")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _signals_of_a_terminal():
+    """Undo what a shell does to jobs in the background, and `nohup` to all: the programs they start are deaf too."""
+    usual = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
+    if hasattr(signal, "SIGHUP"):
+        usual[signal.SIGHUP] = signal.SIG_DFL
+    before = {number: signal.signal(number, handler) for number, handler in usual.items()}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)

@@ -1,0 +1,58 @@
+"""Waiting in tests: long for what must come, and by a clock that does not count what a busy computer took away."""
+
+from __future__ import annotations
+
+import functools
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TypeVar
+
+PATIENCE = 60.0
+"""Seconds for what takes one or two where nobody else computes."""
+
+_TICK = 0.01  # s
+_COUNTED = 0.03  # s that one tick counts at most: the rest was taken away
+
+Found = TypeVar("Found")
+
+
+def until(condition: Callable[[], Found], *, pause: float = 0.02) -> Found:
+    """Return the first true result of `condition`; a failed assertion if none comes within `PATIENCE`."""
+    end = time.monotonic() + PATIENCE
+    while True:
+        found = condition()
+        if found:
+            return found
+        assert time.monotonic() < end, f"nothing came within {PATIENCE:.0f} s"
+        time.sleep(pause)
+
+
+class _Ticks:
+    """Seconds in which this process ran, from a thread that looks at the clock again and again."""
+
+    def __init__(self) -> None:
+        self.seconds = 0.0
+        threading.Thread(target=self._count, name="ticks", daemon=True).start()
+
+    def _count(self) -> None:
+        last = time.monotonic()
+        while True:
+            time.sleep(_TICK)
+            now = time.monotonic()
+            self.seconds += min(now - last, _COUNTED)
+            last = now
+
+
+_ticks = functools.cache(_Ticks)
+
+
+@contextmanager
+def lasting(seconds: float) -> Iterator[None]:
+    """A block that must end within a time in which this process was not stopped, nor starved by others."""
+    ticks = _ticks()
+    start = ticks.seconds
+    yield
+    took = ticks.seconds - start
+    assert took < seconds + 2 * _TICK, f"took {took:.2f} s, which is more than {seconds:.2f} s"
