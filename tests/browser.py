@@ -18,6 +18,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
+from patience import PATIENCE, until
 
 from coilarray.design import build_design
 from coilarray.geometry.extras import import_extra
@@ -31,8 +32,7 @@ QUICK = "quick"
 """File in the folder of the designs that makes reports quick; without it they take longer than any test waits."""
 
 _SLOW = 600.0  # s
-_START = 90.0  # s that a studio may take to start on a busy machine
-_ENDED = 20.0  # s that it may take to end
+_TIMEOUT = 120_000  # ms that the browser may take for anything; the machine may be busy
 _SIZE = {"width": 1280, "height": 760}
 
 
@@ -77,13 +77,11 @@ class Served:
     def __init__(self, process):
         self.process = process
         found, self.lines = None, []
-        deadline = time.monotonic() + _START
-        while found is None and time.monotonic() < deadline:
-            line = process.stdout.readline()
-            if not line:
-                break
+        for line in process.stdout:
             self.lines.append(line)
             found = re.search(r"studio: (http://\S+)", line)
+            if found:
+                break
         assert found, "".join(self.lines)
         self.url = found[1]
 
@@ -98,14 +96,14 @@ class Served:
 
     def wait(self):
         """Wait for it to end; its exit code."""
-        return self.process.wait(_ENDED)
+        return self.process.wait(PATIENCE)
 
     def end(self):
         """Stop it as Ctrl-C does, and return all that it said."""
         if self.process.poll() is None:
             self.process.send_signal(signal.SIGINT)
         try:
-            rest, _ = self.process.communicate(timeout=_ENDED)
+            rest, _ = self.process.communicate(timeout=PATIENCE)
         except subprocess.TimeoutExpired:
             self.process.kill()
             rest, _ = self.process.communicate()
@@ -137,14 +135,9 @@ def served(*arguments, program=False, cwd=None, **environment):
             process.communicate()
 
 
-def gone(pids, patience=_ENDED):
-    """Whether processes are gone, or are before long."""
-    deadline = time.monotonic() + patience
-    while time.monotonic() < deadline:
-        if not any(Path(f"/proc/{pid}").exists() for pid in pids):
-            return True
-        time.sleep(0.1)
-    return False
+def wait_until_gone(pids):
+    """Wait until there are no such processes any more."""
+    until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in pids))
 
 
 # ------------------------------------------------------------------------ the browser
@@ -159,6 +152,7 @@ def launched():
         browser = playwright.chromium.launch(
             executable_path=chromium(),
             args=["--no-sandbox", "--disable-gpu", "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1"],
+            timeout=_TIMEOUT,
         )
         try:
             yield browser
@@ -166,12 +160,18 @@ def launched():
             browser.close()
 
 
+def profile(browser, **options):
+    """Return a browser profile of its own, whose pages have time."""
+    context = browser.new_context(**options)
+    context.set_default_timeout(_TIMEOUT)
+    return context
+
+
 class Opened:
     """A page, and what was wrong with it: requests to other hosts, errors of scripts, answers that are none."""
 
     def __init__(self, browser, url):
-        self.context = browser.new_context(viewport=_SIZE, reduced_motion="reduce")
-        self.context.set_default_timeout(60_000)  # ms; the machine may be busy
+        self.context = profile(browser, viewport=_SIZE, reduced_motion="reduce")
         self.page = self.context.new_page()
         self.wrong, self._host = [], url.split("/")[2]
         self.page.on("request", self._asked)
@@ -211,22 +211,48 @@ def opened(browser, url):
         one.context.close()
 
 
+def heard(page):
+    """Wait until the studio has done all that the page has asked for so far, and the page knows it.
+
+    What is asked is done in turn, so that this is done last. An answer may overtake the news of what was done before
+    it; they are sent before the second question is heard.
+    """
+    for _ in range(2):
+        page.wait_for_function("trame.trigger('look_at_shelf').then(() => true)")
+
+
 def at_rest(page):
     """Wait until the numbers that follow from the design are on the page, in full."""
+    page.wait_for_selector("#accuracy[data-accuracy=full]")  # perhaps those of before the last change
+    heard(page)
     page.wait_for_selector("#accuracy[data-accuracy=full]")
 
 
 def drawn(page):
     """Wait until the scene is drawn and smooth; return its picture."""
+    heard(page)
     page.wait_for_selector("#scene[data-rests=true]")
     # the picture follows that word, sometimes twice
     page.evaluate("window.steady = {}")
     page.wait_for_function(
-        "() => { const { src } = document.querySelector('#scene img'), now = performance.now();"
+        "() => { const src = document.querySelector('#scene img')?.src, now = performance.now();"
         " if (steady.src !== src) window.steady = { src, since: now };"
-        " return now - steady.since > 300 }"
+        " return src && now - steady.since > 300 }"
     )
     return page.locator("#scene img").first.screenshot()
+
+
+def redrawn(page, before):
+    """Wait until the scene is drawn, and is another one than it was; return its picture.
+
+    A new scene is made beside the page, so that for a while the one before is at rest still.
+    """
+
+    def another():
+        now = drawn(page)
+        return now if now != before else None
+
+    return until(another)
 
 
 def picture(page, name):
@@ -252,6 +278,7 @@ def enter(page, key, text):
 
 def matrix(page):
     """The numbers behind the cells of the matrix, with all their digits."""
+    page.wait_for_selector("#matrix td")
     titles = page.eval_on_selector_all("#matrix td", "cells => cells.map(cell => cell.title)")
     values = [float(title.partition(" = ")[2].removesuffix(" H")) for title in titles]
     return np.reshape(values, (round(len(values) ** 0.5),) * 2)
@@ -356,6 +383,7 @@ def steady_board(request, send, stopped):
 def main():
     """Serve a studio with the stand-ins."""
     from coilarray import load_design
+    from coilarray.viz.studio import server
     from coilarray.viz.studio.server import LOOPBACK, Address, bind, new_token, serve
     from coilarray.viz.studio.services import Services
     from coilarray.viz.studio.shelf import Shelf
@@ -371,6 +399,9 @@ def main():
     given = parser.parse_args()
     # functions of this module by its name, under which other processes import it too
     import browser
+
+    # on a busy machine pages may be slow to connect and to answer, and are there all the same
+    server._UNUSED = server._HEARTBEAT = 3600.0  # s
 
     services = Services(browser.bells, browser.slow_report, browser.steady_board, "emulator")
     address = Address(given.host or LOOPBACK, given.port, new_token() if given.host else "")

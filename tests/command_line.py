@@ -1,6 +1,24 @@
 """Runs of the command line within the tests."""
 
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+
 from coilarray.cli.main import main
+
+_OF_THE_TERMINAL = ("COLUMNS", "LINES", "TERMINAL_WIDTH", "FORCE_COLOR", "TTY_COMPATIBLE", "TTY_INTERACTIVE")
+
+
+@contextmanager
+def no_terminal() -> Iterator[None]:
+    """Let output look as in a pipe, whatever is said of the terminal in which the tests were started."""
+    with pytest.MonkeyPatch.context() as patch:
+        for variable in _OF_THE_TERMINAL:
+            patch.delenv(variable, raising=False)
+        yield
 
 
 def runner(*first):
@@ -8,7 +26,8 @@ def runner(*first):
 
     def run(capsys, *arguments):
         """Run and return the exit code, standard output and standard error."""
-        code = main([*first, *(str(argument) for argument in arguments)])
+        with no_terminal():
+            code = main([*first, *(str(argument) for argument in arguments)])
         captured = capsys.readouterr()
         return code, captured.out, captured.err
 

@@ -348,10 +348,10 @@ class FirmwareHost:
                 self._closing = True
             self._thread.join()
         self._unplug()
-        for end in (self._wake_in, self._wake_out):
+        for end in (self._slave, self._wake_in, self._wake_out):
             with contextlib.suppress(OSError):
                 os.close(end)
-        self._wake_in = self._wake_out = -1
+        self._slave = self._wake_in = self._wake_out = -1
         self.firmware.close()
         if self._error is not None:
             error, self._error = self._error, None
@@ -364,16 +364,19 @@ class FirmwareHost:
         self.firmware.reset()
 
     def _plug(self) -> None:
+        unplugged = self._slave
         self._master, self._slave = os.openpty()
+        if unplugged >= 0:
+            os.close(unplugged)
         tty.setraw(self._slave)  # or it would send our own lines back until the computer opens it
         os.set_blocking(self._master, False)
         self.port = os.ttyname(self._slave)
 
     def _unplug(self) -> None:
-        for end in (self._master, self._slave):
-            if end >= 0:
-                os.close(end)
-        self._master = self._slave = -1
+        """The other end stays open until there is another port, so that no other process gets one of the same name."""
+        if self._master >= 0:
+            os.close(self._master)
+        self._master = -1
 
     def _main(self) -> None:
         try:

@@ -12,8 +12,6 @@ Who checks whom:
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -137,7 +135,7 @@ def test_single_trace_limits():
     assert ratio[1] > 150 / 4
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.floats(0.05, 20.0), st.floats(1e5, 1e7), st.floats(0.5, 3.0))
 def test_only_sizes_in_skin_depths_count(scale, frequency, conductivity):
     first = cross_section(W, T, frequency)
@@ -316,7 +314,7 @@ def test_resistance_grows_as_a_neighbour_comes_near():
     assert alone < values[0] < values[1] < values[2]
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(st.floats(0.2, 5.0), st.floats(0.0, 6.0), st.floats(-1.0, 1.0))
 def test_scaled_turned_and_moved_coil(scale, angle, shift):
     path = spiral_path(Spiral(6, 4e-3, 5, 0.2e-3, 0.1e-3))
@@ -367,18 +365,10 @@ def test_cut_of_a_straight_wire():
     np.testing.assert_allclose(result.resistance[:, 0, 0] / result.dc_resistance[0], expected, rtol=1e-9)
 
 
-def test_progress_and_speed(board):
+def test_progress(board):
     seen = []
-    f = np.geomspace(1e5, 1e7, 50)
-    resistance_matrix(board, f, progress=lambda done, total: seen.append((done, total)))
+    resistance_matrix(board, np.geomspace(1e5, 1e7, 50), progress=lambda done, total: seen.append((done, total)))
     assert seen == [(k, 6) for k in range(1, 7)]
-    times = []
-    for _ in range(3):
-        start = time.perf_counter()
-        resistance_matrix(board, f)
-        times.append(time.perf_counter() - start)
-    # 0.3 s on two cores; the best of three, as other processes may share them
-    assert min(times) < 1.5
 
 
 # refusals

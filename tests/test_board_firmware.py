@@ -16,7 +16,9 @@ if sys.platform == "win32":
     pytest.skip("no pseudo-terminals on Windows", allow_module_level=True)
 
 from firmware_host import FirmwareHost, needs_compiler
+from patience import PATIENCE
 
+from coilarray.hardware import serial_ports
 from coilarray.hardware.board import open_board
 from coilarray.hardware.drive_codes import find_drives
 from coilarray.hardware.link import LinkTimes
@@ -25,6 +27,14 @@ from coilarray.hardware.wiring import load_wiring
 
 pytestmark = needs_compiler
 SETTINGS = quick_settings(drives=8, quality=150.0)
+# nothing is lost here; but a board in a thread stands still with the driver, whose time goes on meanwhile
+TIMES = LinkTimes(reply=PATIENCE / 3, least_gap=PATIENCE, heartbeat=PATIENCE)
+
+
+@pytest.fixture(autouse=True)
+def patient_writing(monkeypatch):
+    """Of a write in which this process was stopped for its time-out pyserial says that the port takes no bytes."""
+    monkeypatch.setattr(serial_ports, "_WRITE_TIMEOUT", PATIENCE)
 
 
 def behind_firmware(board, wiring=WIRING):
@@ -35,7 +45,7 @@ def left_by(board, host, way_out):
     """Open, configure, stream, and leave in some way; return by what."""
     met = None
     try:
-        with open_board(host.port) as opened:
+        with open_board(host.port, times=TIMES) as opened:
             opened.reader.configure(SETTINGS)
             stream = opened.reader.scans()
             next(stream)
@@ -47,7 +57,7 @@ def left_by(board, host, way_out):
 
 def test_the_line_says_who_answers():
     board = plain()
-    with behind_firmware(board) as host, open_board(host.port) as opened:
+    with behind_firmware(board) as host, open_board(host.port, times=TIMES) as opened:
         assert not opened.emulated
         assert opened.emulator is None
         assert f"LDC1614 (5449/3055); wiring six_coils; session {host.boot:08X}" in opened.line
@@ -59,7 +69,7 @@ def test_samples_are_the_same_as_of_the_chips_driven_directly():
     direct.configure(settings)
     wanted = direct.scan()
     board = plain()
-    with behind_firmware(board) as host, open_board(host.port) as opened:
+    with behind_firmware(board) as host, open_board(host.port, times=TIMES) as opened:
         opened.reader.configure(settings)
         scan = opened.reader.scan()
     assert scan.samples == wanted.samples  # without noise: the same words to the last bit
@@ -68,7 +78,7 @@ def test_samples_are_the_same_as_of_the_chips_driven_directly():
 
 def test_the_chain_can_be_asked_through_the_firmware():
     board = plain()
-    with behind_firmware(board) as host, open_board(host.port) as opened:
+    with behind_firmware(board) as host, open_board(host.port, times=TIMES) as opened:
         assert opened.check_chain() in ("same", "none")
         with host.paused():
             board.switches.broken = True
@@ -107,7 +117,7 @@ def test_leaving_in_the_middle_of_a_stream_grounds_the_coils(way_out, error):
 def test_a_good_board_passes_its_self_test(name):
     wiring = load_wiring(name)
     board = coupled_board(wiring)
-    with behind_firmware(board, wiring) as host, open_board(host.port, wiring=wiring) as opened:
+    with behind_firmware(board, wiring) as host, open_board(host.port, wiring=wiring, times=TIMES) as opened:
         result = self_test(opened.reader, wiring, quick_settings(wiring, drives=8, quality=150.0))
         with host.paused():
             assert at_rest(board, wiring)
@@ -117,7 +127,7 @@ def test_a_good_board_passes_its_self_test(name):
 def test_faults_are_named_through_the_firmware_too():
     world = CoupledCoils(WIRING.coils)
     board = coupled_board(WIRING, world=world)
-    with behind_firmware(board) as host, open_board(host.port, times=LinkTimes()) as opened:
+    with behind_firmware(board) as host, open_board(host.port, times=TIMES) as opened:
         with host.paused():
             board.chain.stick(*board.chain.find(3, 1, "ground"), "closed")
         found = self_test(opened.reader, WIRING, SETTINGS).findings
@@ -132,5 +142,5 @@ def test_faults_are_named_through_the_firmware_too():
 def test_drive_currents_are_the_same_as_of_the_chips_driven_directly():
     wanted = find_drives(reader_of(coupled_board(WIRING, noise=0.0)), SETTINGS)
     board = coupled_board(WIRING, noise=0.0)
-    with behind_firmware(board) as host, open_board(host.port) as opened:
+    with behind_firmware(board) as host, open_board(host.port, times=TIMES) as opened:
         assert find_drives(opened.reader, SETTINGS) == wanted

@@ -14,6 +14,7 @@ import threading
 
 import pytest
 from emulated_reader import at_rest, plain, quick_settings, reader_of
+from patience import PATIENCE
 
 from coilarray.errors import HardwareError
 from coilarray.hardware.board import Board
@@ -247,7 +248,7 @@ def test_a_program_that_is_ended_by_a_signal_leaves_the_board_at_rest(request, n
     running = program(request.path.parent, "block")
     assert running.stdout.readline() == "started\n"
     running.send_signal(getattr(signal, number))
-    out, err = running.communicate(timeout=20)
+    out, err = running.communicate(timeout=PATIENCE)
     assert out == "at rest\n"
     if number == "SIGINT":
         assert "KeyboardInterrupt" in err
@@ -257,7 +258,7 @@ def test_a_program_that_is_ended_by_a_signal_leaves_the_board_at_rest(request, n
 
 def test_a_program_that_never_leaves_the_block_rests_the_board_when_it_ends(request):
     running = program(request.path.parent, "forgets")
-    out, _ = running.communicate(timeout=20)
+    out, _ = running.communicate(timeout=PATIENCE)
     assert (running.returncode, out.splitlines()) == (3, ["started", "at rest"])
 
 

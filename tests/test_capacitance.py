@@ -77,7 +77,7 @@ def test_coplanar_strips_against_the_closed_form(row):
     assert pair(4.5) == pytest.approx(v["C_halfspace_er4.5_pF_per_m"], rel=1e-3)
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(k=st.floats(1, 1e6), data=st.data())
 def test_green_function_is_the_inverse_of_the_tridiagonal_matrix(k, data):
     d = data.draw(st.lists(st.floats(1e-5, 1e-2), min_size=1, max_size=4))
@@ -116,7 +116,7 @@ def test_narrow_gaps_make_a_solid_plate():
     assert pytest.approx(4.5 * EPSILON_0 * 0.3e-3 / 0.2e-3, rel=0.01) == C
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(epsilon=st.floats(1, 12), size=st.floats(0.05, 20))
 def test_capacitance_scales_with_permittivity_not_with_size(epsilon, size):
     planes, x, w = [0, 0, 1], np.array([-0.2, 0.25, 0.1]) * MM, np.array([0.2, 0.3, 0.25]) * MM

@@ -39,7 +39,7 @@ def test_two_coils_with_resistance():
     assert state.impedance == pytest.approx(Z, rel=1e-14)
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(st.integers(2, 7), st.integers(0, 10**6), st.floats(0, 50), st.floats(0, 50))
 def test_identities(n, seed, resistance, short):
     L = random_matrix(n, seed)
@@ -57,7 +57,7 @@ def test_identities(n, seed, resistance, short):
     assert np.abs(voltages[1:]).max() <= 1e-12 * np.abs(voltages[0])
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(st.integers(1, 7), st.integers(0, 10**6), st.floats(0, 50), st.floats(0, 50))
 def test_every_active_coil_is_each_one_alone(n, seed, resistance, short):
     L = random_matrix(n, seed)

@@ -9,17 +9,19 @@ import re
 import signal
 import subprocess
 import sys
-import threading
 import time
 
 import numpy as np
 import pytest
 from command_line import runner
 from firmware_host import FirmwareHost, needs_compiler
+from patience import PATIENCE
 from recorded_boards import board_files, dent, quick_board
 
 from coilarray.cli import measure as measure_command
 from coilarray.errors import HardwareError
+from coilarray.hardware import microcontroller
+from coilarray.hardware.link import LinkTimes
 from coilarray.hardware.recording import open_recording
 from coilarray.storage import load_part
 
@@ -36,6 +38,13 @@ def board(tmp_path_factory):
         yield board_files(folder)
 
 
+@pytest.fixture(autouse=True)
+def _patient_with_the_board(monkeypatch):
+    """The board is a thread of this process: where the process is stopped, it is as silent as a board that is gone."""
+    times = LinkTimes(reply=PATIENCE, opening=PATIENCE, least_gap=PATIENCE, heartbeat=PATIENCE)
+    monkeypatch.setattr(microcontroller, "LinkTimes", lambda: times)
+
+
 @contextlib.contextmanager
 def firmware(world=None):
     """Quick coils behind the firmware."""
@@ -45,8 +54,14 @@ def firmware(world=None):
 
 
 @needs_compiler
-def test_stream_of_a_microcontroller(board, tmp_path, capsys):
+def test_stream_of_a_microcontroller(board, tmp_path, capsys, monkeypatch):
     path = tmp_path / "run.sqlite"
+
+    @contextlib.contextmanager
+    def unplugging(_):
+        """In place of a progress bar, pull the cable at the twentieth scan of the session."""
+        yield lambda done, _: host.unplug() if done == 50 else None
+
     with firmware() as (emulator, host):
         code, out, err = measure(capsys, *board, "--port", host.port, "--scans", 30, "--rate", 50, "--out", path)
         assert (code, err) == (0, "")
@@ -54,11 +69,10 @@ def test_stream_of_a_microcontroller(board, tmp_path, capsys):
             assert emulator.chip.asleep
             assert emulator.chain.words == b"\x11\x11"
         # another session of the same firmware, in which the cable is pulled
-        timer = threading.Timer(1.5, host.unplug)
-        timer.start()
         arguments = ("--port", host.port, "--scans", 1_000_000, "--rate", 50, "--out", path, "--resume")
-        code, out_of_lost, err = measure(capsys, *board, *arguments)
-        timer.join()
+        with monkeypatch.context() as patch:
+            patch.setattr(measure_command, "progress_bar", unplugging)
+            code, out_of_lost, err = measure(capsys, *board, *arguments)
         assert code == 2
         kept, error = err.splitlines()
         assert re.fullmatch(rf"coilarray: \d+ scans are kept in {path}; --resume goes on from there", kept)
@@ -145,7 +159,7 @@ def started(board, *arguments):
 
 def wait_for_scans(path, scans, process):
     """Return when the recording has some scans."""
-    deadline = time.monotonic() + 100
+    deadline = time.monotonic() + 5 * PATIENCE  # it computes the physics of the board first
     while time.monotonic() < deadline and process.poll() is None:
         try:
             with open_recording(path) as recording:
@@ -161,11 +175,12 @@ def wait_for_scans(path, scans, process):
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
 def test_broken_off_and_resumed(board, tmp_path, capsys, number):
     path = tmp_path / "run.sqlite"
-    grid = ("--campaign", "--x-mm", "-6:6:60", "--y-mm", "-4:4:20", "--depth-mm", "0.5", "--out", path)
+    # so long that it is not over before the signal, however late this process is to send it
+    grid = ("--campaign", "--x-mm", "-6:6:200", "--y-mm", "-4:4:100", "--depth-mm", "0.5", "--out", path)
     with started(board, *grid, "--emulate", "noise=0") as process:
         wait_for_scans(path, 20, process)
         process.send_signal(number)
-        _, err = process.communicate(timeout=60)
+        _, err = process.communicate(timeout=PATIENCE)
     assert process.returncode == {signal.SIGKILL: -9, signal.SIGTERM: 143, signal.SIGINT: 130}[number]
     assert "Traceback" not in err
     with open_recording(path) as recording:
@@ -176,7 +191,7 @@ def test_broken_off_and_resumed(board, tmp_path, capsys, number):
         assert [one.name for one in tmp_path.iterdir()] == ["run.sqlite"]
     code, out, _ = scan_info(capsys, path)
     assert code == 0
-    assert "of 1200 positions are measured" in out
+    assert "of 20000 positions are measured" in out
     assert "is not whole" in scan_info_refused(capsys, path, "--to", "nc")
     code, _, _ = scan_info(capsys, path, "--to", "nc", "--partial")
     part = load_part(tmp_path / "run.nc")

@@ -118,8 +118,8 @@ def test_noise_is_repeatable_by_its_seed(capsys, expected):
     for name, seed in (("a", "3"), ("b", "3"), ("c", "4")):
         assert run(capsys, *SMALL, "--noise", "1e-5", "--seed", seed, "--out", f"{name}.csv")[0] == 0
     a, b, c = (delta_of(f"{name}.csv") for name in "abc")
-    assert (a == b).all()
-    assert (a != c).all()
+    np.testing.assert_allclose(a, b, rtol=1e-9)  # apart from the order of sums in parallel kernels
+    assert (np.abs(a - c) > 1e-8).all()
     # √2 · 1e-5 is the standard deviation; six values are within five of it
     assert 0 < np.abs(a - expected.delta.values[0, 0]).max() < 5 * np.sqrt(2) * 1e-5
 

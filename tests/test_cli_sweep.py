@@ -23,7 +23,7 @@ from coilarray.workers import workers
 
 run, _ = runner("sweep", "starter")
 
-PATIENCE = 120.0  # s for what takes a few where nobody else computes
+PATIENCE = 300.0  # s for what takes a few where nobody else computes
 PITCHES = (12.0, 14.0, 16.0)
 SMALL = ("--vary", "array.pitch_mm=12:16:3", "--quantity", "span_mm", "--quantity", "board_area_mm2")
 ONE = ("--workers", "1")
@@ -44,7 +44,8 @@ def expected():
 
 
 def kept(folder="cache"):
-    return sorted(Path(folder).rglob("*.json"))
+    """Entries of a cache; what begins with a dot is still being written."""
+    return sorted(path for path in Path(folder).rglob("*.json") if not path.name.startswith("."))
 
 
 def test_help_has_an_example(capsys):
@@ -190,15 +191,29 @@ def test_an_unknown_design_is_one_line(capsys):
     assert capsys.readouterr().err.startswith("coilarray: error: there is no design file nowhere")
 
 
+# a test run in the background of a shell hands its ignorance of Ctrl-C down to us
+START = """
+import signal, sys, time
+from contextlib import contextmanager
+signal.signal(signal.SIGINT, signal.default_int_handler)
+import coilarray.cli.shared as shared
+
+@contextmanager
+def slow(*_):
+    yield lambda done, total: done < 30 or time.sleep(600)  # however late the interrupt is sent, the sweep is not over
+
+shared.progress_bar = slow
+from coilarray.cli.main import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
 @pytest.mark.parametrize("count", ["1", "2"])
 def test_an_interrupted_sweep_tells_what_is_kept_and_goes_on(capsys, monkeypatch, count):
-    vary = [f"{12 + k / 8:g}" for k in range(150)]  # half a minute of work where it is not interrupted
+    vary = [f"{12 + k / 8:g}" for k in range(150)]
     arguments = ["--vary", f"array.pitch_mm={','.join(vary)}", "--quantity", "worst_k", "--out", "s.csv"]
-    # a test run in the background of a shell hands its ignorance of Ctrl-C down to us
-    heard = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
-    code = f"{heard}; import sys; from coilarray.cli.main import main; sys.exit(main(sys.argv[1:]))"
     process = subprocess.Popen(
-        [sys.executable, "-c", code, "sweep", "starter", *arguments, "--workers", count],
+        [sys.executable, "-c", START, "sweep", "starter", *arguments, "--workers", count],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

@@ -101,7 +101,7 @@ def test_widths_cannot_be_changed():
 
 
 @given(widths=st.lists(st.floats(0.05e-3, 0.5e-3), min_size=2, max_size=8))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_a_straight_trace_has_the_area_of_its_rectangles(widths):
     line = np.column_stack((2e-3 * np.arange(len(widths) + 1), np.zeros(len(widths) + 1)))
     outline = trace_outline(line, widths)

@@ -97,7 +97,7 @@ def faults(check: NetCheck) -> list[tuple[str, tuple[str, ...], str]]:
         max_size=12,
     )
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_pieces_of_one_layer_are_the_parts_of_the_union(boxes: list[tuple[int, int, int, int]]) -> None:
     # on a grid of 1 mm, turned by 0.3 rad so that no edges lie on one another; corners that touch are left out
     shapes = [
@@ -163,7 +163,7 @@ def test_a_missing_via_cuts_the_second_terminal_off() -> None:
 
 
 @given(coil=st.integers(0, 1), line=st.integers(0, 1), fraction=st.floats(0.1, 0.9))
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 def test_a_cut_track_is_found_where_it_is(coil: int, line: int, fraction: float) -> None:
     array = two_coils()
     place = point_on(array, coil, line, fraction)

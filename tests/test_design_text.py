@@ -83,7 +83,7 @@ def test_widths_repeated_layers_rotations_and_bare_ends_come_back():
     thickness=st.floats(1e-6, 1e-3),
     epsilon=st.floats(1, 20),
 )
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_numbers_keep_their_digits(x, rotation, width, thickness, epsilon):
     stackup = Stackup(("a", "b"), (thickness, 35e-6), (thickness,), (epsilon,))
     coil = path_coil([[(0, 0), (3e-3, 0), (3e-3, 2e-3)]], width, 1e-4, VIA)
@@ -125,7 +125,7 @@ def test_names_become_ones_that_a_design_can_have(given_names, expected):
 
 
 @given(names=st.lists(st.text(min_size=0, max_size=8), min_size=1, max_size=6, unique=True))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_any_names_make_a_readable_design(names):
     coil = path_coil([[(0, 0), (1e-3, 0)]], 2e-4, 2e-4, VIA)
     placements = tuple(Placement(name, coil, (names[0],), 0, k * 1e-3) for k, name in enumerate(names))

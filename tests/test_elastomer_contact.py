@@ -14,7 +14,6 @@ Who checks whom (every row of the reference tables: tests/test_elastomer_referen
 from __future__ import annotations
 
 import math
-import time
 
 import numpy as np
 import pytest
@@ -217,7 +216,7 @@ def test_frictionless_base_gives_way():
     assert not sliding.displacement_z.sel(interface="board").values.any()
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(length=st.floats(1e-3, 1e3), stress=st.floats(1e-3, 1e6))
 def test_scaling_of_lengths_and_moduli(length, stress):
     def pressed(by, times):
@@ -348,18 +347,6 @@ def test_depths_keep_their_order_and_accuracy():
         alone = indent(PAPER, BALL, depth, mesh=mesh)
         assert float(together.force[k]) == pytest.approx(float(alone.force[0]), rel=2e-3)  # two meshes, 1e-3 each
         assert float(together.contact_radius[k]) == pytest.approx(float(alone.contact_radius[0]), rel=8e-3)
-
-
-def test_stack_of_the_paper_takes_about_a_second():
-    indent(PAPER, BALL, 1e-3)
-    start = time.perf_counter()
-    indent(PAPER, BALL, 1e-3)
-    first = time.perf_counter() - start
-    start = time.perf_counter()
-    indent(PAPER, BALL, np.linspace(0.9e-3, 1e-3, 51))
-    further = (time.perf_counter() - start - first) / 50
-    assert first < 5  # 0.5 s on an idle machine
-    assert further < 0.05  # 1 ms
 
 
 # bad input

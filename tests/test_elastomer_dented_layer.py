@@ -53,7 +53,7 @@ def plateau(lower, upper, mu=2.7):
 
 
 @given(st.floats(50, 3000), st.floats(1.0, 500), st.floats(0.1e-3, 8e-3), st.floats(0.1e-3, 8e-3))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_flat_profile_meets_the_interface_conditions(k, mu, base, thickness):
     thicknesses, permeabilities = (base, thickness), (1.0, mu)
     waves = np.array([k])
@@ -201,7 +201,7 @@ def test_elements_converge_with_the_order_of_the_energy():
 
 
 @given(st.floats(-np.pi, np.pi), st.floats(-30e-3, 30e-3), st.floats(-30e-3, 30e-3))
-@settings(max_examples=5, deadline=None)
+@settings(max_examples=5)
 def test_moving_and_turning_the_board_changes_nothing(angle, dx, dy):
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
 

@@ -88,7 +88,7 @@ def test_spectrum_of_a_disc():
 
 
 @given(st.floats(1e-3, 8e-3), st.floats(2e-3, 10e-3), st.floats(0, 1e-3))
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 def test_potential_of_a_disc_on_its_axis(R, height, depth):
     k, weights = wavenumber_rule(height, 2 * R, LayerMesh(decays=30.0))
     centre = np.array([[1e-3, 2e-3]])
@@ -143,7 +143,7 @@ def test_deeper_coils_have_the_spectrum_of_their_depth():
 
 
 @given(st.floats(20, 3000), st.floats(1.0, 100), st.floats(0.5e-3, 8e-3))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_grounded_profile_has_the_admittance_of_a_sheet(k, eps, d):
     h = 1e-4 / k  # a one-sided difference of second order errs by (kh)²
     g = flat_profile(np.array([k]), h * np.arange(3.0), [d], [eps], "grounded")[:, 0]
@@ -154,7 +154,7 @@ def test_grounded_profile_has_the_admittance_of_a_sheet(k, eps, d):
 
 
 @given(st.floats(20, 3000), st.floats(1.0, 100), st.floats(1.0, 100))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_both_bases_have_the_same_shape_of_profile(k, lower, upper):
     waves, z, sheets = np.array([k]), np.linspace(0, 12e-3, 25), ((6e-3, 2e-3), (lower, upper))
     grounded, free = (flat_profile(waves, z, *sheets, base) for base in ("grounded", "open"))
@@ -346,7 +346,7 @@ def test_less_dielectric_is_less_capacitance(zero_at):
 
 
 @given(st.floats(-np.pi, np.pi), st.floats(-30e-3, 30e-3), st.floats(-30e-3, 30e-3))
-@settings(max_examples=3, deadline=None)
+@settings(max_examples=3)
 def test_moving_and_turning_the_board_changes_nothing(angle, dx, dy):
     c, s = math.cos(angle), math.sin(angle)
     turn = np.array([[c, -s], [s, c]])

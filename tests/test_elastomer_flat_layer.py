@@ -177,7 +177,7 @@ def _loop(centre, normal, radius):
 normals = st.tuples(*(st.floats(-1, 1) for _ in range(3))).filter(lambda n: np.linalg.norm(n) > 0.1)
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(normals, normals)
 def test_directions_by_dipoles(first, second):
     # small loops below a half space; their images as pairs of magnetic charges, each −β of the charge it mirrors
@@ -246,7 +246,7 @@ def _random_loop(seed, z):
     return np.vstack((corners, corners[:1]))
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(
     st.lists(st.integers(0, 10**6), min_size=1, max_size=4, unique=True),
     st.floats(1.5e-3, 10e-3),
@@ -259,7 +259,7 @@ def test_positive_definite_for_any_closed_shapes(seeds, z, thickness, mu_r):
     assert np.linalg.eigvalsh(change).min() > 0
 
 
-@settings(deadline=None, max_examples=15)
+@settings(max_examples=15)
 @given(st.floats(0, 6.28), st.floats(-0.05, 0.05), st.floats(0.2, 5.0))
 def test_rotation_translation_and_scale(angle, x, scale):
     paths = [_box(), polygon(5, 8e-3, -2e-3)]

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from coilarray.errors import HardwareError
@@ -301,7 +301,6 @@ def test_every_state_of_the_paper_reaches_the_converter(name):
     assert board.misuse.notes == []
 
 
-@settings(deadline=None)  # the wiring is read from its file each time, and the computer may be busy
 @given(st.sampled_from(["six_coils", "six_coils_4"]), st.integers(0, 5), st.sampled_from([1, -1]),
        st.lists(st.sampled_from(["ground", "ground one end", "ground other end", "open"]), min_size=6,
                 max_size=6))  # fmt: skip

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from coilarray.errors import HardwareError
@@ -281,7 +281,6 @@ def test_the_code_of_two_megahertz():
 @given(
     st.floats(1e4, 5e6), st.integers(1, 15), st.integers(1, 20), st.integers(0, 0xFFFF), st.integers(10, 0xFFFF)
 )  # fmt: skip
-@settings(deadline=None)
 def test_every_code_is_equation_6(frequency, fin, fref, offset, rcount):
     chip = Chip(strict=False, sensors={0: replace(GOOD, frequency=frequency)})
     divider = 1 + fref
@@ -685,7 +684,6 @@ def test_what_was_not_the_drivers_fault_is_not_blamed_on_it():
     ),
     st.booleans(), st.booleans(), st.booleans(),
 )  # fmt: skip
-@settings(deadline=None)
 def test_no_treatment_breaks_the_chip(steps, unread, gated, on_read):
     chip = Chip(strict=False, open_points=OpenPoints(unread, gated, on_read))
     for kind, what, value in steps:

@@ -11,6 +11,7 @@ import re
 from pathlib import Path
 
 import pytest
+from command_line import no_terminal
 
 import coilarray
 
@@ -40,7 +41,7 @@ def test_readme_example():
     (code,) = _blocks("python")
     assert len([line for line in code.splitlines() if line]) <= 11  # ten lines and an import
     printed = io.StringIO()
-    with contextlib.redirect_stdout(printed):
+    with no_terminal(), contextlib.redirect_stdout(printed):
         exec(code, {})
     assert printed.getvalue() == _blocks("text")[1]
 
@@ -51,5 +52,6 @@ def test_readme_report(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("coilarray.report.write.rendering_problem", lambda: "not here")
     monkeypatch.setattr("coilarray.report.figures.rendering_problem", lambda: "not here")
-    assert main(["report"]) == 0
+    with no_terminal():
+        assert main(["report"]) == 0
     assert capsys.readouterr().out == _blocks("text")[0]

@@ -110,7 +110,7 @@ def elements(text):
     return {line.split()[0]: line.split()[1:] for line in text.splitlines() if line[0] in "LRCK"}
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(st.integers(1, 7), st.integers(0, 10**6))
 def test_subcircuit_holds_the_whole_matrix(n, seed):
     L = random_matrix(n, seed)

@@ -162,7 +162,7 @@ def test_holes_that_are_not_through_lie_on_layers_of_their_own(tmp_path):
     assert layers == {layer.dxf.name for layer in drawing.layers if layer.dxf.name.startswith("drill")}
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(
     rotation=st.floats(-math.pi, math.pi),
     x=st.floats(-0.2, 0.2),

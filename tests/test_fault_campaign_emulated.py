@@ -18,9 +18,11 @@ from emulated_reader import WIRING, plain, quick_settings
 if sys.platform == "win32":
     pytest.skip("no pseudo-terminals on Windows", allow_module_level=True)
 
-from fault_bench import COMMAND, TIMES, lasting
+from fault_bench import COMMAND, TIMES, DriverClock, lasting
 from firmware_host import FirmwareHost, needs_compiler
+from patience import PATIENCE
 
+from coilarray.hardware import serial_ports
 from coilarray.hardware.faults import BoardRestarted, BusFault, CommandRefused, SwitchFault
 from coilarray.hardware.ldc1614_result import judge
 from coilarray.hardware.microcontroller import MicrocontrollerReader
@@ -33,6 +35,12 @@ pytestmark = needs_compiler
 FAULTS = 150
 
 
+@pytest.fixture(autouse=True)
+def patient_writing(monkeypatch):
+    """Of a write in which this process was stopped for its time-out pyserial says that the port takes no bytes."""
+    monkeypatch.setattr(serial_ports, "_WRITE_TIMEOUT", PATIENCE)
+
+
 class Emulated:
     """The emulator's chips behind the firmware, and the inductance that they really have."""
 
@@ -40,7 +48,7 @@ class Emulated:
         self.board = plain(strict=False)
         self.settings = quick_settings()
         self.host = FirmwareHost(self.board.bus, self.board.switches, self.board.clock)
-        self.reader = MicrocontrollerReader(open_serial_port(self.host.port), times=TIMES)
+        self.reader = MicrocontrollerReader(open_serial_port(self.host.port), times=TIMES, clock=DriverClock())
         self.reader.configure(self.settings)
         self.accepted, self.wrong, self.bad = 0, [], 0
 
@@ -118,7 +126,7 @@ def test_a_neighbour_that_is_not_grounded_is_seen_by_no_scan_and_named_by_the_se
     settings = quick_settings(drives=5, quality=150.0)  # 32 µA into 36 kΩ: 1.5 V
     ends = [(k, end) for k in range(len(WIRING.coils)) for end in (0, 1)]
     with FirmwareHost(board.bus, board.switches, board.clock) as host:
-        reader = MicrocontrollerReader(open_serial_port(host.port))
+        reader = MicrocontrollerReader(open_serial_port(host.port), clock=DriverClock())
         reader.configure(settings)
         good = reader.scan()
         for k, end in ends:

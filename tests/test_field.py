@@ -219,7 +219,7 @@ angles = st.floats(0, 6.28)
 lengths = st.floats(-5, 5)
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(angles, angles, angles, lengths, lengths, lengths, st.floats(1e-6, 1e6))
 def test_rotation_translation_and_scale(a, b, c, x, y, z, scale):
     R, shift = _rotation(a, b, c), np.array([x, y, z])

@@ -170,7 +170,7 @@ def test_configuration_reaches_the_chip(name):
     assert board.mode == "i"
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     rcount=st.integers(5, 0xFFFF), settle=st.integers(0x40, 0xFFFF), drive=st.integers(0, 31),
     order=st.permutations(range(6)), count=st.integers(1, 6), external=st.booleans(), offset=st.integers(0, 0x800),
@@ -567,7 +567,7 @@ def test_legal_switching(words):
 codes = st.sampled_from([*range(16), 0xFF])
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(st.data())
 def test_rules_of_switching_agree_with_pythons(data):
     """Small wirings with few terminals, so that chance finds the legal cases too."""
@@ -917,7 +917,7 @@ def test_no_access_outside_its_memory(tmp_path_factory, one_fault_in):
     chance = random.Random(one_fault_in)
     data = b"".join(session_bytes(chance, 3000)) + chance.randbytes(20_000)
     command = [str(program), str(one_fault_in)]
-    done = subprocess.run(command, check=False, input=data, capture_output=True, timeout=60)
+    done = subprocess.run(command, check=False, input=data, capture_output=True, timeout=600)
     assert (done.returncode, done.stderr) == (0, b"")
     assert int(done.stdout) > 1000
 

@@ -46,7 +46,7 @@ def test_area_of_a_mitred_trace_is_length_times_width(sides, winding):
 
 
 @given(sides=st.sampled_from([3, 4, 5, 6, 8]), corner=st.floats(-7, 7), turns=st.integers(1, 12))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_outline_is_the_buffer_of_the_line(sides, corner, turns):
     line = Spiral(sides, 8e-3, turns, 0.15e-3, 0.15e-3, corner).centre_line()
     outline = trace_outline(line, 0.15e-3)
@@ -140,7 +140,7 @@ def test_unknown_layer(layer):
 
 
 @given(rotation=st.floats(-7, 7))
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 def test_rotating_a_coil_keeps_its_copper_area(rotation):
     coil = spiral_coil(Spiral(6, 5e-3, 5, 0.15e-3, 0.15e-3), 2, VIA, LEADS)
     areas = [

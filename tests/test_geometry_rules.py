@@ -7,7 +7,6 @@ taken turn by turn with shapely.
 from __future__ import annotations
 
 import math
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -88,13 +87,6 @@ def test_a_pad_without_a_hole_has_no_rule_of_holes():
     }
 
 
-def test_checking_is_fast():
-    array = reference_board()
-    begin = time.perf_counter()
-    check_rules(array, RULES)
-    assert time.perf_counter() - begin < 2.0  # about 0.15 s; the rest is for slow machines
-
-
 SHAPES = [(3, False), (4, False), (5, False), (6, False), (8, False), (96, True)]
 
 
@@ -120,7 +112,7 @@ def test_three_vias_at_one_corner_still_fit(sides, circular, layers):
 
 
 @given(rotation=st.floats(-7, 7), shape=st.sampled_from(SHAPES))
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 def test_margins_do_not_depend_on_rotation(rotation, shape):
     sides, circular = shape
     coil = spiral_coil(Spiral(sides, 6e-3, 6, 0.15e-3, 0.2e-3, circular=circular), 2, VIA, LEADS)
@@ -229,7 +221,7 @@ def test_pads_of_one_net():
 
 
 @given(gap=st.floats(-0.15e-3, 0.9e-3))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_clearance_is_continuous_through_contact(gap):
     array = board(straight(0), straight(W + gap))
     margin = margins(array, "clearance")[("L1", "A – B")].margin
@@ -257,12 +249,10 @@ def test_a_through_hole_meets_foreign_copper_on_a_layer_it_does_not_use():
     assert margins(CoilArray(FOUR_LAYERS, (mine, other), through_holes=False), "clearance") == {}
 
 
-def test_two_coils_on_top_of_each_other_are_found_quickly():
+def test_two_coils_on_top_of_each_other_are_found():
     coil = spiral_coil(Spiral(6, 8e-3, 20, 0.1e-3, 0.1e-3), 1, VIA)
     array = CoilArray(many_layers(1), (Placement("A", coil, ("L1",), 0, 0), Placement("B", coil, ("L1",), 3e-3, 1e-3)))
-    begin = time.perf_counter()
-    assert margins(array, "clearance")[("L1", "A – B")].margin < -0.1e-3
-    assert time.perf_counter() - begin < 5.0  # hundreds of crossings, each with its circle
+    assert margins(array, "clearance")[("L1", "A – B")].margin < -0.1e-3  # hundreds of crossings, each with its circle
 
 
 # ---- holes, widths, edge

@@ -154,7 +154,7 @@ def test_direction_and_order():
 shifts = st.floats(-0.02, 0.02)
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(st.floats(0, 6.28), shifts, shifts, shifts)
 def test_rotation_and_translation(angle, x, y, z):
     paths = [hexagon(), hexagon(4e-3, 1e-3, (3e-3, 1e-3)), hexagon(5e-3, -1e-3, (-7e-3, 2e-3))]
@@ -166,7 +166,7 @@ def test_rotation_and_translation(angle, x, y, z):
     np.testing.assert_allclose(inductance_matrix(moved), L, rtol=1e-7, atol=1e-7 * L.max())
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(st.floats(0.1, 10.0))
 def test_scales_with_length(scale):
     small = hexagon()
@@ -249,7 +249,7 @@ def test_the_matrix_of_the_board_is_symmetric_and_positive_definite():
     np.testing.assert_allclose(np.diag(L), L[0, 0], rtol=1e-12)
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(st.lists(st.tuples(shifts, shifts, st.floats(0.001, 0.02)), min_size=1, max_size=4))
 def test_positive_definite_for_any_placement(places):
     paths = [hexagon(z=k * 5e-3 + z, centre=(x, y)) for k, (x, y, z) in enumerate(places)]

@@ -48,7 +48,7 @@ def by_nodes(first, second, count, count_z):
     return 1e-7 * np.sum(a.currents @ b.currents.T / np.linalg.norm(a.nodes[:, None] - b.nodes, axis=2))
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     azimuth=st.floats(0, 2 * np.pi),
     elevation=st.floats(0, np.pi / 2),

@@ -40,7 +40,7 @@ def test_bundled_designs(name):
     np.testing.assert_array_equal(screened, screened.T)
 
 
-@settings(deadline=None, max_examples=15)
+@settings(max_examples=15)
 @given(
     sides=st.sampled_from([3, 4, 6, 48]),
     turns=st.integers(6, 18),

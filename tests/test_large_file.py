@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+from patience import PATIENCE
 
 import coilarray.large_file as large_file
 from coilarray.errors import OutputError
@@ -164,7 +165,7 @@ with open_large(Path({path!r}), FRAME, VARIABLES, "one", 5) as file:
         file.finish(number)
     file.write("B", 18, VALUES[0])  # not what belongs there
     print("half", flush=True)
-    time.sleep(60)
+    time.sleep(600)
 """
 
 
@@ -176,7 +177,7 @@ def test_a_run_that_is_ended_within_a_block_loses_that_block(tmp_path, number):
     with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
         assert process.stdout.readline() == b"half\n"
         process.send_signal(number)
-        process.wait(20)
+        process.wait(PATIENCE)
     assert not path.exists()
     with open_large(path, FRAME, VARIABLES, "one", 5) as file:
         assert file.missing == [3, 4]

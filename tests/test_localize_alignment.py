@@ -35,7 +35,7 @@ def moved(places, shift):
     scale=st.floats(0.2, 3.0),
     shift=st.tuples(st.floats(-1.8e-3, 1.8e-3), st.floats(-1.8e-3, 1.8e-3)),
 )
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_scale_and_shift_are_found_again(scale, shift):
     found = align(MODEL, grid(), scale * moved(grid(), shift), reach=REACH)
     # a cubic spline through positions 1 mm apart follows a bell of 8 mm to 1e-4 of its height

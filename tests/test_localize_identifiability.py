@@ -104,7 +104,7 @@ def test_one_depth_leaves_two_unknowns():
     assert board_map.sigma_x.item() <= unknown.sigma_x.item()
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(st.floats(-12e-3, 12e-3), st.floats(-8e-3, 8e-3), st.floats(0.3e-3, 1.7e-3))
 def test_more_coils_never_tell_less(field, x, y, depth):
     all_coils = fisher_information(field, [x, y, depth], 1e-5)

@@ -102,7 +102,7 @@ def test_a_press_on_the_middle_line_is_one_mode(row):
     assert abs(location.best.y) < 0.5e-3
 
 
-@settings(deadline=None, max_examples=15)
+@settings(max_examples=15)
 @given(st.permutations(range(5)), st.integers(0, 49))
 def test_order_of_the_coils_is_of_no_effect(field, order, k):
     reading = noisy(field.delta(between_the_coils(50, 4)))[k]

@@ -38,7 +38,7 @@ def random_matrix(n, seed):
     return 50e-6 * factor @ factor.T
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(st.integers(1, 6), st.integers(0, 10**6), st.floats(0, 40), st.floats(0, 20))
 def test_the_paper_plan_is_the_reduction_of_the_matrix(n, seed, resistance, on):
     """Nodal analysis against the direct formula: two independent ways to the same impedance."""

@@ -17,6 +17,7 @@ import optuna
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from patience import PATIENCE
 
 from coilarray import load_design
 from coilarray.errors import MissingDependencyError, OutputError
@@ -299,12 +300,12 @@ def test_one_search_at_a_time_in_a_folder(design, tmp_path):
 
     def slow(changes, accuracy):
         inside.set()
-        assert leave.wait(20)
+        assert leave.wait(PATIENCE)
         yield from Points()(changes)
 
     running = threading.Thread(target=optimize_with, args=(design, goal, tmp_path, slow))
     running.start()
-    assert inside.wait(20)
+    assert inside.wait(PATIENCE)
     try:
         with pytest.raises(OutputError, match="another search is running in"):
             optimize_with(design, goal, tmp_path, Points())

@@ -39,7 +39,7 @@ def whole(first, second):
     return 1e-7 * mutual_sum(a, b, second.vertices[0] - first.vertices[0], 0, len(a), MUTUAL_REACH, 0)
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(SIGNS, st.booleans(), st.lists(st.floats(-0.05, 0.05), min_size=3, max_size=3))
 def test_parts_make_up_their_paths(mirror, turned, shift):
     helix = Conductor(np.random.default_rng(3).uniform(0, 1e-2, (9, 3)), 1e-4, 1e-5)
@@ -60,7 +60,7 @@ def test_parts_make_up_their_paths(mirror, turned, shift):
         np.testing.assert_allclose(joined, vertices(table), atol=2 * QUANTUM, rtol=0)
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(SIGNS)
 def test_a_mirrored_table_is_the_table_of_the_mirror_image(mirror):
     table = segment_table(image(COIL, mirror))
@@ -90,7 +90,7 @@ def test_a_path_of_many_heights_is_not_cut():
     assert not parts.flat[0]
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(
     SIGNS,
     st.booleans(),

@@ -461,7 +461,7 @@ def test_a_path_that_is_no_board(tmp_path: Path) -> None:
 
 
 @given(cut=st.floats(0, 0.999))
-@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 def test_a_truncated_zip_is_refused(cut: float, tmp_path: Path) -> None:
     whole = zipped(tmp_path, BOARD).read_bytes()
     path = tmp_path / "cut.zip"
@@ -480,7 +480,7 @@ def test_a_damaged_zip_is_refused(tmp_path: Path) -> None:
 
 
 @given(name=st.sampled_from(sorted(BOARD)), cut=st.floats(0, 1))
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 def test_a_truncated_file_is_refused(name: str, cut: float, tmp_path: Path) -> None:
     text = BOARD[name].rstrip("\n")
     shorter = text[: int(cut * (len(text) - 1))]
@@ -491,7 +491,7 @@ def test_a_truncated_file_is_refused(name: str, cut: float, tmp_path: Path) -> N
 
 
 @given(name=st.sampled_from(sorted(BOARD)), data=st.data())
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 def test_any_other_damage_is_read_or_named(name: str, data: st.DataObject, tmp_path: Path) -> None:
     text = BOARD[name]
     place = data.draw(st.integers(0, len(text)))

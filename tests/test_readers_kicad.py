@@ -112,7 +112,7 @@ BOARD = board(path((0, 0), (5, 0), (5, 4)), via(5, 4), pads((0, 0), (3, 0)))
 
 
 @given(part=st.floats(0, 1))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_a_board_cut_off_anywhere_is_one_named_error(part):
     cut = int(part * (len(BOARD.rstrip()) - 1))
     with tempfile.TemporaryDirectory() as folder:
@@ -404,7 +404,7 @@ def test_pads_turn_on_the_sheet_not_in_their_footprint(read):
     turn=st.floats(-6.2, 6.2),
     part=st.floats(0.1, 0.9),
 )
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 def test_pieces_of_an_arc_stay_on_it_and_keep_its_area(radius, first, turn, part):
     assume(abs(turn) > 0.05)
     centre = np.array([3e-3, -2e-3])

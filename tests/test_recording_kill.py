@@ -16,6 +16,7 @@ import time
 
 import numpy as np
 import pytest
+from patience import PATIENCE
 
 from coilarray.errors import HardwareError
 from coilarray.hardware.campaign import Campaign
@@ -25,6 +26,8 @@ from coilarray.hardware.recording import open_recording
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signal 9 and forks are for POSIX systems")
 
 KILLS = 30
+LATER = 10
+"""Scans at most from those after which it is to be killed: a signal that comes late meets a board that waits for it."""
 CAMPAIGN = Campaign(x=tuple(1e-3 * np.arange(-6, 7)), y=(-4e-3, 0.0, 4e-3), depths=(0.5e-3, 1e-3), repeats=3)
 SCRIPT = """
 import os, resource, signal, sys
@@ -41,10 +44,13 @@ DESIGN = two_coils()
 
 
 class Telling:
-    def __init__(self, reader):
-        self.reader = reader
+    def __init__(self, reader, scans):
+        self.reader, self.left = reader, scans
 
     def scan(self):
+        if self.left == 0:
+            signal.pause()
+        self.left -= 1
         scan = self.reader.scan()
         os.write(1, b".")
         return scan
@@ -53,7 +59,7 @@ class Telling:
         return getattr(self.reader, name)
 
 
-def campaign(path, text, limit):
+def campaign(path, text, scans, limit):
     if limit:
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
@@ -61,15 +67,15 @@ def campaign(path, text, limit):
     with open_recorder(Path(path), resume=True) as recorder, quick_board(seed=3) as board:
         recorder.start(session_of(board, configured(board), DESIGN), plan.to_json())
         stage = EmulatedStage(board.emulator)
-        run_campaign(plan, Telling(board.reader), stage, recorder, board.emulator.clock)
+        run_campaign(plan, Telling(board.reader, scans), stage, recorder, board.emulator.clock)
 
 
 for line in sys.stdin:
-    path, limit, text = line.rstrip("\\n").split("\\t")
+    path, scans, limit, text = line.rstrip("\\n").split("\\t")
     child = os.fork()
     if child == 0:
         try:
-            campaign(path, text, int(limit))
+            campaign(path, text, int(scans), int(limit))
             os.write(1, b"done")
         except CoilarrayError as error:
             os.write(1, f"error: {error}".encode())
@@ -98,7 +104,8 @@ class Runner:
 
     def run(self, path, plan=CAMPAIGN, kill=None, limit=0):
         """Run, killed a time in s after a number of scans, and return what was told."""
-        self.process.stdin.write(f"{path}\t{limit}\t{plan.to_json()}\n".encode())
+        most = -1 if kill is None else kill[0] + LATER
+        self.process.stdin.write(f"{path}\t{most}\t{limit}\t{plan.to_json()}\n".encode())
         child = int(self.process.stderr.readline())
         told = b""
         if kill is not None:
@@ -114,7 +121,7 @@ class Runner:
 
     def close(self):
         self.process.stdin.close()
-        self.process.wait(10)
+        self.process.wait(PATIENCE)
         for pipe in (self.process.stdout, self.process.stderr):
             pipe.close()
 
@@ -138,7 +145,7 @@ def test_killed_thirty_times_and_resumed(tmp_path, runner):
     chance = random.Random(8)
     path = tmp_path / "run.sqlite"
     before = 0
-    for _ in range(KILLS):  # up to 7 scans, and those of 12 ms: all of them take about half of the campaign
+    for _ in range(KILLS):  # up to 7 scans, and those of 12 ms: all of them take less than the whole campaign
         told = runner.run(path, kill=(chance.randint(0, 7), chance.uniform(0.0, 12e-3)))
         assert set(told) <= {"."}
         try:

@@ -67,7 +67,7 @@ def test_currents_are_those_of_one_active_coil():
         assert states.currents[:, a] == pytest.approx(one.currents, abs=1e-9)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(st.integers(0, 1000), st.sampled_from(sorted(PLANS)))
 def test_delta_is_the_slope_of_the_resonance(seed, which):
     L, R, random = coils(seed)

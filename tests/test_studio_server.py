@@ -6,7 +6,6 @@ import http.client
 import json
 import socket
 import sys
-import time
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -14,6 +13,7 @@ import pytest
 import xarray as xr
 from browser import missing_studio, served
 from command_line import runner
+from patience import PATIENCE, until
 
 from coilarray import designs, load_design
 from coilarray.cli import main as program
@@ -53,7 +53,7 @@ def shared(folder):
 def ask(url, path="/", method="GET", **headers):
     """Status, headers and text of an answer."""
     place = urlsplit(url)
-    connection = http.client.HTTPConnection(place.hostname, place.port, timeout=60)
+    connection = http.client.HTTPConnection(place.hostname, place.port, timeout=PATIENCE)
     try:
         connection.request(method, path, headers={name.replace("_", "-"): value for name, value in headers.items()})
         answer = connection.getresponse()
@@ -271,9 +271,7 @@ def test_the_browser_is_opened_with_the_address(capsys, monkeypatch, tmp_path):
     code, out, err = run(capsys, tmp_path / "mine.toml", "--port", "0", "--board", "/dev/ttyX", "--linger", "3")
     assert (code, out) == (0, "studio: http://127.0.0.1:1/ (Ctrl-C ends it)\n")
     assert err == "coilarray: the studio has ended\n"
-    deadline = time.monotonic() + 20.0  # s; it is opened in a thread
-    while not opened and time.monotonic() < deadline:
-        time.sleep(0.05)
+    until(lambda: opened)  # in a thread
     assert opened == ["http://127.0.0.1:1/"]
     assert seen["work"].file == "mine.toml"
     assert seen["shelf"].folder == tmp_path.resolve()

@@ -57,7 +57,7 @@ def test_names_are_those_of_the_design():
     }
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.floats(-0.9, 5.0))
 def test_resistance_goes_with_one_over_the_width(part):
     design = loops()

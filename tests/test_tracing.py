@@ -126,7 +126,7 @@ def test_the_reference_board_has_one_shape(read):
     winding=st.sampled_from(["ccw", "cw"]),
     rotation=st.floats(-3, 3),
 )
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_any_spiral_keeps_its_sense_turns_and_length(sides, layers, winding, rotation):
     spiral = Spiral(sides, 6e-3, 6, 0.15e-3, 0.2e-3, winding=winding)
     array = one_coil(spiral_coil(spiral, layers, VIA, LEADS, return_lead=layers % 2 == 1), rotation=rotation)

@@ -103,7 +103,7 @@ def test_the_design_and_its_document_stay_as_they_are():
     assert changed["coils"] is GAST.document["coils"]
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(
     pitch=st.floats(12.0, 20.0),
     turns=st.integers(5, 30),

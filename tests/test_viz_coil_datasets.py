@@ -185,7 +185,7 @@ def test_outlines_are_closed():
 # located
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(
     st.floats(1e-6, 1e-2), st.floats(1e-6, 1e-2), st.floats(-0.99, 0.99), st.floats(0.05, 0.999),
     st.sampled_from([1.0, 20.0]),

@@ -78,16 +78,16 @@ def test_the_choice_of_the_user_is_kept(fresh):
 
 
 @pytest.mark.parametrize(
-    ("probe", "reason"),
+    ("probe", "timeout", "reason"),
     [
-        ("raise SystemExit('the picture is blank')", "failed: the picture is blank"),
-        ("raise SystemExit(3)", "exit code 3"),
-        ("import time; time.sleep(30)", "more than 1 s"),
+        ("raise SystemExit('the picture is blank')", 600.0, "failed: the picture is blank"),
+        ("raise SystemExit(3)", 600.0, "exit code 3"),
+        ("import time; time.sleep(3600)", 1.0, "more than 1 s"),
     ],
 )
-def test_every_way_a_probe_fails_is_told(fresh, probe, reason):
+def test_every_way_a_probe_fails_is_told(fresh, probe, timeout, reason):
     fresh.setattr(offscreen, "_PROBE", probe)
-    fresh.setattr(offscreen, "_TIMEOUT", 1.0)
+    fresh.setattr(offscreen, "_TIMEOUT", timeout)
     assert reason in offscreen._run_probe(dict(os.environ)).problem
 
 

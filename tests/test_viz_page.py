@@ -22,6 +22,7 @@ pytest.importorskip("trame_vtk", reason="trame-vtk is not installed")
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
 WIDTH, HEIGHT = 900, 600
+TIMEOUT = 120_000  # ms; the machine may be busy
 GREEN, RED, BLUE = [0, 158, 0], [213, 0, 0], [0, 0, 178]
 
 
@@ -57,7 +58,7 @@ def browser():
     with playwright.sync_playwright() as driver:
         # the software renderer: test machines have no graphics card
         arguments = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
-        chromium = driver.chromium.launch(executable_path=CHROMIUM, args=arguments)
+        chromium = driver.chromium.launch(executable_path=CHROMIUM, args=arguments, timeout=TIMEOUT)
         yield chromium
         chromium.close()
 
@@ -68,13 +69,14 @@ def opened(browser, tmp_path_factory):
     path = tmp_path_factory.mktemp("page") / "scene.html"
     save_page(scene(), path, title="six <coils>", side="top")
     context = browser.new_context(offline=True, viewport={"width": WIDTH, "height": HEIGHT})
+    context.set_default_timeout(TIMEOUT)
     page = context.new_page()
     asked, complaints = [], []
     page.on("request", lambda request: asked.append(request.url))
     page.on("pageerror", lambda error: complaints.append(str(error)))
     page.on("console", lambda said: complaints.append(said.text) if said.type in ("error", "warning") else None)
     page.goto(path.as_uri())
-    page.wait_for_selector("body[data-ready=yes]", timeout=30_000)
+    page.wait_for_selector("body[data-ready=yes]")
     yield page, asked, complaints, path
     context.close()
 

@@ -9,6 +9,7 @@ import sys
 
 import pytest
 import pyvista
+from patience import PATIENCE
 
 from coilarray.viz.offscreen import rendering_problem
 from coilarray.viz.scenes import Part, Scene, Text, draw
@@ -67,12 +68,12 @@ def screen():
     paths = [os.path.dirname(__file__), environment.get("PYTHONPATH", "")]
     yield {**environment, "DISPLAY": f":{number}", "PYTHONPATH": os.pathsep.join(filter(None, paths))}
     server.terminate()
-    server.wait(timeout=20)
+    server.wait(timeout=PATIENCE)
 
 
 def test_a_window_opens_with_switches_that_work(screen):
     child = subprocess.run(
-        [sys.executable, "-c", SEEN], env=screen, capture_output=True, text=True, timeout=120, check=False
+        [sys.executable, "-c", SEEN], env=screen, capture_output=True, text=True, timeout=5 * PATIENCE, check=False
     )
     assert child.returncode == 0, child.stderr
     window, before, after = child.stdout.split()
@@ -107,7 +108,7 @@ def test_the_command_shows_a_window_until_it_is_closed(screen):
             child.wait(timeout=2)
     finally:
         child.terminate()
-        _, errors = child.communicate(timeout=30)
+        _, errors = child.communicate(timeout=PATIENCE)
     assert errors == ""
 
 
@@ -125,7 +126,7 @@ except MissingDependencyError as error:
     print(error)
 """
     child = subprocess.run(
-        [sys.executable, "-c", code], env=screen, capture_output=True, text=True, timeout=120, check=True
+        [sys.executable, "-c", code], env=screen, capture_output=True, text=True, timeout=5 * PATIENCE, check=True
     )
     assert "DISPLAY=:4095 does not answer" in child.stdout
 

@@ -79,10 +79,11 @@ def test_local_processes_give_the_same_numbers(coupling, small_blocks, tmp_path)
     assert read(tmp_path / "v.nc").identical(expected)
 
 
-def test_a_cluster_gives_the_same_numbers(coupling, small_blocks, tmp_path):
+def test_a_cluster_gives_the_same_numbers(coupling, small_blocks, tmp_path, monkeypatch):
     pytest.importorskip("distributed", reason="the extra [cluster] is not installed")
-    from test_cluster import Dask
+    from test_cluster import PATIENCE, Dask
 
+    monkeypatch.setattr("coilarray.workers.cluster.ANSWER_WITHIN", PATIENCE)  # a worker may take long to start
     cluster = Dask(tmp_path)
     try:
         cluster.add_worker()
