@@ -198,11 +198,15 @@ from contextlib import contextmanager
 signal.signal(signal.SIGINT, signal.default_int_handler)
 import coilarray.cli.shared as shared
 
-@contextmanager
-def slow(*_):
-    yield lambda done, total: done < 30 or time.sleep(600)  # however late the interrupt is sent, the sweep is not over
+def tell(done, total):
+    while done >= 30:  # however late the interrupt is sent, the sweep is not over
+        time.sleep(0.01)  # not long: another thread may take the signal, which does not wake this one
 
-shared.progress_bar = slow
+@contextmanager
+def telling(*_):
+    yield tell
+
+shared.progress_bar = telling
 from coilarray.cli.main import main
 sys.exit(main(sys.argv[1:]))
 """

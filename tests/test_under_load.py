@@ -119,8 +119,8 @@ after, *arguments = sys.argv[1:]
 
 def tell(done, total, *_):
     print(done, total, flush=True)
-    if done >= int(after):
-        time.sleep(600)  # however late the interrupt is sent, the work is not over
+    while done >= int(after):  # however late the interrupt is sent, the work is not over
+        time.sleep(0.01)  # not long: another thread may take the signal, which does not wake this one
 
 @contextmanager
 def telling(*_):
@@ -144,7 +144,8 @@ atomically = files.write_atomically
 
 def wait(*_):
     print(0, 1, flush=True)
-    time.sleep(600)
+    while True:
+        time.sleep(0.01)  # as above
 
 def write(path, fill):
     atomically(path, lambda temporary: (fill(temporary), wait()))
