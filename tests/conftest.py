@@ -4,6 +4,7 @@ import signal
 
 import hypothesis
 import pytest
+from patience import PATIENCE
 
 # Under CI the parent is hypothesis' own profile for it, which tries the same examples every time.
 hypothesis.settings.register_profile(
@@ -25,3 +26,9 @@ def _signals_of_a_terminal():
     yield
     for number, handler in before.items():
         signal.signal(number, handler)
+
+
+@pytest.fixture
+def patient_writing(monkeypatch):
+    """Of a write in which this process was stopped for its time-out pyserial says that the port takes no bytes."""
+    monkeypatch.setattr("coilarray.hardware.serial_ports._WRITE_TIMEOUT", PATIENCE)

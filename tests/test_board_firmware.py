@@ -18,23 +18,16 @@ if sys.platform == "win32":
 from firmware_host import FirmwareHost, needs_compiler
 from patience import PATIENCE
 
-from coilarray.hardware import serial_ports
 from coilarray.hardware.board import open_board
 from coilarray.hardware.drive_codes import find_drives
 from coilarray.hardware.link import LinkTimes
 from coilarray.hardware.self_test import self_test
 from coilarray.hardware.wiring import load_wiring
 
-pytestmark = needs_compiler
+pytestmark = [needs_compiler, pytest.mark.usefixtures("patient_writing")]
 SETTINGS = quick_settings(drives=8, quality=150.0)
 # nothing is lost here; but a board in a thread stands still with the driver, whose time goes on meanwhile
 TIMES = LinkTimes(reply=PATIENCE / 3, least_gap=PATIENCE, heartbeat=PATIENCE)
-
-
-@pytest.fixture(autouse=True)
-def patient_writing(monkeypatch):
-    """Of a write in which this process was stopped for its time-out pyserial says that the port takes no bytes."""
-    monkeypatch.setattr(serial_ports, "_WRITE_TIMEOUT", PATIENCE)
 
 
 def behind_firmware(board, wiring=WIRING):

@@ -35,7 +35,6 @@ from firmware_host import needs_compiler
 from patience import PATIENCE
 
 from coilarray.errors import HardwareError
-from coilarray.hardware import serial_ports
 from coilarray.hardware.faults import (
     BoardRestarted,
     BusFault,
@@ -53,7 +52,7 @@ from coilarray.hardware.protocol import scan_gate as protocol_gate
 from coilarray.hardware.scans import SampleFault
 
 pytest.importorskip("serial")
-pytestmark = needs_compiler
+pytestmark = [needs_compiler, pytest.mark.usefixtures("patient_writing")]
 
 REVERSED = quick_settings(coils=COILS[::-1])
 FAULTS = {
@@ -98,12 +97,6 @@ FAULTS = {
 
 def test_there_are_ten_thousand():
     assert sum(FAULTS.values()) >= 10_000
-
-
-@pytest.fixture(autouse=True)
-def patient_writing(monkeypatch):
-    """Of a write in which this process was stopped for its time-out pyserial says that the port takes no bytes."""
-    monkeypatch.setattr(serial_ports, "_WRITE_TIMEOUT", PATIENCE)
 
 
 @pytest.fixture

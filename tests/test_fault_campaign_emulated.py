@@ -20,9 +20,7 @@ if sys.platform == "win32":
 
 from fault_bench import COMMAND, TIMES, DriverClock, lasting
 from firmware_host import FirmwareHost, needs_compiler
-from patience import PATIENCE
 
-from coilarray.hardware import serial_ports
 from coilarray.hardware.faults import BoardRestarted, BusFault, CommandRefused, SwitchFault
 from coilarray.hardware.ldc1614_result import judge
 from coilarray.hardware.microcontroller import MicrocontrollerReader
@@ -31,14 +29,8 @@ from coilarray.hardware.self_test import self_test
 from coilarray.hardware.serial_ports import open_serial_port
 
 pytest.importorskip("serial")
-pytestmark = needs_compiler
+pytestmark = [needs_compiler, pytest.mark.usefixtures("patient_writing")]
 FAULTS = 150
-
-
-@pytest.fixture(autouse=True)
-def patient_writing(monkeypatch):
-    """Of a write in which this process was stopped for its time-out pyserial says that the port takes no bytes."""
-    monkeypatch.setattr(serial_ports, "_WRITE_TIMEOUT", PATIENCE)
 
 
 class Emulated:
