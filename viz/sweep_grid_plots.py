@@ -32,6 +32,7 @@ _LEGEND = 2.0  # inches
 _COLUMNS = 3
 _MOST_INSIDE = 4  # pairs of coils whose legend has room beside their curves
 _TEXT = 14  # characters of a text in one line beside a tick
+_ONE_ZERO = 1e-9  # of the range: a zero at a sample may be found from both of its sides
 
 
 @styled
@@ -115,7 +116,12 @@ def zero_crossings(x: npt.ArrayLike, values: npt.ArrayLike) -> FloatArray:
     for run in np.split(np.arange(y.size), np.flatnonzero(np.diff(np.isfinite(y))) + 1):
         if run.size > 1 and np.isfinite(y[run[0]]):
             zeros += PchipInterpolator(at[run], y[run]).roots(extrapolate=False).tolist()
-    return np.array([zero for zero in zeros if math.isfinite(zero)])  # a stretch of zeros is given as NaN
+    found: list[float] = []
+    for zero in zeros:
+        # a stretch of zeros is given as NaN
+        if math.isfinite(zero) and not (found and zero - found[-1] <= _ONE_ZERO * (at[-1] - at[0])):
+            found.append(zero)
+    return np.array(found)
 
 
 @styled
