@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TypeVar
 
 PATIENCE = 60.0
@@ -18,15 +19,24 @@ _COUNTED = 0.03  # s that one tick counts at most: the rest was taken away
 Found = TypeVar("Found")
 
 
-def until(condition: Callable[[], Found], *, pause: float = 0.02) -> Found:
-    """Return the first true result of `condition`; a failed assertion if none comes within `PATIENCE`."""
-    end = time.monotonic() + PATIENCE
+def until(condition: Callable[[], Found], *, pause: float = 0.02, within: float = PATIENCE) -> Found:
+    """Return the first true result of `condition`; a failed assertion if none comes within a time in s."""
+    end = time.monotonic() + within
     while True:
         found = condition()
         if found:
             return found
-        assert time.monotonic() < end, f"nothing came within {PATIENCE:.0f} s"
+        assert time.monotonic() < end, f"nothing came within {within:.0f} s"
         time.sleep(pause)
+
+
+def alive(pid: int) -> bool:
+    """Whether a process runs; one that has ended may stay as a zombie for a moment."""
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()[0]
+    except (FileNotFoundError, ProcessLookupError):  # the second where it goes while it is read
+        return False
+    return state not in "ZX"
 
 
 class _Ticks:

@@ -8,13 +8,13 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray as xr
 from command_line import runner
+from patience import until
 
 from coilarray import load_design
 from coilarray.cli.main import main
@@ -191,11 +191,9 @@ def test_an_unknown_design_is_one_line(capsys):
     assert capsys.readouterr().err.startswith("coilarray: error: there is no design file nowhere")
 
 
-# a test run in the background of a shell hands its ignorance of Ctrl-C down to us
 START = """
-import signal, sys, time
+import sys, time
 from contextlib import contextmanager
-signal.signal(signal.SIGINT, signal.default_int_handler)
 import coilarray.cli.shared as shared
 
 def tell(done, total):
@@ -225,9 +223,7 @@ def test_an_interrupted_sweep_tells_what_is_kept_and_goes_on(capsys, monkeypatch
     )
     with process:
         try:
-            end = time.monotonic() + PATIENCE
-            while len(kept()) < 3 and time.monotonic() < end:
-                time.sleep(0.05)
+            until(lambda: len(kept()) >= 3, within=PATIENCE)
             os.killpg(process.pid, signal.SIGINT)  # to all of the group, as a terminal does
             out, err = process.communicate(timeout=PATIENCE)
         finally:

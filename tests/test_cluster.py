@@ -10,12 +10,11 @@ import socket
 import subprocess
 import sys
 import threading
-import time
 from pathlib import Path
 
 import pytest
 import worker_tasks as tasks
-from patience import lasting
+from patience import lasting, until
 
 from coilarray import load_design
 from coilarray.cli.main import main
@@ -67,7 +66,9 @@ class Dask:
             *("scheduler", "--host", "127.0.0.1", "--port", "0", "--dashboard-address", "127.0.0.1:0"),
             *("--scheduler-file", str(file), "--idle-timeout", f"{3 * PATIENCE:g}s"),
         )
-        self.address = wait_for(lambda: file.exists() and json.loads(file.read_text() or "{}").get("address"))
+        self.address = until(
+            lambda: file.exists() and json.loads(file.read_text() or "{}").get("address"), within=PATIENCE
+        )
 
     def add_worker(self, *options):
         return self._start(
@@ -92,16 +93,6 @@ class Dask:
             )
         self.processes.append(process)
         return process
-
-
-def wait_for(condition):
-    end = time.monotonic() + PATIENCE
-    while time.monotonic() < end:
-        found = condition()
-        if found:
-            return found
-        time.sleep(0.05)
-    raise TimeoutError("nothing happened")
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -132,7 +123,7 @@ def dask(tmp_path_factory):
 def pool(dask):
     """One connection for many tests; two workers."""
     with workers(cluster=dask.address) as remote:
-        wait_for(lambda: remote.capacity == 2 * IN_FLIGHT)
+        until(lambda: remote.capacity == 2 * IN_FLIGHT, within=PATIENCE)
         yield remote
 
 
@@ -204,7 +195,7 @@ def test_kernels_compile_at_most_once_a_worker_and_are_kept_on_disk(dask, pool):
     before = processes(pool)
     for pid in before:
         os.kill(pid, signal.SIGKILL)  # the nanny starts another
-    wait_for(lambda: len(processes(pool) - before) == 2)
+    until(lambda: len(processes(pool) - before) == 2, within=PATIENCE)
     later = {pid: (misses, hits) for _, (pid, misses, hits) in pool.run(fresh_kernel.compiled, [1.0, 2.0])}
     assert not later.keys() & before
     assert set(later.values()) == {(0, 1)}
@@ -329,7 +320,8 @@ def test_workers_and_scheduler_that_are_lost_end_the_run(tmp_path, monkeypatch, 
             line = refused(own.address)
             return line if "has no worker" in line else None
 
-        line = wait_for(no_worker)  # in a second in which the scheduler was stopped it does not answer at all
+        # in a second in which the scheduler was stopped it does not answer at all
+        line = until(no_worker, within=PATIENCE)
         assert line == f"the Dask scheduler at {own.address} has no worker; start one: dask worker {own.address}"
         monkeypatch.setattr(cluster, "ANSWER_WITHIN", PATIENCE)
         worker = own.add_worker("--no-nanny")

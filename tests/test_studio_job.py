@@ -14,7 +14,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
-from patience import PATIENCE, until
+from patience import PATIENCE, alive, until
 from studio_tasks import count_to, fail, never_listen, tell_on_and_on, wait_for_the_word
 
 from coilarray.errors import GeometryError
@@ -40,14 +40,6 @@ class Watched:
     def result(self):
         assert self.ended.wait(PATIENCE)
         return self.outcome
-
-
-def alive(pid):
-    try:
-        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
-    except (FileNotFoundError, ProcessLookupError):  # the second where it goes while it is read
-        return False
-    return state not in "ZX"
 
 
 def test_a_job_tells_and_ends():

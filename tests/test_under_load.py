@@ -111,9 +111,8 @@ def test_processes_at_once_compile_into_one_cache(tmp_path):
 # interrupts
 
 START = """
-import signal, sys, time
+import sys, time
 from contextlib import contextmanager
-signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs hand their deafness down
 import coilarray.cli.shared as shared
 after, *arguments = sys.argv[1:]
 
@@ -135,8 +134,7 @@ sys.exit(main.main(arguments))
 
 # stops while a file is being written, which is complete but has not got its name
 WRITING = """
-import signal, sys, time
-signal.signal(signal.SIGINT, signal.default_int_handler)
+import sys, time
 import coilarray.files as files
 import coilarray.cli.export as export
 from coilarray.cli import main

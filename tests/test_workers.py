@@ -20,7 +20,7 @@ from pathlib import Path
 
 import pytest
 import worker_tasks as tasks
-from patience import PATIENCE, lasting
+from patience import PATIENCE, alive, lasting, until
 
 from coilarray.errors import ClusterError, MissingDependencyError
 from coilarray.workers import IN_FLIGHT, default_count, workers
@@ -42,18 +42,8 @@ def pool(request, local):
     return InProcess() if request.param == "this process" else local
 
 
-def gone(pid):
-    """Whether a process ends within the time; what is not our child may stay as a zombie for a moment."""
-    end = time.monotonic() + PATIENCE
-    while time.monotonic() < end:
-        try:
-            os.kill(pid, 0)
-            if Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()[0] == "Z":
-                return True
-        except (ProcessLookupError, FileNotFoundError):
-            return True
-        time.sleep(0.05)
-    return False
+def wait_until_gone(pids):
+    until(lambda: not any(map(alive, pids)))
 
 
 def test_every_item_has_its_outcome_once(pool):
@@ -149,7 +139,7 @@ def test_both_processes_take_part_and_no_more_are_started_than_there_are_tasks()
         both = {pid for _, pid in pool.run(tasks.nap, [1.0, 1.0])}
         assert len(both) == len(pool._workers) == 2
     assert os.getpid() not in both
-    assert all(map(gone, both))
+    wait_until_gone(both)
 
 
 def test_a_process_that_is_lost_costs_its_task_only_time(local, tmp_path):
@@ -182,14 +172,12 @@ def test_processes_end_with_the_block_whatever_they_do(error):
         if error is not None:
             raise error
     assert len(pids) == 2
-    assert all(map(gone, pids))
+    wait_until_gone(pids)
 
 
 SCRIPT = """
-import os, signal, sys
 import worker_tasks as tasks
 from coilarray.workers import workers
-signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs hand their deafness down
 with workers(2) as pool:
     print(*{pid for _, pid in pool.run(tasks.nap, [0.5, 0.5])}, flush=True)
     list(pool.run(tasks.nap, [120.0] * 4))
@@ -225,14 +213,14 @@ def test_ctrl_c_ends_everything_with_the_traceback_of_this_process_alone(running
     assert process.returncode == -signal.SIGINT
     assert err.count("Traceback") == 1
     assert err.splitlines()[-1] == "KeyboardInterrupt"
-    assert all(map(gone, pids))
+    wait_until_gone(pids)
 
 
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="looks for processes in /proc")
 def test_workers_end_with_the_process_that_started_them_even_where_that_is_killed(running):
     process, pids = running
     process.kill()
-    assert all(map(gone, pids))
+    wait_until_gone(pids)
 
 
 def test_a_script_without_the_guard_is_told_of_it(tmp_path):
