@@ -11,7 +11,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
-from references import DECOUPLING_SHIFTS, circle, polygon, rows, spiral_layers
+from support.references import DECOUPLING_SHIFTS, circle, polygon, rows, spiral_layers
 
 from coilarray import (
     dc_resistance,
@@ -20,8 +20,8 @@ from coilarray import (
     rectangular_bars,
     straight_filaments,
 )
-from coilarray.ac_resistance import cross_section, parallel_traces, skin_depth
-from coilarray.layered_strips import interlayer_capacitance
+from coilarray.electromagnetics.ac_resistance import cross_section, parallel_traces, skin_depth
+from coilarray.electromagnetics.layered_strips import interlayer_capacitance
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ def _circles():
 
 
 def _zero_coupling():
-    """Centre distances of polygons at which M vanishes; circles stand in tests/test_references.py."""
+    """Centre distances of polygons at which M vanishes; circles stand in tests/electromagnetics/test_references.py."""
     for row in rows("geometric_decoupling_loops"):
         if row["shape_direction"] not in DECOUPLING_SHIFTS:
             continue

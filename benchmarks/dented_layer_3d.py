@@ -10,8 +10,8 @@ H = H_s − ∇φ with H_s of the closed coils by Biot–Savart, so that only th
 with b_j the right-hand side of coil j (reduced scalar potential: Simkin & Trowbridge, Int. J. Numer. Meth. Eng. 14,
 423, 1979). The layer's share is computed with the dent and without it on meshes of one topology, whose errors cancel
 in the difference. The hexahedra are triquadratic: φ·b is an energy, so its error falls with the fourth power of the
-cell width (tests/test_dented_layer_3d.py measures that). The main programme computes two neighbouring coils of the
-gast2020 board under one smooth dent at three places, on four meshes and in three boxes, and writes
+cell width (tests/elastomer/test_dented_layer_3d.py measures that). The main programme computes two neighbouring coils
+of the gast2020 board under one smooth dent at three places, on four meshes and in three boxes, and writes
 benchmarks/dented_layer_3d.json; on one core it takes half an hour to an hour, and up to 9 GB.
 """
 

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 from accuracy import Accuracy, _worst
 from dented_layer_3d import SmoothDent
-from references import polygon, rows
 from speed import Speed, _fresh, _median_time
+from support.references import polygon, rows
 
 from coilarray import load_design, response_map
 from coilarray.elastomer.contact import indent
@@ -19,7 +19,7 @@ from coilarray.elastomer.dent import Dent
 from coilarray.elastomer.dented_layer import dent_inductance
 from coilarray.elastomer.flat_layer import layer_inductance
 from coilarray.geometry import FlatPunch, Paraboloid, Sheet
-from coilarray.line_response import line_response
+from coilarray.response.two_dimensional import line_response
 
 FEM = Path(__file__).with_name("dented_layer_3d.json")
 

@@ -19,15 +19,15 @@ import numpy.typing as npt
 import xarray as xr
 from speed import Speed, peak_memory
 
-from coilarray.design import Design, Indentation, parse_design
-from coilarray.designs import read
+from coilarray.circuit.state_sensitivity import state_sensitivity
+from coilarray.design.bundled import read
+from coilarray.design.model import Design, Indentation, parse_design
 from coilarray.elastomer.contact import indent
 from coilarray.elastomer.dent import dent_of
 from coilarray.elastomer.dented_layer import dent_inductance
-from coilarray.inductance import inductance_matrix
-from coilarray.local_response import dense_response, local_response
-from coilarray.resistance import dc_resistance
-from coilarray.state_sensitivity import state_sensitivity
+from coilarray.electromagnetics.inductance import inductance_matrix
+from coilarray.electromagnetics.resistance import dc_resistance
+from coilarray.response.local import dense_response, local_response
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -17,15 +17,15 @@ from pathlib import Path
 from speed import Speed
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
-from firmware_chips import StubChain, StubConverter
-from firmware_host import COMPILER, Firmware, FirmwareHost
+from support.firmware_chips import StubChain, StubConverter
+from support.firmware_host import COMPILER, Firmware, FirmwareHost
 
+from coilarray.hardware.board.microcontroller import MicrocontrollerReader
 from coilarray.hardware.emulator import VirtualClock
-from coilarray.hardware.link import LinkTimes
-from coilarray.hardware.microcontroller import MicrocontrollerReader
-from coilarray.hardware.scan_settings import ScanSettings, scan_settings
-from coilarray.hardware.serial_ports import open_serial_port
-from coilarray.hardware.wiring import load_wiring
+from coilarray.hardware.scan.settings import ScanSettings, scan_settings
+from coilarray.hardware.scan.wiring import load_wiring
+from coilarray.hardware.wire.link import LinkTimes
+from coilarray.hardware.wire.serial_ports import open_serial_port
 
 RATE = 100.0  # scans/s
 SCANS = 2000

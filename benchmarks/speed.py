@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from coilarray import inductance_matrix, load_design, magnetic_field, vector_potential
-from coilarray.impedance import sweep_design
+from coilarray.circuit.impedance import sweep_design
 
 
 @dataclass(frozen=True)

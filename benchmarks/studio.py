@@ -14,7 +14,7 @@ from typing import Any
 from speed import Speed
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
-import browser
+from support import browser
 
 STEPS = 15
 

@@ -10,10 +10,10 @@ import numpy as np
 from speed import Speed
 
 from coilarray import load_design
-from coilarray.blocks import cores
-from coilarray.inductance import Accuracy
-from coilarray.points import evaluate_points
-from coilarray.workers import Pool, workers
+from coilarray.compute.threads import cores
+from coilarray.compute.workers import Pool, workers
+from coilarray.electromagnetics.inductance import Accuracy
+from coilarray.studies.evaluate import evaluate_points
 
 COUPLING = ("worst_k", "rms_k")
 RESPONSE = ("worst_k", "peak_delta", "response_width_mm[coil3]")

@@ -10,19 +10,17 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from coilarray.circuit import active_coil, every_active_coil, impedance_matrix, resonance
-    from coilarray.comparison import compare_responses
-    from coilarray.coupling import couple, couple_design
-    from coilarray.design import Design, load_design, parse_design
+    from coilarray.circuit.active_coil import active_coil, every_active_coil, impedance_matrix, resonance
+    from coilarray.circuit.coupling import couple, couple_design
+    from coilarray.circuit.operating_field import operating_currents, operating_field
+    from coilarray.design.model import Design, load_design, parse_design
     from coilarray.elastomer.contact import indent
     from coilarray.elastomer.dent import dent_of
     from coilarray.elastomer.dented_layer import dent_inductance
     from coilarray.elastomer.filled import bruggeman_permeability, guth_gold_modulus, maxwell_garnett_permeability
     from coilarray.elastomer.flat_layer import layer_inductance
-    from coilarray.errors import CoilarrayError, DesignError, ElastomerError, GeometryError, RuleViolationError
-    from coilarray.field import grid_points, magnetic_field, vector_potential
-    from coilarray.geometry import CoilArray, Conductor
-    from coilarray.inductance import (
+    from coilarray.electromagnetics.field import grid_points, magnetic_field, vector_potential
+    from coilarray.electromagnetics.inductance import (
         coupling_matrix,
         inductance_matrix,
         mutual_inductance,
@@ -30,11 +28,13 @@ if TYPE_CHECKING:
         self_inductance,
         straight_filaments,
     )
-    from coilarray.line_response import line_response
-    from coilarray.near_field import operating_currents, operating_field
+    from coilarray.electromagnetics.resistance import dc_resistance
+    from coilarray.errors import CoilarrayError, DesignError, ElastomerError, GeometryError, RuleViolationError
+    from coilarray.geometry import CoilArray, Conductor
+    from coilarray.localize.comparison import compare_responses
     from coilarray.report import write_report
-    from coilarray.resistance import dc_resistance
-    from coilarray.response import Imperfections, response_map
+    from coilarray.response.map import Imperfections, response_map
+    from coilarray.response.two_dimensional import line_response
 
 __all__ = [
     "CoilArray",
@@ -80,19 +80,19 @@ __all__ = [
 ]
 
 _HOME = {
-    "circuit": ("active_coil", "every_active_coil", "impedance_matrix", "resonance"),
-    "comparison": ("compare_responses",),
-    "coupling": ("couple", "couple_design"),
-    "design": ("Design", "load_design", "parse_design"),
+    "circuit.active_coil": ("active_coil", "every_active_coil", "impedance_matrix", "resonance"),
+    "localize.comparison": ("compare_responses",),
+    "circuit.coupling": ("couple", "couple_design"),
+    "design.model": ("Design", "load_design", "parse_design"),
     "elastomer.contact": ("indent",),
     "elastomer.dent": ("dent_of",),
     "elastomer.dented_layer": ("dent_inductance",),
     "elastomer.filled": ("bruggeman_permeability", "guth_gold_modulus", "maxwell_garnett_permeability"),
     "elastomer.flat_layer": ("layer_inductance",),
     "errors": ("CoilarrayError", "DesignError", "ElastomerError", "GeometryError", "RuleViolationError"),
-    "field": ("grid_points", "magnetic_field", "vector_potential"),
+    "electromagnetics.field": ("grid_points", "magnetic_field", "vector_potential"),
     "geometry": ("CoilArray", "Conductor"),
-    "inductance": (
+    "electromagnetics.inductance": (
         "coupling_matrix",
         "inductance_matrix",
         "mutual_inductance",
@@ -100,11 +100,11 @@ _HOME = {
         "self_inductance",
         "straight_filaments",
     ),
-    "line_response": ("line_response",),
-    "near_field": ("operating_currents", "operating_field"),
+    "response.two_dimensional": ("line_response",),
+    "circuit.operating_field": ("operating_currents", "operating_field"),
     "report": ("write_report",),
-    "resistance": ("dc_resistance",),
-    "response": ("Imperfections", "response_map"),
+    "electromagnetics.resistance": ("dc_resistance",),
+    "response.map": ("Imperfections", "response_map"),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 

@@ -3,15 +3,15 @@
 `open_board` opens a board of any kind, `load_wiring` reads how its switches are wired, `read_scan` turns what the board
 returns into frequencies and inductances. The functions that make settings and test a board have the names of their
 modules:
-`coilarray.hardware.scan_settings.scan_settings`, `coilarray.hardware.design_settings.design_settings` and
-`coilarray.hardware.self_test.self_test`.
+`coilarray.hardware.scan.settings.scan_settings`, `coilarray.hardware.scan.design_settings.design_settings` and
+`coilarray.hardware.board.self_test.self_test`.
 
 Importing it touches no port and loads nothing else; the first name that is asked for does.
 
 Examples
 --------
 >>> from coilarray.hardware import load_wiring, read_scan
->>> from coilarray.hardware.scan_settings import scan_settings
+>>> from coilarray.hardware.scan.settings import scan_settings
 >>> settings = scan_settings(load_wiring())
 >>> len(settings.states)
 6
@@ -23,14 +23,14 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from coilarray.hardware.board import Board, open_board
-    from coilarray.hardware.ldc1614 import code_to_frequency, frequency_to_code, inductance_from_frequency
-    from coilarray.hardware.ldc1614_limits import Drive, Limit, check_channel, drive_for, settle_count
-    from coilarray.hardware.reader import Reader
-    from coilarray.hardware.readings import read_scan
-    from coilarray.hardware.scan_settings import ScanSettings
-    from coilarray.hardware.self_test import SelfTest
-    from coilarray.hardware.wiring import Wiring, load_wiring
+    from coilarray.hardware.board.connect import Board, open_board
+    from coilarray.hardware.board.self_test import SelfTest
+    from coilarray.hardware.chips.ldc1614 import code_to_frequency, frequency_to_code, inductance_from_frequency
+    from coilarray.hardware.chips.ldc1614_limits import Drive, Limit, check_channel, drive_for, settle_count
+    from coilarray.hardware.scan.reader import Reader
+    from coilarray.hardware.scan.readings import read_scan
+    from coilarray.hardware.scan.settings import ScanSettings
+    from coilarray.hardware.scan.wiring import Wiring, load_wiring
 
 __all__ = [
     "Board",
@@ -52,14 +52,14 @@ __all__ = [
 ]
 
 _HOME = {
-    "board": ("Board", "open_board"),
-    "ldc1614": ("code_to_frequency", "frequency_to_code", "inductance_from_frequency"),
-    "ldc1614_limits": ("Drive", "Limit", "check_channel", "drive_for", "settle_count"),
-    "reader": ("Reader",),
-    "readings": ("read_scan",),
-    "scan_settings": ("ScanSettings",),
-    "self_test": ("SelfTest",),
-    "wiring": ("Wiring", "load_wiring"),
+    "board.connect": ("Board", "open_board"),
+    "chips.ldc1614": ("code_to_frequency", "frequency_to_code", "inductance_from_frequency"),
+    "chips.ldc1614_limits": ("Drive", "Limit", "check_channel", "drive_for", "settle_count"),
+    "scan.reader": ("Reader",),
+    "scan.readings": ("read_scan",),
+    "scan.settings": ("ScanSettings",),
+    "board.self_test": ("SelfTest",),
+    "scan.wiring": ("Wiring", "load_wiring"),
 }
 
 

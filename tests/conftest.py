@@ -4,7 +4,7 @@ import signal
 
 import hypothesis
 import pytest
-from patience import PATIENCE
+from support.patience import PATIENCE
 
 # Under CI the parent is hypothesis' own profile for it, which tries the same examples every time.
 hypothesis.settings.register_profile(
@@ -31,4 +31,4 @@ def _signals_of_a_terminal():
 @pytest.fixture
 def patient_writing(monkeypatch):
     """Of a write in which this process was stopped for its time-out pyserial says that the port takes no bytes."""
-    monkeypatch.setattr("coilarray.hardware.serial_ports._WRITE_TIMEOUT", PATIENCE)
+    monkeypatch.setattr("coilarray.hardware.wire.serial_ports._WRITE_TIMEOUT", PATIENCE)

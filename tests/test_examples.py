@@ -11,7 +11,7 @@ import re
 from pathlib import Path
 
 import pytest
-from command_line import no_terminal
+from support.command_line import no_terminal
 
 import coilarray
 

@@ -44,20 +44,20 @@ from coilarray.viz.scenes import (
 )
 
 if TYPE_CHECKING:
-    from coilarray.viz.board_plots import plot_board, plot_copper
-    from coilarray.viz.check_plots import check_figure
-    from coilarray.viz.comparison_plots import comparison_figure, plot_centres, plot_readings, plot_residual
-    from coilarray.viz.coupling_plots import (
+    from coilarray.viz.plots.board import plot_board, plot_copper
+    from coilarray.viz.plots.check import check_figure
+    from coilarray.viz.plots.comparison import comparison_figure, plot_centres, plot_readings, plot_residual
+    from coilarray.viz.plots.coupling import (
         plot_coupling,
         plot_currents,
         plot_effective_inductance,
         plot_inductance,
         plot_matrix,
     )
-    from coilarray.viz.field_plots import plot_field_lines, plot_field_map
-    from coilarray.viz.frequency_plots import plot_frequency_sweep
-    from coilarray.viz.indentation_plots import indentation_figure, plot_dent, plot_force_depth
-    from coilarray.viz.localize_plots import (
+    from coilarray.viz.plots.field import plot_field_lines, plot_field_map
+    from coilarray.viz.plots.frequency import plot_frequency_sweep
+    from coilarray.viz.plots.indentation import indentation_figure, plot_dent, plot_force_depth
+    from coilarray.viz.plots.localize import (
         distortion_figure,
         ellipse_parameter_figure,
         identifiability_figure,
@@ -68,7 +68,7 @@ if TYPE_CHECKING:
         plot_identifiability,
         plot_x_error,
     )
-    from coilarray.viz.optimize_plots import (
+    from coilarray.viz.plots.optimize import (
         boards_figure,
         plot_convergence,
         plot_front,
@@ -76,15 +76,15 @@ if TYPE_CHECKING:
         plot_pareto,
         plot_search,
     )
-    from coilarray.viz.response_plots import plot_bell_curve, plot_response, plot_response_profile, response_figure
-    from coilarray.viz.sweep_grid_plots import (
+    from coilarray.viz.plots.response import plot_bell_curve, plot_response, plot_response_profile, response_figure
+    from coilarray.viz.plots.sweep_grid import (
         plot_coupling_sweep,
         plot_sweep_lines,
         plot_sweep_map,
         plot_sweep_points,
         sweep_figure,
     )
-    from coilarray.viz.tolerance_plots import plot_boards, plot_shares, tolerance_figure
+    from coilarray.viz.plots.tolerance import plot_boards, plot_shares, tolerance_figure
 
 __all__ = [
     "Scene",
@@ -166,14 +166,14 @@ __all__ = [
 ]
 
 _HOME = {
-    "board_plots": ("plot_board", "plot_copper"),
-    "check_plots": ("check_figure",),
-    "comparison_plots": ("comparison_figure", "plot_centres", "plot_readings", "plot_residual"),
-    "coupling_plots": ("plot_coupling", "plot_currents", "plot_effective_inductance", "plot_inductance", "plot_matrix"),
-    "field_plots": ("plot_field_lines", "plot_field_map"),
-    "frequency_plots": ("plot_frequency_sweep",),
-    "indentation_plots": ("indentation_figure", "plot_dent", "plot_force_depth"),
-    "localize_plots": (
+    "plots.board": ("plot_board", "plot_copper"),
+    "plots.check": ("check_figure",),
+    "plots.comparison": ("comparison_figure", "plot_centres", "plot_readings", "plot_residual"),
+    "plots.coupling": ("plot_coupling", "plot_currents", "plot_effective_inductance", "plot_inductance", "plot_matrix"),
+    "plots.field": ("plot_field_lines", "plot_field_map"),
+    "plots.frequency": ("plot_frequency_sweep",),
+    "plots.indentation": ("indentation_figure", "plot_dent", "plot_force_depth"),
+    "plots.localize": (
         "distortion_figure",
         "ellipse_parameter_figure",
         "identifiability_figure",
@@ -184,7 +184,7 @@ _HOME = {
         "plot_identifiability",
         "plot_x_error",
     ),
-    "optimize_plots": (
+    "plots.optimize": (
         "boards_figure",
         "plot_convergence",
         "plot_front",
@@ -192,15 +192,15 @@ _HOME = {
         "plot_pareto",
         "plot_search",
     ),
-    "response_plots": ("plot_bell_curve", "plot_response", "plot_response_profile", "response_figure"),
-    "sweep_grid_plots": (
+    "plots.response": ("plot_bell_curve", "plot_response", "plot_response_profile", "response_figure"),
+    "plots.sweep_grid": (
         "plot_coupling_sweep",
         "plot_sweep_lines",
         "plot_sweep_map",
         "plot_sweep_points",
         "sweep_figure",
     ),
-    "tolerance_plots": ("plot_boards", "plot_shares", "tolerance_figure"),
+    "plots.tolerance": ("plot_boards", "plot_shares", "tolerance_figure"),
 }
 
 

@@ -1,4 +1,4 @@
-"""The colours of all pictures, for people with any colour vision: tests/test_plots_colours.py measures them."""
+"""The colours of all pictures, for people with any colour vision: tests/viz/test_plots_colours.py measures them."""
 
 from __future__ import annotations
 

@@ -32,10 +32,10 @@ from coilarray.cli.shared import (
 from coilarray.errors import HardwareError
 
 if TYPE_CHECKING:
-    from coilarray.design import Design
-    from coilarray.hardware.board import Board
-    from coilarray.hardware.drive_codes import FoundDrive
-    from coilarray.hardware.self_test import CoilCheck, SelfTest
+    from coilarray.design.model import Design
+    from coilarray.hardware.board.connect import Board
+    from coilarray.hardware.board.drive_codes import FoundDrive
+    from coilarray.hardware.board.self_test import CoilCheck, SelfTest
 
 _KINDS = {"serial": "serial ports", "linux": "buses of this computer", "ftdi": "adapters"}
 _CHAIN = {
@@ -75,8 +75,8 @@ def board(
 
     Example: coilarray board --port /dev/ttyACM0 --self-test
     """
-    from coilarray.hardware.board import open_board, wiring_of_board
-    from coilarray.hardware.ports import parse_port
+    from coilarray.hardware.board.connect import open_board, wiring_of_board
+    from coilarray.hardware.wire.ports import parse_port
 
     place = parse_port(port)
     options = BoardOptions(port, wiring, None, clock_mhz, external_clock, drive, None, emulate)
@@ -104,8 +104,8 @@ def _tried(
 ) -> tuple[Mapping[str, FoundDrive] | None, SelfTest | None, dict[str, Any], str]:
     from dataclasses import replace
 
-    from coilarray.hardware.drive_codes import find_drives as find
-    from coilarray.hardware.self_test import self_test as test
+    from coilarray.hardware.board.drive_codes import find_drives as find
+    from coilarray.hardware.board.self_test import self_test as test
 
     drives = result = None
     with (
@@ -123,7 +123,7 @@ def _tried(
 
 
 def _record(one: Board, chain: str | None = None) -> dict[str, Any]:
-    from coilarray.hardware.ports import found_ports
+    from coilarray.hardware.wire.ports import found_ports
 
     return {
         "emulated": one.emulated,

@@ -15,10 +15,10 @@ import typer
 from coilarray.errors import HardwareError
 
 if TYPE_CHECKING:
-    from coilarray.blocks import Progress
-    from coilarray.design import Design
-    from coilarray.hardware.board import Board
-    from coilarray.hardware.scan_settings import ScanSettings
+    from coilarray.compute.threads import Progress
+    from coilarray.design.model import Design
+    from coilarray.hardware.board.connect import Board
+    from coilarray.hardware.scan.settings import ScanSettings
 
 EMULATOR = "emulator"
 MARK = "[emulator] "
@@ -138,12 +138,13 @@ def opened_board(
     Raises
     ------
     HardwareError
-        As `coilarray.hardware.board.open_board`, `coilarray.hardware.design_settings` and `Reader.configure`.
+        As `coilarray.hardware.board.connect.open_board`, `coilarray.hardware.scan.design_settings` and
+        `Reader.configure`.
     """
-    from coilarray.hardware.board import open_board, wiring_of_board
-    from coilarray.hardware.buses import ComputerClock
-    from coilarray.hardware.design_settings import design_settings
-    from coilarray.hardware.ports import bus_rate, parse_port
+    from coilarray.hardware.board.connect import open_board, wiring_of_board
+    from coilarray.hardware.scan.design_settings import design_settings
+    from coilarray.hardware.wire.buses import ComputerClock
+    from coilarray.hardware.wire.ports import bus_rate, parse_port
 
     port = parse_port(options.port)
     wiring = wiring_of_board(port, design, options.wiring)

@@ -16,8 +16,8 @@ from coilarray.cli.shared import AsJson, print_json, table_text
 from coilarray.errors import HardwareError
 
 if TYPE_CHECKING:
-    from coilarray.hardware.baseline_drift import Drift
-    from coilarray.hardware.channel_calibration import BoardCalibration, Channel
+    from coilarray.hardware.record.baseline_drift import Drift
+    from coilarray.hardware.record.channel_calibration import BoardCalibration, Channel
 
 _HOUR = 3600.0  # s
 
@@ -74,10 +74,10 @@ def calibrate_board(
     frequency = None if frequency_mhz is None else _pair("--frequency-MHz", frequency_mhz, 1e6)
     if given and simulated:
         raise HardwareError("--inductance-uH and --simulated cannot be given together.")
-    from coilarray.files import write_text
-    from coilarray.hardware.calibration_file import calibration_to_toml
-    from coilarray.hardware.channel_calibration import calibrate_board as calibrate
-    from coilarray.hardware.recording import open_recording
+    from coilarray.compute.files import write_text
+    from coilarray.hardware.record.calibration_file import calibration_to_toml
+    from coilarray.hardware.record.channel_calibration import calibrate_board as calibrate
+    from coilarray.hardware.record.recording import open_recording
 
     with open_recording(recording) as opened:
         known = dict.fromkeys(opened.states, given[""]) if "" in given else given

@@ -14,7 +14,7 @@ from coilarray.errors import DesignError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from coilarray.fab_schema import FabProfile
+    from coilarray.design.fab_limits import FabProfile
     from coilarray.geometry import CoilArray, Margin
     from coilarray.report.tables import Table
 
@@ -44,10 +44,10 @@ def check(
     """
     check_file("--picture", picture, (".png", ".svg", ".pdf"))
     check_file("--out", out, (".csv",))
-    from coilarray import fabs
-    from coilarray.design import load_design
-    from coilarray.fab_schema import load_profile
-    from coilarray.files import write_text
+    from coilarray.compute.files import write_text
+    from coilarray.design import fabs
+    from coilarray.design.fab_limits import load_profile
+    from coilarray.design.model import load_design
     from coilarray.geometry import check_rules, require_kept
     from coilarray.report.tables import rules_table
 
@@ -96,8 +96,8 @@ def _worst_of_each(margins: Sequence[Margin]) -> list[Margin]:
 
 
 def _draw(path: Path, array: CoilArray, margins: Sequence[Margin]) -> None:
-    from coilarray.files import write_atomically
-    from coilarray.viz.check_plots import check_figure
+    from coilarray.compute.files import write_atomically
+    from coilarray.viz.plots.check import check_figure
 
     write_atomically(path, check_figure(array, margins).savefig)
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
     import xarray as xr
 
-    from coilarray.design import Design
+    from coilarray.design.model import Design
 
     FloatArray = npt.NDArray[np.float64]
 
@@ -77,8 +77,8 @@ def compare(
     if out is not None and out.suffix.lower() == _PAGE:
         check_file("--out", out, (_PAGE,))
     check_file("--picture", picture, PICTURES)
-    from coilarray.comparison import compare_responses
-    from coilarray.files import make_folder, write_atomically
+    from coilarray.compute.files import make_folder, write_atomically
+    from coilarray.localize.comparison import compare_responses
 
     page_alone = out is not None and out.suffix.lower() == _PAGE
     if out is not None and not page_alone:
@@ -95,7 +95,7 @@ def compare(
     if out is not None:
         written = _write(result, out, (measured, simulated), outlines, page_alone=page_alone)
     if picture is not None:
-        from coilarray.viz.comparison_plots import comparison_figure
+        from coilarray.viz.plots.comparison import comparison_figure
 
         write_atomically(picture, comparison_figure(result, -1, outlines).savefig)
         written.append(picture)
@@ -136,11 +136,11 @@ def _response(
 
 
 def _recorded(path: Path, calibration: Path | None) -> _Source:
-    from coilarray.design import build_design
-    from coilarray.hardware.calibration_file import load_calibration
-    from coilarray.hardware.channel_calibration import calibrated_response
-    from coilarray.hardware.recorded_response import recorded_response
-    from coilarray.hardware.recording import open_recording
+    from coilarray.design.model import build_design
+    from coilarray.hardware.record.calibration_file import load_calibration
+    from coilarray.hardware.record.channel_calibration import calibrated_response
+    from coilarray.hardware.record.recorded_response import recorded_response
+    from coilarray.hardware.record.recording import open_recording
     from coilarray.report.figures import map_outlines
 
     known = None if calibration is None else load_calibration(calibration)
@@ -160,10 +160,10 @@ def _computed(design: Design, beside: xr.Dataset | None, reach: float | None) ->
     all capacitance there is.
     """
     from coilarray.errors import ElastomerError
-    from coilarray.hardware.board_network import board_network
-    from coilarray.hardware.kept_parts import keep_folder
+    from coilarray.hardware.scan.board_network import board_network
+    from coilarray.hardware.scan.kept_parts import keep_folder
     from coilarray.report.figures import map_outlines
-    from coilarray.response import respond, response_map
+    from coilarray.response.map import respond, response_map
 
     if design.indentation is None:
         raise LocalizeError(f"the design {design.name} has no [indenter] and [indentation].")
@@ -202,9 +202,9 @@ def _around(response: xr.Dataset, reach: float | None) -> tuple[FloatArray, Floa
 def _write(
     result: xr.Dataset, out: Path, names: tuple[str, str], outlines: Sequence[FloatArray], *, page_alone: bool
 ) -> list[Path]:
-    from coilarray.files import write_text
+    from coilarray.compute.files import write_text
+    from coilarray.compute.netcdf import save_dataset
     from coilarray.report.comparison import comparison_tables, write_comparison_page
-    from coilarray.storage import save_dataset
 
     page = out if page_alone else out / "comparison.html"
     write_comparison_page(result, page, names, outlines)

@@ -21,8 +21,8 @@ from coilarray.cli.shared import (
 if TYPE_CHECKING:
     import xarray as xr
 
-    from coilarray.calibration import Calibration
-    from coilarray.design import Design
+    from coilarray.design.model import Design
+    from coilarray.localize.calibration import Calibration
 
 Base = Literal["bonded", "frictionless"]
 _BASES: tuple[Base, ...] = ("bonded", "frictionless")
@@ -59,9 +59,10 @@ def distortion(
     """
     check_file("--out", out, (".nc", ".csv"))
     check_file("--plot", plot, PICTURES)
-    from coilarray.calibration import apply
-    from coilarray.distortion import distortion as split
-    from coilarray.files import write_atomically, write_text
+    from coilarray.compute.files import write_atomically, write_text
+    from coilarray.compute.netcdf import save_dataset
+    from coilarray.localize.calibration import apply
+    from coilarray.localize.distortion import distortion as split
     from coilarray.report.localize_tables import (
         calibration_table,
         cause_table,
@@ -70,7 +71,6 @@ def distortion(
         misfit_table,
         residual_table,
     )
-    from coilarray.storage import save_dataset
 
     opened = open_design(design, allow_violations=allow_violations)
     states = coil or ["coil1", "coil2", "coil3"]
@@ -111,7 +111,7 @@ def distortion(
 
 
 def _calibrated(design: Design, states: list[str], base: Base) -> Calibration:
-    from coilarray.calibration import calibrate
+    from coilarray.localize.calibration import calibrate
 
     with progress_bar(f"calibration, {base}") as progress:
         return calibrate(design, states, base=base, progress=progress)
@@ -121,8 +121,8 @@ def _with_predictions(result: xr.Dataset, found: dict[str, Calibration]) -> xr.D
     """Add x0 as predicted by every calibrated design."""
     import numpy as np
 
-    from coilarray.distortion import ellipse_curves
-    from coilarray.response import response_map
+    from coilarray.localize.distortion import ellipse_curves
+    from coilarray.response.map import response_map
 
     rows = []
     for one in found.values():

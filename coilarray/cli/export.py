@@ -15,7 +15,7 @@ from coilarray.errors import OutputError, RuleViolationError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from coilarray.design import Design
+    from coilarray.design.model import Design
 
 Format = Literal["kicad", "gerber", "dxf", "svg", "step", "stl", "glb"]
 # what a name given by the user must end in; KiCad's files lie in a folder

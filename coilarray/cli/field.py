@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
     import xarray as xr
 
-    from coilarray.design import Design
+    from coilarray.design.model import Design
 
     FloatArray = npt.NDArray[np.float64]
     Axes = tuple[FloatArray, FloatArray, FloatArray]
@@ -85,7 +85,7 @@ def field(
     if workers is not None and cluster is not None:
         raise ClusterError("--workers is for processes of this machine; it cannot be given with --cluster.")
     heights = None if z_mm is None else _heights(z_mm)
-    from coilarray.coupling import couple_design
+    from coilarray.circuit.coupling import couple_design
 
     opened = open_design(design, allow_violations=allow_violations)
     names = opened.array.names
@@ -139,7 +139,7 @@ def _axes(design: Design, heights: tuple[float, float] | None, spacing_mm: float
 
 def _write(design: Design, coupling: xr.Dataset, setting: _Setting, axes: Axes, out: Path) -> float:
     """Compute the field in memory and write it; return the largest |B_z| in T."""
-    from coilarray.near_field import operating_field
+    from coilarray.circuit.operating_field import operating_field
 
     with progress_bar(f"field at {math.prod(map(len, axes))} points") as progress:
         result = operating_field(
@@ -160,10 +160,10 @@ def _write_large(
     cluster: str | None,
 ) -> float:
     """Write the field block by block; return the largest |B_z| in T."""
-    from coilarray.large_file import parts_folder
-    from coilarray.volumes import block_count, bytes_needed, write_field_volume
-    from coilarray.workers import default_count
-    from coilarray.workers import workers as open_workers
+    from coilarray.circuit.field_volume import block_count, bytes_needed, write_field_volume
+    from coilarray.compute.large_file import parts_folder
+    from coilarray.compute.workers import default_count
+    from coilarray.compute.workers import workers as open_workers
 
     blocks = block_count(design, axes)
     count = min(default_count(), blocks) if workers is None else workers
@@ -217,11 +217,11 @@ def _points(low: float, high: float, step: float) -> int:
 
 def _save(result: xr.Dataset, path: Path) -> None:
     if path.suffix.lower() == ".nc":
-        from coilarray.storage import save_dataset
+        from coilarray.compute.netcdf import save_dataset
 
         save_dataset(result, path)
         return
-    from coilarray.files import write_atomically
+    from coilarray.compute.files import write_atomically
     from coilarray.viz import field_grid
 
     grid = field_grid(result.x.values, result.y.values, result.z.values, result.B.values)

@@ -41,7 +41,7 @@ def fit(
     check_file("--out", out, (".json",))
     check_file("--plot", plot, PICTURES)
     depth = depth_in_metres(depth_mm)
-    from coilarray.files import write_atomically, write_text
+    from coilarray.compute.files import write_atomically, write_text
     from coilarray.localize.ellipse import fit_ellipses
     from coilarray.localize.ellipse_model import ellipse_model, model_to_json
     from coilarray.report.localize_tables import fit_table, polynomial_table

@@ -46,8 +46,9 @@ def impedance(
     check_file("--plot", plot, (".png", ".svg", ".pdf"))
     import numpy as np
 
-    from coilarray.files import write_atomically, write_text
-    from coilarray.impedance import close_channels, design_network, scan_design, sweep_design
+    from coilarray.circuit.impedance import close_channels, design_network, scan_design, sweep_design
+    from coilarray.compute.files import write_atomically, write_text
+    from coilarray.compute.netcdf import save_dataset
     from coilarray.report.circuit_tables import (
         drive_table,
         limit_table,
@@ -56,7 +57,6 @@ def impedance(
         sweep_table,
         winding_table,
     )
-    from coilarray.storage import save_dataset
 
     opened = open_design(design, allow_violations=allow_violations)
     network = design_network(opened)

@@ -42,9 +42,9 @@ def import_board(
     Example: coilarray import board.kicad_pcb --nets coil1,coil2 --out board.toml
     """
     from coilarray.cli.maps import check_file
-    from coilarray.design import parse_design
-    from coilarray.design_text import design_text
-    from coilarray.files import write_text
+    from coilarray.compute.files import write_text
+    from coilarray.design.model import parse_design
+    from coilarray.design.write import design_text
     from coilarray.geometry.readers import trace_coils, traced_array
 
     check_file("--out", out, (".toml",))
@@ -89,7 +89,7 @@ def import_board(
 
 
 def _read(board: Path, stackup: str | None) -> BoardCopper:
-    from coilarray.design import load_design
+    from coilarray.design.model import load_design
     from coilarray.geometry.readers import read_gerbers, read_kicad
 
     is_folder = _is_folder(board)
@@ -113,7 +113,7 @@ def _is_folder(board: Path) -> bool:
 
 def _records(tracing: Tracing, traced: TracedArray) -> list[dict[str, Any]]:
     """Return what is known of every coil, in SI."""
-    from coilarray.design_text import design_names, shape_names
+    from coilarray.design.write import design_names, shape_names
 
     names = design_names(traced.array.names)
     return [

@@ -46,14 +46,14 @@ def indent(
     depths = None if depth_mm is None else _depths(depth_mm)
     check_file("--out", out, (".nc", ".csv"))
     check_file("--plot", plot, (".png", ".svg", ".pdf"))
-    from coilarray.coupling import provenance
-    from coilarray.design import load_design
+    from coilarray.circuit.coupling import provenance
+    from coilarray.compute.files import write_atomically, write_text
+    from coilarray.compute.netcdf import save_dataset
+    from coilarray.design.model import load_design
     from coilarray.elastomer.compliance import Base
     from coilarray.elastomer.contact import indent as press
-    from coilarray.files import write_atomically, write_text
     from coilarray.report.indentation_tables import indentation_table
     from coilarray.report.tables import design_table
-    from coilarray.storage import save_dataset
 
     opened = load_design(design)
     setup = opened.indentation

@@ -36,12 +36,12 @@ from coilarray.cli.shared import AllowViolations, open_design, progress_bar
 from coilarray.errors import HardwareError
 
 if TYPE_CHECKING:
-    from coilarray.design import Design, Indentation
-    from coilarray.hardware.board import Board
-    from coilarray.hardware.live_tracking import LiveReading, LiveState, LiveTracker
-    from coilarray.hardware.readings import ScanReading
-    from coilarray.hardware.recording import RecordedScan
-    from coilarray.hardware.scans import RawScan
+    from coilarray.design.model import Design, Indentation
+    from coilarray.hardware.board.connect import Board
+    from coilarray.hardware.record.live_tracking import LiveReading, LiveState, LiveTracker
+    from coilarray.hardware.record.recording import RecordedScan
+    from coilarray.hardware.scan.readings import ScanReading
+    from coilarray.hardware.scan.scans import RawScan
     from coilarray.localize.forward import ForwardModel
     from coilarray.localize.inverse import Mode
 
@@ -124,7 +124,7 @@ def live(
     if not 0 <= speed <= _FASTEST:
         raise HardwareError(f"--speed must be 0 to {_FASTEST:g}; got {speed:g}.")
     check_file("--table", table, (".nc",))
-    from coilarray.hardware.live_tracking import LiveTracker
+    from coilarray.hardware.record.live_tracking import LiveTracker
 
     LiveTracker(None, baseline_scans=baseline, noise=noise)  # mistakes before anything is opened or computed
     with ExitStack() as opened:
@@ -182,7 +182,7 @@ def _run(
 @contextmanager
 def _stream(options: BoardOptions, design: Design, *, quiet: bool) -> Iterator[_Source]:
     """Give readings of a board, which rests afterwards."""
-    from coilarray.hardware.readings import read_scan
+    from coilarray.hardware.scan.readings import read_scan
 
     lifted = replace(options, emulate=[text for text in options.emulate or () if text not in _held_back(options)])
     with ExitStack() as opened:
@@ -224,9 +224,9 @@ def _held_back(options: BoardOptions) -> list[str]:
 @contextmanager
 def _replay(path: Path, design: str | None, speed: float) -> Iterator[tuple[Design, _Source]]:
     """Give the design of a recording, and its readings in the recorded order and time."""
-    from coilarray.design import build_design
-    from coilarray.hardware.readings import read_scan
-    from coilarray.hardware.recording import open_recording
+    from coilarray.design.model import build_design
+    from coilarray.hardware.record.recording import open_recording
+    from coilarray.hardware.scan.readings import read_scan
 
     with open_recording(path) as recording:
 
@@ -250,8 +250,8 @@ def _replay(path: Path, design: str | None, speed: float) -> Iterator[tuple[Desi
 
 def _model(design: Design, table: Path | None) -> ForwardModel:
     """Table of the design for positions, kept for the next time."""
-    from coilarray.hardware.board_network import board_network
-    from coilarray.hardware.kept_parts import keep_folder, kept
+    from coilarray.hardware.scan.board_network import board_network
+    from coilarray.hardware.scan.kept_parts import keep_folder, kept
     from coilarray.localize.forward import forward_model, table_for
 
     if table is not None:

@@ -17,7 +17,7 @@ from coilarray.errors import LocalizeError, OutputError
 if TYPE_CHECKING:
     import xarray as xr
 
-    from coilarray.design import Design
+    from coilarray.design.model import Design
 
 PICTURES = (".png", ".svg", ".pdf")
 
@@ -106,7 +106,7 @@ def read_response(path: Path) -> xr.Dataset:
     LocalizeError
         A file that is not there, or no netCDF file with δ over depth, y, x and state.
     """
-    from coilarray.storage import load_part
+    from coilarray.compute.netcdf import load_part
 
     if not path.is_file():
         raise LocalizeError(f"there is no file {path}.")
@@ -134,11 +134,11 @@ def one_map(source: str | None, depth: float | None, *, allow_violations: bool) 
     Raises
     ------
     LocalizeError, DesignError, RuleViolationError, ElastomerError
-        As `read_map`, `open_design` and `coilarray.response.response_map`.
+        As `read_map`, `open_design` and `coilarray.response.map.response_map`.
     """
     if is_map(source):
         return read_map(Path(str(source))), 0 if depth is None else depth
-    from coilarray.response import response_map
+    from coilarray.response.map import response_map
 
     design = open_design(source, allow_violations=allow_violations)
     if design.indentation is None:
@@ -156,8 +156,8 @@ def kept_table(design: Design, kept: Path | None) -> xr.Dataset:
     LocalizeError
         A file that is the table of another design.
     """
+    from coilarray.compute.netcdf import save_dataset
     from coilarray.localize.forward import table_for
-    from coilarray.storage import save_dataset
 
     if kept is not None and kept.exists():
         response = read_map(kept)

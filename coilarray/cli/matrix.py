@@ -39,11 +39,11 @@ def matrix(
     """
     if out is not None and not re.fullmatch(r"\.(nc|csv|cir|sub|inp|s\d+p)", out.suffix.lower()):
         raise OutputError(f"--out must end in .nc, .csv, .cir, .sub, .sNp or .inp; got {out}.")
-    from coilarray.coupling import couple_design
-    from coilarray.exchange import export_network, fasthenry_input
-    from coilarray.files import write_text
+    from coilarray.circuit.coupling import couple_design
+    from coilarray.circuit.exchange import export_network, fasthenry_input
+    from coilarray.compute.files import write_text
+    from coilarray.compute.netcdf import save_dataset
     from coilarray.report.tables import coil_table, pair_table
-    from coilarray.storage import save_dataset
 
     opened = open_design(design, allow_violations=allow_violations)
     with progress_bar("inductance matrix") as progress:

@@ -39,15 +39,15 @@ from coilarray.cli.shared import (
 from coilarray.errors import HardwareError
 
 if TYPE_CHECKING:
-    from coilarray.blocks import Progress
-    from coilarray.design import Design
-    from coilarray.hardware.board import Board
-    from coilarray.hardware.campaign import Campaign
-    from coilarray.hardware.reader import Reader
-    from coilarray.hardware.recorder import Recorder
-    from coilarray.hardware.scan_settings import ScanSettings
-    from coilarray.hardware.self_test import SelfTest
-    from coilarray.hardware.stages import Stage
+    from coilarray.compute.threads import Progress
+    from coilarray.design.model import Design
+    from coilarray.hardware.board.connect import Board
+    from coilarray.hardware.board.self_test import SelfTest
+    from coilarray.hardware.record.campaign import Campaign
+    from coilarray.hardware.record.recorder import Recorder
+    from coilarray.hardware.record.stages import Stage
+    from coilarray.hardware.scan.reader import Reader
+    from coilarray.hardware.scan.settings import ScanSettings
 
 _SCANS, _MOST_SCANS = 100, 100_000_000
 _LONGEST = 1e7  # s
@@ -172,8 +172,8 @@ def measure(
     if single:
         _single(options, opened, out, as_json=as_json)
         return
-    from coilarray.hardware.campaign import DWELL, SPEED, design_campaign
-    from coilarray.hardware.recorder import begin_session, open_recorder
+    from coilarray.hardware.record.campaign import DWELL, SPEED, design_campaign
+    from coilarray.hardware.record.recorder import begin_session, open_recorder
 
     plan = mover = None
     asked = campaign and port != EMULATOR and stage in (None, _PERSON)
@@ -226,7 +226,7 @@ def _refuse_given(what: str, options: Mapping[str, object]) -> None:
 
 def _tested(board: Board, settings: ScanSettings, when: str, *, ignore: bool) -> SelfTest:
     """Try every switch and coil, and configure the board again."""
-    from coilarray.hardware.self_test import self_test
+    from coilarray.hardware.board.self_test import self_test
 
     result = self_test(board.reader, board.wiring, settings)
     board.reader.configure(settings)
@@ -239,8 +239,8 @@ def _tested(board: Board, settings: ScanSettings, when: str, *, ignore: bool) ->
 
 
 def _single(options: BoardOptions, design: Design, out: Path | None, *, as_json: bool) -> None:
-    from coilarray.hardware.readings import read_scan
-    from coilarray.hardware.recorder import begin_session, open_recorder
+    from coilarray.hardware.record.recorder import begin_session, open_recorder
+    from coilarray.hardware.scan.readings import read_scan
 
     with (
         nullcontext() if out is None else open_recorder(out) as recorder,
@@ -287,7 +287,7 @@ def _stream(
     seconds: float | None,
     progress: Progress,
 ) -> None:
-    from coilarray.hardware.stream import record_stream
+    from coilarray.hardware.record.stream import record_stream
 
     if seconds is not None:
         record_stream(board.reader, recorder, seconds=seconds, progress=progress)
@@ -303,8 +303,8 @@ def _stream(
 
 
 def _campaign(plan: Campaign, board: Board, stage: Stage, recorder: Recorder, progress: Progress) -> None:
-    from coilarray.hardware.buses import ComputerClock
-    from coilarray.hardware.campaign import run_campaign
+    from coilarray.hardware.record.campaign import run_campaign
+    from coilarray.hardware.wire.buses import ComputerClock
 
     clock = ComputerClock() if board.emulator is None else board.emulator.clock
     run_campaign(plan, board.reader, stage, recorder, clock, progress, reconnect=_reconnecting(board))
@@ -312,7 +312,7 @@ def _campaign(plan: Campaign, board: Board, stage: Stage, recorder: Recorder, pr
 
 def _reconnecting(board: Board) -> Callable[[], Reader] | None:
     """Return what opens a microcontroller again that has restarted; other boards have nothing to open again."""
-    from coilarray.hardware.microcontroller import MicrocontrollerReader
+    from coilarray.hardware.board.microcontroller import MicrocontrollerReader
 
     if not isinstance(board.reader, MicrocontrollerReader):
         return None
@@ -349,9 +349,9 @@ def _mover(stage: str | None, reach_mm: str | None, clearance_mm: float | None, 
         raise HardwareError("--clearance-mm is for a stage of G-code.")
     if stage_port == port:
         raise HardwareError(f"--stage and --port must be different ports; got {port} twice.")
-    from coilarray.hardware.gcode_stage import GcodeStage, Reach
-    from coilarray.hardware.serial_ports import open_serial_port
-    from coilarray.hardware.stages import EmulatedStage, PersonStage
+    from coilarray.hardware.record.gcode_stage import GcodeStage, Reach
+    from coilarray.hardware.record.stages import EmulatedStage, PersonStage
+    from coilarray.hardware.wire.serial_ports import open_serial_port
 
     if reach_mm is not None:
         reach = Reach(*_reach(reach_mm), _CLEARANCE if clearance_mm is None else clearance_mm * 1e-3)
@@ -375,8 +375,8 @@ def _ask(text: str) -> None:
 
 
 def _print_result(out: Path, rate: float | None, *, as_json: bool) -> None:
-    from coilarray.hardware.recording import open_recording
-    from coilarray.hardware.recording_summary import summarize_recording
+    from coilarray.hardware.record.recording import open_recording
+    from coilarray.hardware.record.recording_summary import summarize_recording
 
     with open_recording(out) as recording:
         summary = summarize_recording(recording)

@@ -14,10 +14,10 @@ from coilarray.cli.shared import print_json, print_table
 from coilarray.errors import ClusterError, GoalError
 
 if TYPE_CHECKING:
-    from coilarray.design import Design
-    from coilarray.optimize.goal import Goal
-    from coilarray.optimize.run import Optimization, Told
-    from coilarray.optimize.trials import Trial
+    from coilarray.design.model import Design
+    from coilarray.studies.optimize.goal import Goal
+    from coilarray.studies.optimize.run import Optimization, Told
+    from coilarray.studies.optimize.trials import Trial
 
 
 def optimize(
@@ -60,16 +60,16 @@ def optimize(
         raise GoalError("a design and a goal must be given, as in: coilarray optimize gast2020 worst_k.")
     if workers is not None and cluster is not None:
         raise ClusterError("--workers is for processes of this machine; it cannot be given with --cluster.")
-    from coilarray.cache import open_cache
-    from coilarray.design import load_design
-    from coilarray.optimize.goal import load_goal
-    from coilarray.optimize.run import optimize_design, require_coils
-    from coilarray.optimize.space import axes_of
-    from coilarray.optimize.store import points_found
-    from coilarray.optimize.write import result_data, write_optimization
+    from coilarray.compute.workers import default_count
+    from coilarray.compute.workers import workers as open_workers
+    from coilarray.design.model import load_design
     from coilarray.report.optimization import write_optimization_report
-    from coilarray.workers import default_count
-    from coilarray.workers import workers as open_workers
+    from coilarray.studies.cache import open_cache
+    from coilarray.studies.optimize.goal import load_goal
+    from coilarray.studies.optimize.run import optimize_design, require_coils
+    from coilarray.studies.optimize.space import axes_of
+    from coilarray.studies.optimize.store import points_found
+    from coilarray.studies.optimize.write import result_data, write_optimization
 
     opened = load_design(design)
     wanted = _with_trials(load_goal(goal), trials)
@@ -119,7 +119,7 @@ def _with_trials(goal: Goal, trials: int | None) -> Goal:
 
 
 def _print_quantities(*, as_json: bool) -> None:
-    from coilarray.quantities import QUANTITIES
+    from coilarray.studies.quantities import QUANTITIES
 
     rows = [
         (

@@ -77,11 +77,11 @@ def response(
         for option, text in (("--depth-mm", depth_mm), ("--x-mm", x_mm), ("--y-mm", y_mm))
     )
     errors = _thickness_errors(thickness_error_mm or ())
-    from coilarray.files import make_folder, write_atomically, write_text
-    from coilarray.impedance import design_network
+    from coilarray.circuit.impedance import design_network
+    from coilarray.compute.files import make_folder, write_atomically, write_text
+    from coilarray.compute.netcdf import save_dataset
     from coilarray.report.indentation_tables import response_table
-    from coilarray.response import Imperfections, response_map
-    from coilarray.storage import save_dataset
+    from coilarray.response.map import Imperfections, response_map
 
     opened = open_design(design, allow_violations=allow_violations)
     faults = Imperfections(tilt, (offset_mm[0] * 1e-3, offset_mm[1] * 1e-3), depth_error_mm * 1e-3, errors, noise, seed)

@@ -16,8 +16,8 @@ from coilarray.errors import HardwareError, OutputError
 if TYPE_CHECKING:
     import xarray as xr
 
-    from coilarray.hardware.recording import Recording
-    from coilarray.hardware.recording_summary import RecordingSummary
+    from coilarray.hardware.record.recording import Recording
+    from coilarray.hardware.record.recording_summary import RecordingSummary
 
 _FORMATS = ("nc", "csv")
 
@@ -56,8 +56,8 @@ def scan_info(
     target = _target(run, to, out)
     if baseline < 1:
         raise HardwareError(f"--baseline must be at least 1; got {baseline}.")
-    from coilarray.hardware.recording import open_recording
-    from coilarray.hardware.recording_summary import summarize_recording
+    from coilarray.hardware.record.recording import open_recording
+    from coilarray.hardware.record.recording_summary import summarize_recording
 
     with open_recording(run) as recording:
         recording.check()
@@ -128,9 +128,9 @@ def _target(run: Path, to: str | None, out: Path | None) -> Path | None:
 
 def _write_response(recording: Recording, target: Path, calibration: Path | None, *, partial: bool) -> str:
     """Write the response of a campaign; return a line for people."""
-    from coilarray.hardware.calibration_file import load_calibration
-    from coilarray.hardware.channel_calibration import calibrated_response
-    from coilarray.hardware.recorded_response import recorded_response, response_csv
+    from coilarray.hardware.record.calibration_file import load_calibration
+    from coilarray.hardware.record.channel_calibration import calibrated_response
+    from coilarray.hardware.record.recorded_response import recorded_response, response_csv
 
     note = ""
     if calibration is None:
@@ -145,14 +145,14 @@ def _write_response(recording: Recording, target: Path, calibration: Path | None
 
 def _write_series(recording: Recording, target: Path, baseline: int) -> str:
     """Write every scan; return a line for people."""
-    from coilarray.hardware.recorded_response import recorded_series, series_csv
+    from coilarray.hardware.record.recorded_response import recorded_series, series_csv
 
     return _write(recorded_series(recording, baseline=baseline), series_csv, target, "the time series")
 
 
 def _write(dataset: xr.Dataset, table: Callable[[xr.Dataset], str], target: Path, what: str) -> str:
-    from coilarray.files import write_text
-    from coilarray.storage import save_dataset
+    from coilarray.compute.files import write_text
+    from coilarray.compute.netcdf import save_dataset
 
     if target.suffix.lower() == ".nc":
         save_dataset(dataset, target)

@@ -13,8 +13,8 @@ import typer
 from coilarray.errors import ElastomerError
 
 if TYPE_CHECKING:
-    from coilarray.blocks import Progress
-    from coilarray.design import Design
+    from coilarray.compute.threads import Progress
+    from coilarray.design.model import Design
 
 DesignArgument = Annotated[
     str | None,
@@ -41,7 +41,7 @@ def open_design(name: str | None, *, allow_violations: bool) -> Design:
     DesignError, RuleViolationError
         As `coilarray.load_design` and `coilarray.geometry.require_rules`.
     """
-    from coilarray.design import load_design
+    from coilarray.design.model import load_design
     from coilarray.errors import RuleViolationError
     from coilarray.geometry import require_rules
 

@@ -19,10 +19,10 @@ from coilarray.errors import OutputError
 if TYPE_CHECKING:
     import xarray as xr
 
-    from coilarray.blocks import Progress
-    from coilarray.design import Indentation
-    from coilarray.hardware.live_tracking import LiveReading
-    from coilarray.hardware.scans import RawScan
+    from coilarray.compute.threads import Progress
+    from coilarray.design.model import Indentation
+    from coilarray.hardware.record.live_tracking import LiveReading
+    from coilarray.hardware.scan.scans import RawScan
     from coilarray.viz.studio.services import BoardFrame, BoardRequest, Document
 
 _LONGEST = 86_400.0  # s
@@ -71,7 +71,7 @@ def studio(
 
     address = Address(LOOPBACK if host is None else host, port, "" if host is None else new_token())
     check_studio()
-    from coilarray.design import load_design
+    from coilarray.design.model import load_design
     from coilarray.viz.studio.services import Services
     from coilarray.viz.studio.shelf import Shelf
     from coilarray.viz.studio.work import work_on
@@ -112,7 +112,7 @@ def _ready(*, browser: bool) -> Callable[[str], None]:
 
 def write_report(document: Document, name: str, folder: Path, progress: Progress) -> Path:
     """See `coilarray.viz.studio.services.WriteReport`."""
-    from coilarray.design import build_design
+    from coilarray.design.model import build_design
     from coilarray.report import write_report as write
 
     return write(build_design(document, name), folder, progress).page
@@ -120,9 +120,9 @@ def write_report(document: Document, name: str, folder: Path, progress: Progress
 
 def kept_response(document: Document, name: str, progress: Progress) -> xr.Dataset:
     """See `coilarray.viz.studio.services.ResponseTable`; kept as that of ``coilarray live`` is."""
-    from coilarray.design import build_design
-    from coilarray.hardware.board_network import board_network
-    from coilarray.hardware.kept_parts import keep_folder, kept
+    from coilarray.design.model import build_design
+    from coilarray.hardware.scan.board_network import board_network
+    from coilarray.hardware.scan.kept_parts import keep_folder, kept
     from coilarray.localize.forward import table_for
 
     design, folder = build_design(document, name), keep_folder()
@@ -138,9 +138,9 @@ def watch_board(request: BoardRequest, send: Callable[[BoardFrame], None], stopp
     from contextlib import closing
 
     from coilarray.cli.board_options import BoardOptions, opened_board
-    from coilarray.design import build_design
-    from coilarray.hardware.live_tracking import LiveTracker
-    from coilarray.hardware.readings import read_scan
+    from coilarray.design.model import build_design
+    from coilarray.hardware.record.live_tracking import LiveTracker
+    from coilarray.hardware.scan.readings import read_scan
     from coilarray.localize.forward import forward_model
     from coilarray.viz.studio.services import BoardFrame
 

@@ -55,13 +55,13 @@ def sweep(
     check_file("--plot", plot, PICTURES)
     if workers is not None and cluster is not None:
         raise ClusterError("--workers is for processes of this machine; it cannot be given with --cluster.")
-    from coilarray.cache import open_cache
-    from coilarray.design import load_design
-    from coilarray.files import write_atomically, write_text
-    from coilarray.storage import save_dataset
-    from coilarray.sweep import parse_axis, plan_sweep, run_sweep
-    from coilarray.workers import default_count
-    from coilarray.workers import workers as open_workers
+    from coilarray.compute.files import write_atomically, write_text
+    from coilarray.compute.netcdf import save_dataset
+    from coilarray.compute.workers import default_count
+    from coilarray.compute.workers import workers as open_workers
+    from coilarray.design.model import load_design
+    from coilarray.studies.cache import open_cache
+    from coilarray.studies.sweep import parse_axis, plan_sweep, run_sweep
 
     opened = load_design(design)
     plan = plan_sweep(opened, [parse_axis(text) for text in vary or ()], quantity or (), samples, seed, accuracy)
@@ -90,7 +90,7 @@ def sweep(
     else:
         write_text(out, result.to_dataframe().to_csv(lineterminator="\n"))
     if plot is not None:
-        from coilarray.viz.sweep_grid_plots import sweep_figure
+        from coilarray.viz.plots.sweep_grid import sweep_figure
 
         write_atomically(plot, sweep_figure(result).savefig)
     reasons = [reason for reason in result.reason.values.ravel().tolist() if reason]

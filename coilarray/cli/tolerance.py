@@ -25,9 +25,9 @@ from coilarray.errors import ClusterError, GoalError
 if TYPE_CHECKING:
     import xarray as xr
 
-    from coilarray.design import Design
+    from coilarray.design.model import Design
     from coilarray.report.tables import Table
-    from coilarray.tolerance import Positions
+    from coilarray.studies.tolerance import Positions
 
 
 _LARGEST_STEP_CHANGE = 0.05  # of a standard deviation
@@ -107,12 +107,12 @@ def tolerance(
     from contextlib import ExitStack
     from dataclasses import replace
 
-    from coilarray.cache import open_cache
-    from coilarray.files import write_atomically, write_text
+    from coilarray.compute.files import write_atomically, write_text
+    from coilarray.compute.workers import default_count
+    from coilarray.compute.workers import workers as open_workers
     from coilarray.report.tolerance_tables import given_table, spread_table, yield_table
-    from coilarray.tolerance import analyse, check_analysis, load_tolerances, typical_text
-    from coilarray.workers import default_count
-    from coilarray.workers import workers as open_workers
+    from coilarray.studies.cache import open_cache
+    from coilarray.studies.tolerance import analyse, check_analysis, load_tolerances, typical_text
 
     if template is not None:
         write_text(template, typical_text())
@@ -168,7 +168,7 @@ def tolerance(
     if out is not None:
         _write(result, out)
     if plot is not None:
-        from coilarray.viz.tolerance_plots import tolerance_figure
+        from coilarray.viz.plots.tolerance import tolerance_figure
 
         write_atomically(plot, tolerance_figure(result).savefig)
     if as_json:
@@ -193,7 +193,7 @@ def _positions(
     noise: float | None,
 ) -> Positions | None:
     """Positions of the options, which go before those of the file."""
-    from coilarray.tolerance import Positions
+    from coilarray.studies.tolerance import Positions
 
     if x_mm is None and given is None:
         for option, value in (("--y-mm", y_mm), ("--depth-mm", depth_mm), ("--noise", noise)):
@@ -217,9 +217,9 @@ def _positions(
 def _write(result: xr.Dataset, out: Path) -> None:
     import json
 
-    from coilarray.files import write_text
+    from coilarray.compute.files import write_text
+    from coilarray.compute.netcdf import save_dataset
     from coilarray.report.tolerance_tables import sample_table, spread_table
-    from coilarray.storage import save_dataset
 
     match out.suffix.lower():
         case ".nc":

@@ -16,7 +16,7 @@ from coilarray.errors import GeometryError, LocalizeError, OutputError
 
 if TYPE_CHECKING:
     from coilarray.cli.readings import Reading
-    from coilarray.design import Design
+    from coilarray.design.model import Design
     from coilarray.viz.scenes import Scene, Side
     from coilarray.viz.scenes.of_design import Item, View
 

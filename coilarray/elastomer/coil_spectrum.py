@@ -22,8 +22,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from coilarray.blocks import run_blocks
-from coilarray.conductors import Source, as_conductors
+from coilarray.compute.threads import run_blocks
+from coilarray.electromagnetics.source import Source, as_conductors
 
 FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]

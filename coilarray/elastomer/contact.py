@@ -33,7 +33,7 @@ from coilarray.geometry import Indenter, Sheet
 FloatArray = npt.NDArray[np.float64]
 
 DEFAULT_MESH = ContactMesh()
-"""Force and contact radius to about 0.1 % and 0.3 %: the convergence study is in tests/test_elastomer_contact.py."""
+"""Force and contact radius to about 0.1 % and 0.3 %: the convergence study is in tests/elastomer/test_contact.py."""
 
 _SEARCH = 4.0  # contact is looked for up to profile = 4 depths; over an incompressible film it ends at 3 or less
 _COARSE = ContactMesh(elements=8, growth=1.5)  # for the first guess of the contact radius

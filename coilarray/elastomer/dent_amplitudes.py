@@ -19,16 +19,16 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import NdBSpline, make_interp_spline
 
-from coilarray.blocks import run_blocks
+from coilarray.compute.memory import require_memory
+from coilarray.compute.threads import run_blocks
 from coilarray.constants import MU_0
 from coilarray.elastomer.coil_spectrum import CoilSpectra
 from coilarray.elastomer.scattering import Scattering
-from coilarray.memory import require_memory
 
 FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
 
-_STEPS_A_CLEARANCE = 3  # of a table: the splines err by some 1e-5 of the peak (tests/test_dent_amplitudes.py)
+_STEPS_A_CLEARANCE = 3  # of a table: the splines err by some 1e-5 of the peak (tests/elastomer/test_dent_amplitudes.py)
 _DEGREE = 5  # of the splines
 _SPARE_ANGLES = 20  # on half a circle, as in coil_spectrum
 

@@ -7,12 +7,12 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from coilarray.blocks import Progress, ranges
+from coilarray.compute.memory import require_memory
+from coilarray.compute.threads import Progress, ranges
 from coilarray.elastomer.coil_spectrum import CoilSpectra, harmonics_about
 from coilarray.elastomer.dent import Dent
 from coilarray.elastomer.scattering import LayerMesh, Scattering, wavenumber_rule
 from coilarray.errors import ElastomerError
-from coilarray.memory import require_memory
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -8,14 +8,14 @@ from typing import Literal, TypeAlias, get_args
 import numpy as np
 import numpy.typing as npt
 
-from coilarray.blocks import Progress
-from coilarray.conductors import Source, as_conductors
+from coilarray.compute.threads import Progress
 from coilarray.constants import MU_0
 from coilarray.elastomer.coil_spectrum import coil_centres, coil_spectra
 from coilarray.elastomer.dent import Dent
 from coilarray.elastomer.dent_energy import checked_positions, dent_energies
 from coilarray.elastomer.scattering import LayerMesh, Scattering, scatter
 from coilarray.elastomer.shortcuts import born, first_order
+from coilarray.electromagnetics.source import Source, as_conductors
 from coilarray.errors import ElastomerError
 
 FloatArray = npt.NDArray[np.float64]

@@ -73,7 +73,7 @@ def dent_capacitance(
     ΔC = ε0 Δa(U_f, U_d)/V² with the energies of `coilarray.elastomer.scattering`, all harmonics.
 
     Assumed: the potential at z = 0 is that of `surface_potential` and does not change with the dent. A round coil of
-    two layers, solved alone in the true surroundings of its copper (tests/test_elastomer_dielectric.py), has 0.75 to
+    two layers, solved alone in the true surroundings of its copper (tests/elastomer/test_dielectric.py), has 0.75 to
     0.9 of this in symmetric drive, where the layers' potentials are opposite and cancel outside; with a terminal at
     ground 0.3 to 0.7, as then nothing but the neighbours holds the outside at zero. Where the zero is matters more: a
     dent of 1 mm in the gast2020 design feigns at most about 1e-7 in symmetric drive, 1.5e-6 with the upper layer's

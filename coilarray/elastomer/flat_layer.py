@@ -27,13 +27,13 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from coilarray.blocks import Progress, run_blocks
-from coilarray.conductors import Source, as_conductors
+from coilarray.compute.threads import Progress, run_blocks
 from coilarray.constants import MU_0
+from coilarray.electromagnetics.inductance import Accuracy, mutual_inductance, standing_for_all
+from coilarray.electromagnetics.kernels.cuts import lateral_axes
+from coilarray.electromagnetics.source import Source, as_conductors
 from coilarray.errors import ElastomerError
 from coilarray.geometry import Conductor, Sheet
-from coilarray.inductance import Accuracy, mutual_inductance, standing_for_all
-from coilarray.kernels.cuts import lateral_axes
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -126,7 +126,7 @@ def layer_inductance(
     Parameters
     ----------
     source : CoilArray, Conductor, polyline or sequence of them
-        See `coilarray.conductors.as_conductors`; below the magnetic sheet. Thin filaments are allowed.
+        See `coilarray.electromagnetics.source.as_conductors`; below the magnetic sheet. Thin filaments are allowed.
     sheets : sequence of Sheet
         Upwards from z = 0, wide against the coils. At most one magnetic region, see `magnetic_slab`.
     progress : callable, optional

@@ -15,9 +15,9 @@ from coilarray.constants import MU_0
 from coilarray.elastomer.dent import Dent
 from coilarray.elastomer.flat_stack import reflection
 from coilarray.elastomer.scattering import LayerMesh, scatter, wavenumber_rule
+from coilarray.electromagnetics.kernels.sections import pair_logs
 from coilarray.errors import ElastomerError
 from coilarray.geometry import Conductor, Sheet
-from coilarray.kernels.sections import pair_logs
 
 FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]

@@ -29,7 +29,7 @@ from scipy.sparse.linalg import splu
 from scipy.special import jv
 from skfem import Basis, BilinearForm, ElementQuad2, MeshQuad
 
-from coilarray.blocks import run_blocks
+from coilarray.compute.threads import run_blocks
 from coilarray.elastomer.dent import Dent
 from coilarray.elastomer.flat_stack import Base, flat_profile
 from coilarray.errors import ElastomerError
@@ -42,7 +42,7 @@ ComplexArray = npt.NDArray[np.complex128]
 
 @dataclass(frozen=True)
 class LayerMesh:
-    """Accuracy of the magnetic problem; the defaults are from the study in tests/test_elastomer_dented_layer.py.
+    """Accuracy of the magnetic problem; the defaults are from the study in tests/elastomer/test_dented_layer.py.
 
     Parameters
     ----------

@@ -18,11 +18,11 @@ import numpy.typing as npt
 import xarray as xr
 from scipy.interpolate import NdBSpline, make_interp_spline
 
-from coilarray.blocks import Progress
-from coilarray.design import Design
+from coilarray.circuit.network import Network
+from coilarray.compute.threads import Progress
+from coilarray.design.model import Design
 from coilarray.errors import LocalizeError
-from coilarray.network import Network
-from coilarray.response import response_map
+from coilarray.response.map import response_map
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -317,7 +317,7 @@ def table_for(
     spacing, deepest : float, optional
         As in `table_grid`.
     network, parts, progress : optional
-        As in `coilarray.response.response_map`.
+        As in `coilarray.response.map.response_map`.
 
     Returns
     -------

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import chdtrc, chdtri
 
-from coilarray.blocks import ranges
+from coilarray.compute.threads import ranges
 from coilarray.errors import LocalizeError
 from coilarray.localize.forward import PARAMETERS, ForwardModel, checked_noise
 from coilarray.localize.identifiability import covariance_of

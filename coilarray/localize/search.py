@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import minimum_filter
 
-from coilarray.blocks import ranges
+from coilarray.compute.threads import ranges
 from coilarray.localize.forward import ForwardModel
 
 FloatArray = npt.NDArray[np.float64]
@@ -31,7 +31,7 @@ BoolArray = npt.NDArray[np.bool_]
 
 _MOST_CELLS = 64  # along x and along y; more only where the table is finer
 _DEPTH_CELLS = 8
-_STARTS = 12  # of one reading: with them the least χ² of 200 random starts is found (tests/test_localize_inverse.py)
+_STARTS = 12  # of one reading: with them the least χ² of 200 random starts is found (tests/localize/test_inverse.py)
 _FARTHEST = 2.0  # step of the scan in sizes of a cell; the model is not linear much longer
 _BLOCK = 64  # readings scanned together; a few MB
 _UNIT = 0.1  # of the table's shorter side, and of its depths: the steps that the damping treats alike

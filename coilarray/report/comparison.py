@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from coilarray.files import write_text
+from coilarray.compute.files import write_text
 from coilarray.localize.level_curves import PARAMETERS
 from coilarray.report import figures
 from coilarray.report.localize_tables import number
@@ -27,7 +27,7 @@ def scale_table(comparison: xr.Dataset) -> Table:
     Parameters
     ----------
     comparison : xarray.Dataset
-        As `coilarray.comparison.compare_responses` returns it.
+        As `coilarray.localize.comparison.compare_responses` returns it.
 
     Returns
     -------

@@ -18,7 +18,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.image import imsave
 
-from coilarray.design import Design
+from coilarray.design.model import Design
 from coilarray.geometry import Indenter
 from coilarray.localize.ellipse_model import EllipseModel
 from coilarray.report.position import MapPositions

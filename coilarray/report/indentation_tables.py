@@ -49,7 +49,7 @@ def response_table(response: xr.Dataset) -> Table:
     Parameters
     ----------
     response : xarray.Dataset
-        As `coilarray.response.response_map` returns it.
+        As `coilarray.response.map.response_map` returns it.
 
     Returns
     -------

@@ -120,7 +120,7 @@ def cause_table(distortion: xr.Dataset) -> Table:
     Parameters
     ----------
     distortion : xarray.Dataset
-        As `coilarray.distortion.distortion` returns it.
+        As `coilarray.localize.distortion.distortion` returns it.
 
     Returns
     -------
@@ -145,7 +145,8 @@ def residual_table(distortion: xr.Dataset) -> Table:
     Parameters
     ----------
     distortion : xarray.Dataset
-        As `coilarray.distortion.distortion` returns it; ``calibrated_x0`` (calibration, state, delta) is counted too.
+        As `coilarray.localize.distortion.distortion` returns it; ``calibrated_x0`` (calibration, state, delta) is
+        counted too.
 
     Returns
     -------
@@ -194,7 +195,7 @@ def distortion_table(distortion: xr.Dataset) -> Table:
     Parameters
     ----------
     distortion : xarray.Dataset
-        As `coilarray.distortion.distortion` returns it.
+        As `coilarray.localize.distortion.distortion` returns it.
 
     Returns
     -------
@@ -231,7 +232,7 @@ def calibration_table(results: Mapping[str, xr.Dataset]) -> Table:
     Parameters
     ----------
     results : mapping of str to xarray.Dataset
-        `coilarray.calibration.Calibration.result` by the name of the base.
+        `coilarray.localize.calibration.Calibration.result` by the name of the base.
 
     Returns
     -------

@@ -19,19 +19,19 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from coilarray.coupling import provenance
-from coilarray.design import Design
+from coilarray.circuit.coupling import provenance
+from coilarray.compute.files import make_folder, write_text
+from coilarray.design.model import Design
+from coilarray.design.vary import vary
 from coilarray.errors import CoilarrayError
-from coilarray.files import make_folder, write_text
-from coilarray.optimize.importance import importance
-from coilarray.optimize.run import Optimization
-from coilarray.optimize.space import Axis
-from coilarray.optimize.trials import Trial
-from coilarray.optimize.write import design_names
-from coilarray.quantities import QUANTITIES, Evaluation, request
 from coilarray.report.figures import Picture
 from coilarray.report.tables import Column, Table
-from coilarray.variation import vary
+from coilarray.studies.optimize.importance import importance
+from coilarray.studies.optimize.run import Optimization
+from coilarray.studies.optimize.space import Axis
+from coilarray.studies.optimize.trials import Trial
+from coilarray.studies.optimize.write import design_names
+from coilarray.studies.quantities import QUANTITIES, Evaluation, request
 from coilarray.viz import boards_figure, plot_importance, plot_pareto, plot_search
 
 _DPI = 130
@@ -67,7 +67,7 @@ def write_optimization_report(result: Optimization, folder: str | Path) -> Path:
     Parameters
     ----------
     result : Optimization
-        As `coilarray.optimize.optimize_design` returns it.
+        As `coilarray.studies.optimize.optimize_design` returns it.
     folder : str or Path
         Made where it does not exist.
 

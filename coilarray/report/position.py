@@ -82,7 +82,7 @@ def map_positions(response: xr.Dataset) -> MapPositions:
     Parameters
     ----------
     response : xarray.Dataset
-        As `coilarray.response.response_map` returns it.
+        As `coilarray.response.map.response_map` returns it.
 
     Returns
     -------

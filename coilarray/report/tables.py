@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from coilarray.design import Design
+from coilarray.design.model import Design
+from coilarray.electromagnetics.inductance import coupling_matrix
 from coilarray.geometry import Margin
-from coilarray.inductance import coupling_matrix
 
 Value = str | float | bool
 

@@ -62,7 +62,7 @@ def spread_table(result: xr.Dataset) -> Table:
     Parameters
     ----------
     result : xarray.Dataset
-        As `coilarray.tolerance.analyse` returns it.
+        As `coilarray.studies.tolerance.analyse` returns it.
 
     Returns
     -------
@@ -101,7 +101,7 @@ def share_table(result: xr.Dataset) -> Table:
     Parameters
     ----------
     result : xarray.Dataset
-        As `coilarray.tolerance.analyse` returns it.
+        As `coilarray.studies.tolerance.analyse` returns it.
     """
     columns = (
         Column("output", "output"),
@@ -123,7 +123,7 @@ def error_table(result: xr.Dataset) -> Table:
     Parameters
     ----------
     result : xarray.Dataset
-        As `coilarray.tolerance.analyse` returns it.
+        As `coilarray.studies.tolerance.analyse` returns it.
     """
     columns = (
         Column("contributor", "error"),
@@ -145,7 +145,7 @@ def given_table(result: xr.Dataset) -> GivenTable:
     Parameters
     ----------
     result : xarray.Dataset
-        As `coilarray.tolerance.analyse` returns it.
+        As `coilarray.studies.tolerance.analyse` returns it.
     """
     columns = (
         Column("table", "error"),
@@ -174,13 +174,13 @@ def yield_table(result: xr.Dataset) -> Table:
     Parameters
     ----------
     result : xarray.Dataset
-        As `coilarray.tolerance.analyse` returns it.
+        As `coilarray.studies.tolerance.analyse` returns it.
 
     Returns
     -------
     Table
         Of the linear model, in which every board can be made, and, with samples, of the drawn boards, of which one that
-        cannot be made is bad. Their interval is that of `coilarray.tolerance.statistics.Yield`.
+        cannot be made is bad. Their interval is that of `coilarray.studies.tolerance.statistics.Yield`.
     """
     columns = (
         Column("limit", "limit"),
@@ -205,7 +205,7 @@ def sample_table(result: xr.Dataset) -> Table:
     Parameters
     ----------
     result : xarray.Dataset
-        As `coilarray.tolerance.analyse` returns it, with samples.
+        As `coilarray.studies.tolerance.analyse` returns it, with samples.
     """
     contributors, outputs = result.contributor.values.tolist(), result.output.values.tolist()
     units = [unit if unit != "1" else "" for unit in result.unit.values.tolist()]

@@ -14,22 +14,22 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from coilarray.blocks import Progress
-from coilarray.coupling import couple_design, provenance
-from coilarray.design import Design
+from coilarray.circuit.coupling import couple_design, provenance
+from coilarray.circuit.impedance import close_channels, design_network, scan_design, sweep_design
+from coilarray.circuit.operating_field import operating_field
+from coilarray.compute.files import make_folder, write_text
+from coilarray.compute.netcdf import save_dataset
+from coilarray.compute.threads import Progress
+from coilarray.design.fab_limits import load_profile
+from coilarray.design.model import Design
 from coilarray.elastomer.contact import indent
 from coilarray.errors import CoilarrayError, GeometryError, LocalizeError, NetworkError
-from coilarray.fab_schema import load_profile
-from coilarray.files import make_folder, write_text
 from coilarray.geometry import check_rules
-from coilarray.impedance import close_channels, design_network, scan_design, sweep_design
 from coilarray.localize.ellipse_model import SEMIAXIS_ADDITION
 from coilarray.localize.published import published_model
-from coilarray.near_field import operating_field
 from coilarray.report import circuit_tables, figures, indentation_tables, localize_tables, tables
 from coilarray.report.position import MapPositions, map_position_table, map_positions
-from coilarray.response import response_map
-from coilarray.storage import save_dataset
+from coilarray.response.map import response_map
 from coilarray.viz import rendering_problem
 
 FloatArray = npt.NDArray[np.float64]

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
+from coilarray.compute.files import write_atomically
 from coilarray.errors import OutputError
-from coilarray.files import write_atomically
 from coilarray.geometry.array import CoilArray
 from coilarray.geometry.copper import Drill, board_outline, copper_by_layer, drills
 from coilarray.geometry.extras import import_extra

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from coilarray.compute.files import write_atomically
 from coilarray.errors import OutputError
-from coilarray.files import write_atomically
 from coilarray.geometry.array import CoilArray
 from coilarray.geometry.copper import Drill, drills
 from coilarray.geometry.export.silk import silk_labels

@@ -9,8 +9,8 @@ import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 
+from coilarray.compute.files import make_folder
 from coilarray.errors import OutputError
-from coilarray.files import make_folder
 from coilarray.geometry.array import CoilArray, Placement
 from coilarray.geometry.export.kicad_footprint import holes_of, library_footprints, segments, terminal_footprint
 from coilarray.geometry.export.kicad_project import library_table_text, project_text

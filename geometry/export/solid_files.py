@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from coilarray.compute.files import write_atomically
 from coilarray.errors import OutputError
-from coilarray.files import write_atomically
 
 if TYPE_CHECKING:
     import trimesh

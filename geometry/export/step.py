@@ -14,8 +14,8 @@ import numpy.typing as npt
 import shapely
 from shapely.geometry.polygon import orient
 
+from coilarray.compute.files import write_atomically
 from coilarray.errors import OutputError
-from coilarray.files import write_atomically
 from coilarray.geometry.array import CoilArray
 from coilarray.geometry.copper import disc, drills
 from coilarray.geometry.extras import import_extra

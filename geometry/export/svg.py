@@ -10,8 +10,8 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
+from coilarray.compute.files import write_text
 from coilarray.errors import OutputError
-from coilarray.files import write_text
 from coilarray.geometry.array import CoilArray
 from coilarray.geometry.copper import board_outline, copper_by_layer, drills
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Protocol
 
-from coilarray.hardware.buses import Clock
 from coilarray.hardware.emulator.adg739_chain import Adg739Chain, netlist
 from coilarray.hardware.emulator.circuit import Seen, what_is_seen
 from coilarray.hardware.emulator.i2c_bus import EmulatedBus
@@ -19,6 +18,7 @@ from coilarray.hardware.emulator.switch_port import EmulatedSwitches
 from coilarray.hardware.emulator.tank import Resonator
 from coilarray.hardware.emulator.undocumented import Misuse
 from coilarray.hardware.emulator.world import World
+from coilarray.hardware.wire.buses import Clock
 
 NOISE = 1.4e-7
 """Relative standard deviation of a frequency at full resolution: what a user of the LDC1612 reports at RCOUNT 0x800,

@@ -8,8 +8,8 @@ from typing import Literal, NamedTuple
 
 from scipy.cluster.hierarchy import DisjointSet
 
+from coilarray.design.scan_states import Passive, ScanState
 from coilarray.hardware.emulator.adg739_chain import WiredSwitch
-from coilarray.terminations import Passive, ScanState
 
 Node = tuple[int, int] | str
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from coilarray.hardware.buses import Clock
 from coilarray.hardware.emulator.ldc1614_chip import Ldc1614
-from coilarray.hardware.faults import BusFault, BusTimeout
+from coilarray.hardware.wire.buses import Clock
+from coilarray.hardware.wire.faults import BusFault, BusTimeout
 
 ADDRESS = 0x2A
 """With the pin ADDR low."""
@@ -13,7 +13,7 @@ _TIMEOUT = 25e-3  # s until a master gives up a bus that is held down
 
 
 class EmulatedBus:
-    """I²C to one converter: a `coilarray.hardware.buses.RegisterBus`.
+    """I²C to one converter: a `coilarray.hardware.wire.buses.RegisterBus`.
 
     Parameters
     ----------

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coilarray.hardware.buses import Clock
 from coilarray.hardware.emulator.chip_setting import Setting
 from coilarray.hardware.emulator.conversion import Result, Run, Surroundings
 from coilarray.hardware.emulator.register_table import Register, register_table
 from coilarray.hardware.emulator.undocumented import Misuse
+from coilarray.hardware.wire.buses import Clock
 
 CHANNELS = 4
 _MSB, _LSB = (0x00, 0x02, 0x04, 0x06), (0x01, 0x03, 0x05, 0x07)

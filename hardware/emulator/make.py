@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from coilarray.blocks import Progress
-from coilarray.design import Design
+from coilarray.compute.threads import Progress
+from coilarray.design.model import Design
 from coilarray.errors import HardwareError
-from coilarray.hardware.board_network import board_network
-from coilarray.hardware.buses import Clock
 from coilarray.hardware.emulator.board import NOISE, Conditions, Drift, EmulatedBoard, Netlist
 from coilarray.hardware.emulator.oscillator import Oscillator
 from coilarray.hardware.emulator.response_table import response_table
 from coilarray.hardware.emulator.sensor_world import COPPER, SensorWorld
 from coilarray.hardware.emulator.virtual_clock import VirtualClock
 from coilarray.hardware.emulator.world import FixedCoils
-from coilarray.hardware.kept_parts import keep_folder
+from coilarray.hardware.scan.board_network import board_network
+from coilarray.hardware.scan.kept_parts import keep_folder
+from coilarray.hardware.wire.buses import Clock
 
 
 def emulated_board(
@@ -43,7 +43,7 @@ def emulated_board(
     design : Design
         With all the coils of the wiring.
     wiring : Netlist
-        Of the switches, as `coilarray.hardware.wiring.load_wiring` returns it.
+        Of the switches, as `coilarray.hardware.scan.wiring.load_wiring` returns it.
     path : sequence of (float, float, float, float), optional
         Of the indenter: time in s, x, y and depth in m. Lifted by default.
     seed : int

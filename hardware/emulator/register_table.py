@@ -54,7 +54,7 @@ def register_table() -> dict[int, Register]:
     '0x2801'
     """
     rows: dict[int, list[dict[str, str]]] = {}
-    text = resources.files("coilarray.hardware").joinpath(_TABLE).read_text(encoding="utf-8")
+    text = resources.files("coilarray.hardware.chips").joinpath(_TABLE).read_text(encoding="utf-8")
     for row in csv.DictReader(text.splitlines()):
         rows.setdefault(int(row["address"], 16), []).append(row)
     return {address: _register(address, fields) for address, fields in rows.items()}

@@ -16,20 +16,20 @@ import numpy.typing as npt
 import xarray as xr
 from scipy.interpolate import CubicSpline, NdBSpline, make_interp_spline
 
-from coilarray.blocks import Progress
-from coilarray.design import Design, Indentation
+from coilarray.compute.threads import Progress
+from coilarray.design.model import Design, Indentation
 from coilarray.elastomer.contact import indent
 from coilarray.elastomer.dent import dent_of
 from coilarray.elastomer.dented_layer import dent_inductance
 from coilarray.errors import HardwareError
 from coilarray.hardware.emulator.indenter import Place
-from coilarray.hardware.kept_parts import kept
+from coilarray.hardware.scan.kept_parts import kept
 
 FloatArray = npt.NDArray[np.float64]
 
 SPACING = 1.2e-3
 """Largest distance of positions in m. For gast2020 the table's inductances are then wrong by 2e-7 (root of the mean
-square) and at most 4e-6 at 1 mm depth, where they change by up to 8e-4 (tests/test_emulator_world.py)."""
+square) and at most 4e-6 at 1 mm depth, where they change by up to 8e-4 (tests/hardware/test_emulator_world.py)."""
 _PLANES = 6
 _DEEPEST = 1.7  # of the deepest indentation of the design
 _LEAST_POSITIONS = 4  # for a cubic

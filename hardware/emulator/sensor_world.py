@@ -8,13 +8,13 @@ from functools import cached_property
 
 import numpy as np
 
+from coilarray.circuit.network import Network, StateResult, loaded_quality, resonances_near, resonate, solve_state
+from coilarray.design.scan_states import ScanState
 from coilarray.errors import HardwareError, NetworkError
 from coilarray.hardware.emulator.indenter import LIFTED, Place
 from coilarray.hardware.emulator.oscillator import ROOM_TEMPERATURE
 from coilarray.hardware.emulator.response_table import ResponseTable
 from coilarray.hardware.emulator.tank import Resonator
-from coilarray.network import Network, StateResult, loaded_quality, resonances_near, resonate, solve_state
-from coilarray.terminations import ScanState
 
 COPPER = 3.93e-3
 """Relative change of copper's resistance in 1/K."""
@@ -28,7 +28,7 @@ class SensorWorld:
     Parameters
     ----------
     network : Network
-        As `coilarray.hardware.board_network.board_network` returns it.
+        As `coilarray.hardware.scan.board_network.board_network` returns it.
     table : callable
         Returns the response table; called when the indenter is pressed for the first time.
     strays : mapping of str to float, optional
@@ -45,8 +45,8 @@ class SensorWorld:
 
     Notes
     -----
-    At room temperature and untouched it is `coilarray.impedance.scan_design`. Pressed, the resonance of the same
-    network with the changed inductance matrix is found, as `coilarray.response.response_map` does it.
+    At room temperature and untouched it is `coilarray.circuit.impedance.scan_design`. Pressed, the resonance of the
+    same network with the changed inductance matrix is found, as `coilarray.response.map.response_map` does it.
     """
 
     def __init__(

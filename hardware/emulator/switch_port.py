@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from coilarray.hardware.buses import Clock
 from coilarray.hardware.emulator.adg739_chain import Adg739Chain
+from coilarray.hardware.wire.buses import Clock
 
 
 class EmulatedSwitches:
-    """A chain of switches: a `coilarray.hardware.buses.SwitchChain`.
+    """A chain of switches: a `coilarray.hardware.wire.buses.SwitchChain`.
 
     Parameters
     ----------

@@ -8,7 +8,7 @@ from coilarray.errors import HardwareError
 
 
 class VirtualClock:
-    """A `coilarray.hardware.buses.Clock` without real time.
+    """A `coilarray.hardware.wire.buses.Clock` without real time.
 
     Parameters
     ----------

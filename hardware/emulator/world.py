@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Protocol
 
+from coilarray.design.scan_states import ScanState
 from coilarray.hardware.emulator.indenter import Place
 from coilarray.hardware.emulator.tank import Resonator, series_tank
-from coilarray.terminations import ScanState
 
 
 class World(Protocol):

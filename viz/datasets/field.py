@@ -102,7 +102,7 @@ def field_grid(
 
 
 def flux_density(field: xr.Dataset) -> pyvista.RectilinearGrid:
-    """Put the flux density of `coilarray.near_field.operating_field` on its grid.
+    """Put the flux density of `coilarray.circuit.operating_field.operating_field` on its grid.
 
     Parameters
     ----------

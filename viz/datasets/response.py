@@ -38,7 +38,7 @@ def response_surface(
     Parameters
     ----------
     response : xarray.Dataset
-        ``delta`` (depth, y, x, state) as `coilarray.response.response_map` returns it, computed or measured.
+        ``delta`` (depth, y, x, state) as `coilarray.response.map.response_map` returns it, computed or measured.
     state : str
         Which state of the scan.
     depth : int

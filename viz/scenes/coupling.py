@@ -30,7 +30,8 @@ def scene_of_coupling(coupling: xr.Dataset) -> Scene:
     Parameters
     ----------
     coupling : xarray.Dataset
-        As `coilarray.coupling.couple_design` returns it: ``coupling`` (coil, other) and the centres ``x``, ``y`` in m.
+        As `coilarray.circuit.coupling.couple_design` returns it: ``coupling`` (coil, other) and the centres ``x``,
+        ``y`` in m.
     """
     centres = np.column_stack((coupling.x.values, coupling.y.values))
     k = coupling.coupling.values

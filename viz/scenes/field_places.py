@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from coilarray.design import Design
+from coilarray.design.model import Design
 from coilarray.geometry.array import CoilArray
 
 FloatArray = npt.NDArray[np.float64]

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from coilarray.compute.files import write_atomically
 from coilarray.errors import OutputError
-from coilarray.files import write_atomically
 from coilarray.geometry.extras import import_extra
 from coilarray.viz.scenes.camera import Side
 from coilarray.viz.scenes.draw import draw, draw_parts, pixel_of

@@ -12,16 +12,16 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from coilarray.blocks import Progress
-from coilarray.coupling import couple_design
-from coilarray.design import Design, Indentation
+from coilarray.circuit.coupling import couple_design
+from coilarray.circuit.operating_field import operating_currents, operating_field
+from coilarray.compute.threads import Progress
+from coilarray.design.model import Design, Indentation
 from coilarray.elastomer.contact import indent
 from coilarray.errors import GeometryError, LocalizeError
 from coilarray.localize.forward import forward_model
 from coilarray.localize.inverse import locate
-from coilarray.map_places import indentation_of
-from coilarray.near_field import operating_currents, operating_field
-from coilarray.response import response_map
+from coilarray.response.map import response_map
+from coilarray.response.setup import indentation_of
 from coilarray.viz.datasets.field import flux_density, require_memory
 from coilarray.viz.scenes.board import scene_of_board, scene_of_lifted_board, scene_of_sheets
 from coilarray.viz.scenes.coupling import colours_of_currents, scene_of_coupling

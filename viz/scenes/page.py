@@ -13,8 +13,8 @@ from typing import Any, get_args
 
 import numpy as np
 
+from coilarray.compute.files import write_text
 from coilarray.errors import MissingDependencyError
-from coilarray.files import write_text
 from coilarray.geometry.extras import import_extra
 from coilarray.viz.palette import INK
 from coilarray.viz.scenes.actors import actor_of

@@ -9,8 +9,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from coilarray.compute.files import make_folder
 from coilarray.errors import OutputError
-from coilarray.files import make_folder
 from coilarray.viz.scenes.scene import Scene
 
 if TYPE_CHECKING:

@@ -7,8 +7,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from coilarray.compute.files import write_atomically
 from coilarray.errors import MissingDependencyError, OutputError
-from coilarray.files import write_atomically
 from coilarray.geometry.array import CoilArray
 from coilarray.geometry.indenter import Indenter
 from coilarray.geometry.sheet import Sheet

@@ -9,13 +9,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from coilarray.blocks import Progress
-from coilarray.design import Design, Indentation
+from coilarray.compute.threads import Progress
+from coilarray.design.model import Design, Indentation
 from coilarray.elastomer.contact import indent
 from coilarray.errors import GeometryError
 from coilarray.localize.forward import forward_model
-from coilarray.map_places import indentation_of
-from coilarray.response import response_map
+from coilarray.response.map import response_map
+from coilarray.response.setup import indentation_of
 from coilarray.viz.scenes.board import CoilColours, copper_parts, recoloured, scene_of_board
 from coilarray.viz.scenes.dent import VEILED, scene_of_dent
 from coilarray.viz.scenes.draw import shown_units

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from coilarray.design import Design
+from coilarray.design.model import Design
 from coilarray.errors import DesignError
 
 _UNITS = {
@@ -63,7 +63,7 @@ class Entry:
     Parameters
     ----------
     key : str
-        Dotted, as `coilarray.variation.vary` takes it.
+        Dotted, as `coilarray.design.vary.vary` takes it.
     label : str
         For people, without the unit.
     unit : str

@@ -144,7 +144,7 @@ class Job:
 
 
 def progress_of(tell: Tell) -> Callable[[int, int], None]:
-    """Return a `coilarray.blocks.Progress` that tells (done, total)."""
+    """Return a `coilarray.compute.threads.Progress` that tells (done, total)."""
 
     def progress(done: int, total: int) -> None:
         tell((done, total))

@@ -10,11 +10,11 @@ import numpy.typing as npt
 import xarray as xr
 from matplotlib import colormaps
 
-from coilarray.coupling import couple, design_inductance
-from coilarray.design import Design
+from coilarray.circuit.coupling import couple, design_inductance
+from coilarray.design.model import Design
+from coilarray.electromagnetics.inductance import Accuracy
+from coilarray.electromagnetics.resistance import dc_resistance
 from coilarray.geometry.rules import Margin, check_rules
-from coilarray.inductance import Accuracy
-from coilarray.resistance import dc_resistance
 from coilarray.viz.palette import DIVERGING
 
 FloatArray = npt.NDArray[np.float64]
@@ -30,7 +30,7 @@ class Numbers:
     Parameters
     ----------
     coupling : xarray.Dataset
-        As `coilarray.coupling.couple` returns it.
+        As `coilarray.circuit.coupling.couple` returns it.
     accuracy : {"full", "screen"}
         Of the inductances.
     """

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from coilarray.design import Design
+from coilarray.design.model import Design
 from coilarray.geometry.rules import Margin
 from coilarray.viz.studio.calculator import Step
 from coilarray.viz.studio.numbers import (

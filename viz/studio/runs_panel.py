@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from coilarray.errors import CoilarrayError
-from coilarray.optimize.store import FILE
+from coilarray.studies.optimize.store import FILE
 from coilarray.viz.studio.runs import Run, front_rows, read_runs, run_folders
 
 if TYPE_CHECKING:
@@ -130,7 +130,7 @@ def _stamp(folder: Path) -> tuple[int, ...]:
 
 def _picture(run: Run, x: str, y: str) -> str:
     """Draw the points over two quantities as an image that stands in the page itself."""
-    from coilarray.viz.optimize_plots import plot_front
+    from coilarray.viz.plots.optimize import plot_front
 
     values: Any = list(zip(run.values(x), run.values(y), strict=True))
     two = (x, y) == run.objectives[:2] and len(run.maximized) == 2

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import xarray as xr
 
-from coilarray.design import Design
+from coilarray.circuit.network import StateResult
+from coilarray.design.model import Design
 from coilarray.elastomer.contact import indent
-from coilarray.map_places import indentation_of
-from coilarray.network import StateResult
+from coilarray.response.setup import indentation_of
 from coilarray.viz.scenes import (
     Part,
     Scene,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, get_args
 
-from coilarray.design import Design
+from coilarray.design.model import Design
 from coilarray.viz.scenes import Scene, Side
 from coilarray.viz.studio.calculator import Step
 from coilarray.viz.studio.legend import legend_of

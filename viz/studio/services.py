@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import xarray as xr
 
-    from coilarray.blocks import Progress
+    from coilarray.compute.threads import Progress
     from coilarray.localize.inverse import Location
 
 Document = Mapping[str, Any]
-"""A design file as TOML reads it: `coilarray.design.build_design` makes the design of it."""
+"""A design file as TOML reads it: `coilarray.design.model.build_design` makes the design of it."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ WatchBoard = Callable[[BoardRequest, Callable[[BoardFrame], None], Stopped], Non
 
 def compute_table(document: Document, name: str, progress: Progress) -> xr.Dataset:
     """Compute a response table, and keep it nowhere."""
-    from coilarray.design import build_design
+    from coilarray.design.model import build_design
     from coilarray.localize.forward import table_for
 
     return table_for(build_design(document, name), progress=progress)

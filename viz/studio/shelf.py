@@ -6,10 +6,10 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from coilarray import designs
-from coilarray.design import load_design, parse_design
+from coilarray.compute.files import write_text
+from coilarray.design import bundled
+from coilarray.design.model import load_design, parse_design
 from coilarray.errors import CoilarrayError, DesignError, OutputError
-from coilarray.files import write_text
 from coilarray.viz.studio.work import Work, work_on
 
 _FILE = re.compile(r"[A-Za-z0-9_+][A-Za-z0-9_.+-]{0,120}\.toml")  # no name that a file system finds too long
@@ -33,7 +33,7 @@ class Shelf:
             files = sorted(path.name for path in self.folder.glob("*.toml") if _FILE.fullmatch(path.name))
         except OSError:
             files = []
-        return [*files, *designs.names()]
+        return [*files, *bundled.names()]
 
     def open(self, name: str) -> Work:
         """Read a design.
@@ -43,8 +43,8 @@ class Shelf:
         DesignError
             A name that is not in `names`, or a file that is no design.
         """
-        if name in designs.names():
-            return work_on(parse_design(designs.read(name), name), name)
+        if name in bundled.names():
+            return work_on(parse_design(bundled.read(name), name), name)
         path = self.path(name)
         if not path.is_file():
             raise DesignError(f"there is no file {name} in {self.folder}.")

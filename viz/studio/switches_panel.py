@@ -6,9 +6,9 @@ import cmath
 import math
 from typing import TYPE_CHECKING, Any
 
-from coilarray.design import Design
+from coilarray.circuit.network import StateResult
+from coilarray.design.model import Design
 from coilarray.errors import NetworkError
-from coilarray.network import StateResult
 from coilarray.viz.scenes import Scene
 from coilarray.viz.studio.scene_making import BoardParts, switched_scene
 from coilarray.viz.studio.switching import SETTINGS, Setting, UnitFields, kept_settings, switched, unit_fields

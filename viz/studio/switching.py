@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from coilarray.design import Design
+from coilarray.circuit.network import Network, StateResult, resonate
+from coilarray.design.model import Design
+from coilarray.design.scan_states import ScanState
+from coilarray.electromagnetics.field import grid_points, magnetic_field
+from coilarray.electromagnetics.resistance import dc_resistance
 from coilarray.errors import NetworkError
-from coilarray.field import grid_points, magnetic_field
-from coilarray.network import Network, StateResult, resonate
-from coilarray.resistance import dc_resistance
-from coilarray.terminations import ScanState
 from coilarray.viz.datasets.field import AMOUNT, FIELD, field_grid, require_memory
 from coilarray.viz.scenes.field_places import Span
 

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.distance import pdist
 from scipy.special import chdtri
 
-from coilarray.design import Design
+from coilarray.design.model import Design
 from coilarray.localize.inverse import Location
 from coilarray.viz.palette import COILS, INK, cycled
 from coilarray.viz.scenes.scene import symmetric

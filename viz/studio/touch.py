@@ -9,13 +9,13 @@ from functools import lru_cache
 import numpy as np
 import xarray as xr
 
-from coilarray.design import Design, Indentation
+from coilarray.design.model import Design, Indentation
 from coilarray.errors import LocalizeError
 from coilarray.localize.ellipse import Ellipse, fit_ellipses
 from coilarray.localize.ellipse_model import EllipseModel, EllipsePosition, ellipse_model, locate_x
 from coilarray.localize.forward import ForwardModel, forward_model
 from coilarray.localize.inverse import Location, locate
-from coilarray.map_places import indentation_of
+from coilarray.response.setup import indentation_of
 
 NOISE = 1e-5
 """Standard deviation of δ that a position is told with."""

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import xarray as xr
 
-from coilarray.design import Design
+from coilarray.design.model import Design
 from coilarray.errors import CoilarrayError, DesignError
 from coilarray.viz.scenes import Scene
 from coilarray.viz.studio.entries import number_of

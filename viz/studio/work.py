@@ -8,9 +8,9 @@ from typing import Any
 
 import tomli_w
 
-from coilarray.design import Design, build_design
+from coilarray.design.model import Design, build_design
+from coilarray.design.vary import vary_document
 from coilarray.errors import DesignError
-from coilarray.variation import vary_document
 from coilarray.viz.studio.entries import number_of
 
 MOST_COILS = 64
@@ -75,7 +75,7 @@ class Work:
         return self.with_entries({key: number_of(key, text)})
 
     def with_entries(self, changes: Mapping[str, Any]) -> Work:
-        """Set several entries at once, to values as `coilarray.variation.vary` takes them.
+        """Set several entries at once, to values as `coilarray.design.vary.vary` takes them.
 
         Raises
         ------

@@ -1,0 +1,17 @@
+"""Exchange with circuit and field solvers: SPICE subcircuits, FastHenry files and Touchstone files."""
+
+from __future__ import annotations
+
+from coilarray.circuit.exchange.fasthenry import fasthenry_input, read_fasthenry_input, read_zc_matrix
+from coilarray.circuit.exchange.spice import plain_names, spice_subcircuit
+from coilarray.circuit.exchange.touchstone import export_network, touchstone
+
+__all__ = [
+    "export_network",
+    "fasthenry_input",
+    "plain_names",
+    "read_fasthenry_input",
+    "read_zc_matrix",
+    "spice_subcircuit",
+    "touchstone",
+]

@@ -1,0 +1,149 @@
+"""The array as a SPICE subcircuit: inductors, series resistors, shunt capacitors and the complete set of couplings."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from coilarray.circuit.active_coil import FloatArray, checked_network
+from coilarray.electromagnetics.inductance import coupling_matrix
+
+_NAME_LENGTH = 60  # FastHenry reads names into buffers of 80 bytes
+
+
+def plain_names(names: Sequence[str], count: int | None = None) -> tuple[str, ...]:
+    """Return names of letters, digits and underscores that stay distinct where case does not count.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of the coils, all different.
+    count : int, optional
+        How many there must be.
+
+    Returns
+    -------
+    tuple of str
+        Every other character becomes ``_``; a name that is taken then gets ``_2``, ``_3``, …
+
+    Raises
+    ------
+    ValueError
+        The wrong number of names, no name at all, an empty name, or one given twice.
+
+    Examples
+    --------
+    >>> plain_names(["coil 1", "coil-1", "COIL_1"])
+    ('coil_1', 'coil_1_2', 'COIL_1_3')
+    """
+    given = list(names)
+    if not given or (count is not None and len(given) != count):
+        raise ValueError(f"names must be {count or 'one or more'}; got {len(given)}.")
+    taken: set[str] = set()
+    result: list[str] = []
+    for name in given:
+        if not name.strip():
+            raise ValueError("every coil needs a name; got an empty one.")
+        if given.count(name) > 1:
+            raise ValueError(f"names must be all different; got {name!r} more than once.")
+        stem = re.sub(r"[^A-Za-z0-9_]", "_", name.strip())[:_NAME_LENGTH]
+        candidates = itertools.chain([stem], (f"{stem}_{k}" for k in itertools.count(2)))
+        plain = next(candidate for candidate in candidates if candidate.lower() not in taken)
+        taken.add(plain.lower())
+        result.append(plain)
+    return tuple(result)
+
+
+def spice_subcircuit(
+    names: Sequence[str],
+    inductance: npt.ArrayLike,
+    resistance: npt.ArrayLike,
+    *,
+    capacitance: npt.ArrayLike | None = None,
+    title: str = "",
+) -> str:
+    """Write the array as a SPICE subcircuit.
+
+    Parameters
+    ----------
+    names : sequence of str, length n
+        Of the coils; `plain_names` makes node names of them.
+    inductance : array_like, shape (n, n)
+        Inductance matrix in H, symmetric and positive definite.
+    resistance : array_like, shape (n,) or scalar
+        Series resistance of each coil in Ω.
+    capacitance : array_like, shape (n,) or scalar, optional
+        Lumped winding capacitance of each coil in F, between its two pins. None by default.
+    title : str
+        First comment, and as a plain name that of the subcircuit; ``coilarray`` where it is empty.
+
+    Returns
+    -------
+    str
+        ``.subckt`` to ``.ends``, with the pins ``NAME_1 NAME_2`` of every coil in order.
+
+    Raises
+    ------
+    ValueError
+        Shapes that do not fit, values that are not allowed, names as in `plain_names`, or an inductance matrix that
+        is not symmetric or not positive definite: such an array could give out energy, and the simulation diverges.
+
+    Notes
+    -----
+    From NAME_1 to NAME_2 a coil is R + jωL in parallel with C, current into NAME_1 positive, as in
+    `coilarray.active_coil`. All n (n − 1)/2 couplings k_ij = M_ij/√(L_i L_j) are written, every number with 17 digits
+    (which is all of a double); a set with small ones left out need not be positive definite. A resistance or
+    capacitance of zero is no element, since SPICE replaces R = 0 by a default.
+
+    To leave a coil open, connect one pin to ground and nothing to the other: an ideal open, with a path for direct
+    current through the coil. A coil with both pins free has no such path; give one pin a large resistance (1 GΩ) to
+    ground. A coil of no resistance has no operating point across a voltage source or an ideal short: drive it by a
+    current source, and short it through a resistance.
+
+    Examples
+    --------
+    >>> print(spice_subcircuit(["A", "B"], [[2e-6, 1e-6], [1e-6, 2e-6]], [3.0, 0.0], capacitance=[0, 4e-12]))
+    * coilarray: 2 coils; H, ohm, F
+    .subckt coilarray A_1 A_2 B_1 B_2
+    LA A_1 A_m 1.9999999999999999e-06
+    RA A_m A_2 3.0000000000000000e+00
+    LB B_1 B_2 1.9999999999999999e-06
+    CB B_1 B_2 3.9999999999999999e-12
+    K1_2 LA LB 5.0000000000000000e-01
+    .ends coilarray
+    <BLANKLINE>
+    """
+    L, R = checked_network(inductance, resistance)
+    coils = plain_names(names, len(L))
+    C = _capacitances(capacitance, len(L))
+    k = coupling_matrix(L)
+    heading = " ".join(title.split())
+    subcircuit = plain_names([heading or "coilarray"])[0]
+    lines = [
+        f"* {heading or 'coilarray'}: {len(L)} coils; H, ohm, F",
+        " ".join([".subckt", subcircuit, *(f"{coil}_{pin}" for coil in coils for pin in (1, 2))]),
+    ]
+    for coil, L_own, R_own, C_own in zip(coils, np.diag(L).tolist(), R.tolist(), C.tolist(), strict=True):
+        middle = f"{coil}_m" if R_own else f"{coil}_2"
+        lines.append(f"L{coil} {coil}_1 {middle} {L_own:.16e}")
+        if R_own:
+            lines.append(f"R{coil} {middle} {coil}_2 {R_own:.16e}")
+        if C_own:
+            lines.append(f"C{coil} {coil}_1 {coil}_2 {C_own:.16e}")
+    for i, j in itertools.combinations(range(len(L)), 2):
+        lines.append(f"K{i + 1}_{j + 1} L{coils[i]} L{coils[j]} {k[i, j]:.16e}")
+    return "\n".join([*lines, f".ends {subcircuit}", ""])
+
+
+def _capacitances(capacitance: npt.ArrayLike | None, n: int) -> FloatArray:
+    given = np.asarray(0.0 if capacitance is None else capacitance, dtype=np.float64)
+    if given.shape not in ((), (n,)):
+        raise ValueError(f"capacitance must be one number or {n}; got shape {given.shape}.")
+    C = np.broadcast_to(given, (n,))
+    if not (np.isfinite(C).all() and (C >= 0).all()):
+        raise ValueError(f"capacitances must be finite and not negative; got {C.min()} F.")
+    return C

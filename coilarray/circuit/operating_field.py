@@ -1,0 +1,116 @@
+"""The field of an array in operation: one active coil and the currents it induces in the others."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from coilarray.circuit.coupling import provenance
+from coilarray.compute.threads import Progress
+from coilarray.design.model import Design
+from coilarray.electromagnetics.field import grid_points, magnetic_field
+from coilarray.errors import GeometryError
+
+ComplexArray = npt.NDArray[np.complex128]
+
+
+def operating_currents(design: Design, coupling: xr.Dataset, active: str, *, terminated: bool = True) -> ComplexArray:
+    """Currents of all coils while one is measured, per ampere of the active one.
+
+    Parameters
+    ----------
+    design : Design
+        The array.
+    coupling : xarray.Dataset
+        Its coupling, from `coilarray.circuit.coupling.couple_design`.
+    active : str
+        Name of the measured coil.
+    terminated : bool
+        False: all other coils open.
+
+    Returns
+    -------
+    ndarray of complex, shape (coils,)
+        In A per A: 1 for the active coil.
+
+    Raises
+    ------
+    GeometryError
+        No coil of that name.
+    """
+    names = design.array.names
+    if active not in names:
+        raise GeometryError(f"there is no coil {active!r}; there are {', '.join(names)}.")
+    if not terminated:
+        return np.asarray(np.eye(len(names), dtype=np.complex128)[names.index(active)])
+    mine = coupling.sel(coil=active)
+    return np.asarray(mine.current_real.values + 1j * mine.current_imag.values)
+
+
+def _half(progress: Progress, k: int) -> Progress:
+    """Count one of two equal passes as half of the work."""
+    return lambda done, total: progress(k * total + done, 2 * total)
+
+
+def operating_field(
+    design: Design,
+    coupling: xr.Dataset,
+    active: str,
+    x: npt.ArrayLike,
+    y: npt.ArrayLike,
+    z: npt.ArrayLike,
+    *,
+    current: float = 1.0,
+    terminated: bool = True,
+    progress: Progress | None = None,
+) -> xr.Dataset:
+    """B on a line, plane or volume while one coil carries the measuring current.
+
+    Parameters
+    ----------
+    design, coupling, active, terminated
+        As in `operating_currents`.
+    x, y, z : array_like, shape (nx,), (ny,), (nz,) or scalar
+        Grid in m; z = 0 is the top of the board.
+    current : float
+        Of the active coil in A.
+    progress : callable, optional
+        Called with (done, total) as the work goes on.
+
+    Returns
+    -------
+    xarray.Dataset
+        ``B`` and ``B_quadrature`` in T with the dimensions (x, y, z, component): in phase with the active coil's
+        current and 90° ahead of it, in free space (no elastomer).
+
+    Raises
+    ------
+    GeometryError
+        No coil of that name, or points that are not finite.
+    """
+    currents = current * operating_currents(design, coupling, active, terminated=terminated)
+    points = grid_points(x, y, z)
+    conductors = design.array.conductors()
+    parts = []
+    for k, part in enumerate((currents.real, currents.imag)):
+        parts.append(magnetic_field(conductors, points, part, progress and _half(progress, k)))
+    in_phase, quadrature = parts
+    dims = ("x", "y", "z", "component")
+    axes = {
+        name: (name, np.atleast_1d(np.asarray(axis, dtype=np.float64)), {"units": "m"})
+        for name, axis in zip("xyz", (x, y, z), strict=True)
+    }
+    return xr.Dataset(
+        {
+            "B": (dims, in_phase, {"units": "T", "long_name": "flux density in phase with the active current"}),
+            "B_quadrature": (dims, quadrature, {"units": "T", "long_name": "flux density 90 degrees ahead"}),
+        },
+        coords={**axes, "component": ["x", "y", "z"]},
+        attrs={
+            **provenance(design),
+            "active_coil": active,
+            "other_coils": "as terminated" if terminated else "open",
+            "active_current_A": current,
+        },
+    )

@@ -1,0 +1,1 @@
+"""Threads, workers, memory and files: no physics."""

@@ -1,0 +1,41 @@
+"""What computes: versions of the package and of what it computes with, and a hash of its source."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import os
+from importlib import metadata
+from pathlib import Path
+
+_ROOT = Path(__file__).parent.parent
+_COMPUTES_WITH = ("numpy", "scipy", "numba")
+_SHOWS = frozenset({"cli", "report", "viz", "__pycache__"})  # folders that compute no result
+
+
+@functools.cache
+def code_version() -> str:
+    """Return the version of coilarray with a hash of its source and of the versions of numpy, scipy and numba.
+
+    Two machines compute the same numbers only where this is equal, and a number kept on disk is valid only as long as
+    it is: the package's version alone stays the same while somebody edits a working copy or updates numpy. The
+    processor and its mathematical library are not in it; they change last digits.
+
+    Examples
+    --------
+    >>> code_version().partition("+")[0] == metadata.version("coilarray")
+    True
+    """
+    digest = hashlib.sha256(" ".join(map(metadata.version, _COMPUTES_WITH)).encode() + b"\0")
+    for path in _sources():
+        digest.update(path.relative_to(_ROOT).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
+    return f"{metadata.version('coilarray')}+{digest.hexdigest()[:12]}"
+
+
+def _sources() -> list[Path]:
+    """Modules and data files of what computes, in one order everywhere."""
+    found = []
+    for folder, inside, files in os.walk(_ROOT, followlinks=True):  # geometry is a link in a working copy
+        inside[:] = [name for name in inside if name not in _SHOWS]
+        found += [Path(folder, name) for name in files if name.endswith((".py", ".toml", ".csv"))]
+    return sorted(found, key=lambda path: path.relative_to(_ROOT).as_posix())

@@ -1,0 +1,146 @@
+"""How much memory there is, and refusing what needs more before it is asked for."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from coilarray.errors import CoilarrayError
+
+LIMIT_VARIABLE = "COILARRAY_MEMORY_GB"
+"""Environment variable that sets the allowed memory in GB in place of a share of what is free."""
+
+SHARE = 0.75
+"""Of the free memory that one array and what it takes to make it may use."""
+
+_GB = 1e9
+_SMALL = 50e6  # bytes; less is never refused, so that small arrays cost no look at the system
+_PROC, _CGROUPS = Path("/proc"), Path("/sys/fs/cgroup")
+
+
+class MemoryLimitError(CoilarrayError, MemoryError):
+    """Work that needs more memory than is allowed: what, how much, how much there is."""
+
+
+def require_memory(size: float, what: str, advice: str = "") -> None:
+    """Refuse work that needs more memory than is allowed; to be called before it is allocated.
+
+    Parameters
+    ----------
+    size : float
+        Estimated need in bytes.
+    what : str
+        Subject of the sentence, as "the field at 100 points".
+    advice : str
+        What to do instead, as "compute it in pieces"; may be empty.
+
+    Raises
+    ------
+    MemoryLimitError
+        More than `allowed_memory`; both are named in GB.
+
+    Examples
+    --------
+    >>> require_memory(1e6, "a small array")
+    >>> require_memory(1e18, "a huge map", "take fewer points")  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+    coilarray.compute.memory.MemoryLimitError: a huge map needs about 1e+09 GB of memory; ... GB are allowed: take fewer
+    points.
+    """
+    if size <= _SMALL and LIMIT_VARIABLE not in os.environ:
+        return
+    allowed = allowed_memory()
+    if not size <= allowed:  # also not a number
+        ending = f": {advice}" if advice else ""
+        raise MemoryLimitError(
+            f"{what} needs about {size / _GB:.3g} GB of memory; {allowed / _GB:.3g} GB are allowed{ending}."
+        )
+
+
+def allowed_memory() -> float:
+    """Bytes that one piece of work may use: `SHARE` of what is free, or what ``COILARRAY_MEMORY_GB`` says.
+
+    Raises
+    ------
+    MemoryLimitError
+        A variable that is no positive number.
+    """
+    said = os.environ.get(LIMIT_VARIABLE)
+    if said is None:
+        return SHARE * available_memory()
+    try:
+        value = float(said)
+    except ValueError:
+        value = 0.0
+    if not value > 0:  # also not a number
+        raise MemoryLimitError(f"{LIMIT_VARIABLE} must be a positive number of GB; got {said!r}.")
+    return value * _GB
+
+
+def available_memory() -> float:
+    """Bytes that this process can still get without swapping; infinite where the system does not say.
+
+    The least of the free memory of the machine, of every control group that this process is in (as containers and
+    batch systems set them), and of its own limit (``ulimit -v``).
+    """
+    return min(_free_on_machine(), _left_in_groups(), _left_of_own_limit())
+
+
+def _free_on_machine() -> float:
+    free = _fields(_PROC / "meminfo").get("MemAvailable")
+    if free is not None:
+        return free * 1024
+    try:
+        return float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+    except (AttributeError, OSError, ValueError):  # Windows
+        return float("inf")
+
+
+def _left_in_groups() -> float:
+    """Bytes left in the control groups, of both versions, whose pages of files can be given up."""
+    left = float("inf")
+    for line in _text(_PROC / "self" / "cgroup").splitlines():
+        _, controllers, path = line.split(":", 2)
+        if not controllers:
+            root, names, cache = _CGROUPS, ("memory.max", "memory.current"), "inactive_file"
+        elif "memory" in controllers.split(","):
+            root = _CGROUPS / "memory"
+            names, cache = ("memory.limit_in_bytes", "memory.usage_in_bytes"), "total_inactive_file"
+        else:
+            continue
+        inner = root / path.lstrip("/")
+        for group in (inner, *inner.parents):
+            left = min(left, _left_in(group, names, cache))
+            if group == root:
+                break
+    return left
+
+
+def _left_in(group: Path, names: tuple[str, str], cache: str) -> float:
+    limit, used = (_text(group / name).strip() for name in names)
+    if not (limit.isdecimal() and used.isdecimal()):  # "max" where there is no limit, nothing where no group
+        return float("inf")
+    return float(max(int(limit) - int(used) + _fields(group / "memory.stat").get(cache, 0), 0))
+
+
+def _left_of_own_limit() -> float:
+    try:
+        import resource
+    except ImportError:  # Windows
+        return float("inf")
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    used = _fields(_PROC / "self" / "status").get("VmSize", 0) * 1024
+    return float("inf") if limit == resource.RLIM_INFINITY else float(max(limit - used, 0))
+
+
+def _fields(path: Path) -> dict[str, int]:
+    """Numbers of a file of lines of a name and a number."""
+    words = [line.replace(":", " ").split() for line in _text(path).splitlines()]
+    return {line[0]: int(line[1]) for line in words if len(line) > 1 and line[1].isdecimal()}
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except OSError:
+        return ""

@@ -1,0 +1,256 @@
+"""Tasks on a Dask cluster: what `workers.workers` opens for an address. It alone imports ``distributed``."""
+
+from __future__ import annotations
+
+import asyncio
+import functools
+import importlib
+import logging
+import pickle
+import time
+import uuid
+from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError, ThreadPoolExecutor
+from contextlib import ExitStack, closing, contextmanager, suppress
+from queue import Empty, SimpleQueue
+from typing import Any
+
+from coilarray.compute.code_version import code_version
+from coilarray.compute.workers.pool import IN_FLIGHT, Pool, one_thread, outcome_of
+from coilarray.errors import ClusterError, MissingDependencyError
+
+Client = Any
+"""A ``distributed.Client``; its package is optional, and has no types."""
+ANSWER_WITHIN = 10.0
+"""Time in s in which a scheduler must answer and have a worker."""
+_ALONE = 60.0  # s without any worker after which a run ends; a nanny starts a worker again within a few
+_LOOK = 1.0  # s between looks at the workers that there are
+_LIMITS = ExitStack()  # keeps a worker's limit of threads for as long as its process lives
+
+
+@contextmanager
+def cluster_pool(address: str) -> Iterator[ClusterPool]:
+    """Open a pool of a Dask scheduler's workers for the length of a ``with`` block; raises as `connect`."""
+    _distributed()  # whose logs there are from now on
+    with _quiet(), closing(ClusterPool(connect(address))) as pool:
+        yield pool
+
+
+def connect(address: str) -> Client:
+    """Connect to a Dask scheduler with at least one worker, all with this version of coilarray.
+
+    Parameters
+    ----------
+    address : str
+        ``tcp://host:port``, or ``tls://host:port`` with the certificates of Dask's configuration.
+
+    Returns
+    -------
+    distributed.Client
+
+    Raises
+    ------
+    MissingDependencyError
+        No package ``distributed``.
+    ClusterError
+        Another form of address; nothing there that answers as a scheduler within `ANSWER_WITHIN`; no worker;
+        another version of coilarray, or none, on a worker.
+    """
+    dask = _distributed()
+    scheme, _, host = address.partition("://")
+    name, _, port = host.rpartition(":")
+    if scheme not in ("tcp", "tls") or not name or not port.isdecimal() or not 0 < int(port) < 65536:
+        raise ClusterError(f"the address of a cluster must be tcp://host:port; got {address!r}.")
+    # a Client alone waits without end for what accepts a connection and says nothing
+    try:
+        with ThreadPoolExecutor(1) as thread:  # a notebook's own thread runs an event loop already
+            found = thread.submit(asyncio.run, _identity(address)).result()
+    except Exception as error:  # whatever a stranger's answer leads to
+        reason = "" if isinstance(error, OSError) else f" ({type(error).__name__})"
+        raise ClusterError(f"no Dask scheduler answers at {address} within {ANSWER_WITHIN:g} s{reason}.") from None
+    if found != "Scheduler":
+        raise ClusterError(f"at {address} answers no Dask scheduler but a {found}.")
+    try:
+        client = dask.Client(address, timeout=ANSWER_WITHIN, set_as_default=False, name="coilarray")
+    except OSError as error:
+        raise ClusterError(f"cannot connect to the Dask scheduler at {address}: {error}") from None
+    try:
+        _await_worker(client, address)
+        _check_versions(client)
+    except BaseException:
+        client.close()
+        raise
+    return client
+
+
+class ClusterPool(Pool):
+    """The workers of a Dask scheduler; one that is lost costs what it was computing, which others compute again.
+
+    Parameters
+    ----------
+    client : distributed.Client
+        As `connect` returns it; `close` closes it and leaves the cluster as it is.
+    """
+
+    def __init__(self, client: Client) -> None:
+        self._client = client
+        self._name = uuid.uuid4().hex
+        self._ticket = 0
+        self._tags: dict[str, tuple[int, Any]] = {}
+        self._done: SimpleQueue[str] = SimpleQueue()
+        self._threads = 1
+        self._looked = 0.0
+        self._alone_since: float | None = None
+        self._look()
+
+    @property
+    def capacity(self) -> int:
+        """See `Pool.capacity`; it follows workers that come and go."""
+        if time.monotonic() - self._looked > _LOOK:
+            self._look()
+        return IN_FLIGHT * self._threads
+
+    @property
+    def in_flight(self) -> int:
+        """See `Pool.in_flight`."""
+        return len(self._tags)
+
+    def submit(self, tag: int, function: Callable[[Any], Any], item: Any) -> None:
+        """See `Pool.submit`."""
+        self._ticket += 1
+        key = f"coilarray-{self._name}-{self._ticket}"
+        payload = pickle.dumps((function, item))
+        future = self._client.submit(compute, code_version(), payload, key=key, pure=False)
+        self._tags[key] = tag, future
+        future.add_done_callback(lambda done: self._done.put(done.key))
+
+    def collect(self) -> tuple[int, Any]:
+        """See `Pool.collect`."""
+        if not self._tags:
+            raise IndexError("no task is in flight.")
+        while True:
+            try:
+                key = self._done.get(timeout=_LOOK)
+            except Empty:
+                self._look()
+                continue
+            if key in self._tags:  # else it was dropped
+                tag, future = self._tags.pop(key)
+                return tag, self._result(future)
+
+    def drop(self) -> None:
+        """See `Pool.drop`; what is being computed goes on, and its outcome is thrown away."""
+        futures = [future for _, future in self._tags.values()]
+        self._tags.clear()
+        if futures and self._client.status == "running":
+            with suppress(Exception):  # a scheduler that is gone has forgotten them
+                self._client.cancel(futures)
+
+    def close(self) -> None:
+        """See `Pool.close`."""
+        self.drop()
+        with suppress(Exception):  # of a scheduler that is gone
+            self._client.close(timeout=2)
+
+    def _look(self) -> None:
+        """Count the workers' threads; a run goes on while there are none, but not for ever."""
+        try:
+            if self._client.status != "running":
+                raise OSError(self._client.status)
+            threads = sum(self._client.nthreads().values())
+        except Exception as error:  # comm errors, timeouts and cancellations have no common base
+            raise ClusterError(f"the Dask scheduler is lost ({type(error).__name__}).") from None
+        self._looked = time.monotonic()
+        if threads:
+            self._threads, self._alone_since = threads, None
+        elif self._alone_since is None:
+            self._alone_since = self._looked
+        elif self._looked - self._alone_since > _ALONE:
+            raise ClusterError(f"all workers of the cluster are lost, and none came back within {_ALONE:g} s.")
+
+    def _result(self, future: Any) -> Any:
+        try:
+            return future.result()
+        except _distributed().KilledWorker:
+            raise ClusterError(
+                "a task ended several workers of the cluster, one after another; is there memory enough?"
+            ) from None
+        except ModuleNotFoundError as error:
+            if (error.name or "").partition(".")[0] != "coilarray":
+                raise
+            raise ClusterError("a worker of the cluster has no coilarray, or another version of it.") from None
+        except CancelledError:
+            self._look()
+            raise ClusterError("the Dask scheduler is lost, or it has cancelled a task.") from None
+
+
+def compute(version: str, payload: bytes) -> Any:
+    """Compute one task on a worker, which must have the version of coilarray of who gave it out."""
+    if version != code_version():
+        raise ClusterError(_differs("a worker", code_version(), version))
+    _limit_threads()
+    function, item = pickle.loads(payload)
+    return outcome_of(function, item)
+
+
+@functools.cache
+def _limit_threads() -> None:
+    """Make this process, which is a worker's, compute each task with one thread from now on."""
+    _LIMITS.enter_context(one_thread())
+
+
+def _distributed() -> Any:
+    try:
+        return importlib.import_module("distributed")
+    except ImportError:
+        raise MissingDependencyError(
+            "a cluster needs the package distributed: pip install 'coilarray[cluster]'."
+        ) from None
+
+
+async def _identity(address: str) -> str:
+    """Ask what answers at an address; TimeoutError where nothing does."""
+    dask = _distributed()
+    security = dask.Security().get_connection_args("client")
+    async with dask.rpc(address, timeout=ANSWER_WITHIN, connection_args=security) as server:
+        return str((await asyncio.wait_for(server.identity(), ANSWER_WITHIN))["type"])
+
+
+def _await_worker(client: Client, address: str) -> None:
+    begun = time.monotonic()
+    while not client.nthreads():
+        if time.monotonic() - begun > ANSWER_WITHIN:
+            raise ClusterError(f"the Dask scheduler at {address} has no worker; start one: dask worker {address}")
+        time.sleep(0.2)
+
+
+def _check_versions(client: Client) -> None:
+    """Refuse a worker with another coilarray before any task; those that join later are checked by `compute`."""
+    for worker, version in client.run(_version, on_error="return").items():
+        if version != code_version():
+            raise ClusterError(_differs(f"the worker {worker}", version, code_version()))
+
+
+def _version() -> str:
+    """Return the version where this runs: a name of this module, so that workers look up their own."""
+    return code_version()
+
+
+def _differs(where: str, found: object, wanted: str) -> str:
+    """Say which version of coilarray is where; `found` may be the error of a worker that has none."""
+    has = f"coilarray {found}" if isinstance(found, str) else f"no coilarray that can be loaded ({found})"
+    return f"{where} has {has}; here it is {wanted}: install the same on all machines."
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep Dask's log off the terminal while the block runs: what matters of it becomes an error of ours."""
+    names = [name for name in logging.root.manager.loggerDict if name.partition(".")[0] == "distributed"]
+    levels = {name: logging.getLogger(name).level for name in names}
+    for name in names:
+        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        for name, level in levels.items():
+            logging.getLogger(name).setLevel(level)

@@ -1,0 +1,1 @@
+"""The design file and the design that is made of it."""

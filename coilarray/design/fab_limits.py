@@ -1,0 +1,130 @@
+"""The table ``[fab]`` of a design file, and the bundled profiles of board houses that it names."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import date
+from typing import Annotated
+
+from pydantic import Field, model_validator
+
+from coilarray.design import fabs
+from coilarray.design.units import LimitMillimetres, Micrometres, Millimetres, Table
+from coilarray.errors import DesignError
+from coilarray.geometry import FabRules
+
+_MM, _UM = 1e-3, 1e-6
+
+
+@dataclass(frozen=True)
+class FabProfile:
+    """What a board house says of itself.
+
+    Parameters
+    ----------
+    name, title : str
+        Name in ``[fab]`` and words for people.
+    read : date
+        When the sources were read.
+    sources : tuple of tuple of str
+        Title and address of every page that the limits stand on.
+    limits : mapping of str to object
+        Keys and values of ``[fab]``, in the units of the keys.
+    assumed : mapping of str to str
+        Keys of `limits` that no source gives, with the reason.
+    """
+
+    name: str
+    title: str
+    read: date
+    sources: tuple[tuple[str, str], ...]
+    limits: Mapping[str, object]
+    assumed: Mapping[str, str]
+
+    @property
+    def rules(self) -> FabRules:
+        """The limits in SI."""
+        return FabTable.model_validate({"profile": self.name}).build()
+
+
+def load_profile(name: str) -> FabProfile:
+    """Read a bundled profile.
+
+    Parameters
+    ----------
+    name : str
+        One of `coilarray.design.fabs.names`.
+
+    Returns
+    -------
+    FabProfile
+
+    Raises
+    ------
+    DesignError
+        No profile of that name; the message names those that there are.
+
+    Examples
+    --------
+    >>> round(load_profile("oshpark-4-layer").rules.min_trace * 1e3, 3)
+    0.127
+    """
+    if name not in fabs.names():
+        raise DesignError(f"there is no fab profile {name!r}; there are {', '.join(fabs.names())}.")
+    text = tomllib.loads(fabs.read(name))
+    return FabProfile(
+        name=name,
+        title=text["title"],
+        read=text["read"],
+        sources=tuple((source["title"], source["url"]) for source in text["sources"]),
+        limits=text["limits"],
+        assumed=text.get("assumed", {}),
+    )
+
+
+class FabTable(Table):
+    """``[fab]``: limits of the board house; keys that stand beside ``profile`` go before those of the profile."""
+
+    profile: str | None = None
+    min_trace_mm: LimitMillimetres = 0.1
+    min_gap_mm: LimitMillimetres = 0.1
+    min_drill_mm: LimitMillimetres = 0.2
+    min_annular_ring_mm: LimitMillimetres = 0.1
+    min_edge_clearance_mm: LimitMillimetres = 0.3
+    min_hole_spacing_mm: LimitMillimetres = 0.25
+    max_layers: Annotated[int, Field(ge=1, le=1000)] | None = None
+    max_outer_copper_um: Micrometres | None = None
+    max_inner_copper_um: Micrometres | None = None
+    max_aspect_ratio: Annotated[float, Field(gt=0, le=1000)] | None = None
+    max_board_mm: Annotated[list[Millimetres], Field(min_length=2, max_length=2)] | None = None
+    blind_holes: bool = True
+
+    @model_validator(mode="before")
+    @classmethod
+    def _profile_first(cls, table: object) -> object:
+        name = table.get("profile") if isinstance(table, Mapping) else None
+        if not isinstance(name, str) or not isinstance(table, Mapping):
+            return table  # a profile that is no text is refused by its type
+        if name not in fabs.names():
+            raise ValueError(f"has no profile {name!r}; there are {', '.join(fabs.names())}")
+        return {**load_profile(name).limits, **table}
+
+    def build(self) -> FabRules:
+        """Return the limits in SI."""
+        board = self.max_board_mm
+        return FabRules(
+            min_trace=self.min_trace_mm * _MM,
+            min_gap=self.min_gap_mm * _MM,
+            min_drill=self.min_drill_mm * _MM,
+            min_annular_ring=self.min_annular_ring_mm * _MM,
+            min_edge_clearance=self.min_edge_clearance_mm * _MM,
+            min_hole_spacing=self.min_hole_spacing_mm * _MM,
+            max_layers=self.max_layers,
+            max_outer_copper=None if self.max_outer_copper_um is None else self.max_outer_copper_um * _UM,
+            max_inner_copper=None if self.max_inner_copper_um is None else self.max_inner_copper_um * _UM,
+            max_aspect_ratio=self.max_aspect_ratio,
+            max_board=None if board is None else (board[0] * _MM, board[1] * _MM),
+            blind_holes=self.blind_holes,
+        )

@@ -1,0 +1,149 @@
+"""Change single entries of a design: what sweeps, optimisations and tolerances have in common.
+
+An entry is a dotted key as in `Design.values`, in the unit of its name: ``array.pitch_mm``,
+``coils.hexagon.turns_per_layer``, ``elastomer.0.thickness_mm``, ``circuit.terminations.coil2``. Its value is what the
+file could say there, tables excepted. The changed document is checked like a file, so that nothing can be varied into
+what could not be written.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from coilarray.design.model import Design, build_design
+from coilarray.errors import DesignError
+
+_NO_ENTRIES = {
+    "assumed": "[assumed] says why values are as they are",
+    "name": "it names the design and changes no number",
+    "title": "it names the design and changes no number",
+    "source": "it says where the design is from and changes no number",
+    "schema": "it says how the file is to be read",
+}
+_LARGEST_WHOLE = 1e15  # floats beyond are not exact to the unit
+
+
+def vary(design: Design, changes: Mapping[str, Any]) -> Design:
+    """Change entries of a design.
+
+    Parameters
+    ----------
+    design : Design
+        Stays as it is.
+    changes : mapping of str to object
+        New values by dotted key, in the units of the keys. Entries that the file does not give may be set too.
+
+    Returns
+    -------
+    Design
+        Read anew, with all checks; of the same name.
+
+    Raises
+    ------
+    DesignError
+        An unknown entry, a wrong type or value, or an impossible geometry, as `coilarray.load_design`.
+
+    Examples
+    --------
+    >>> from coilarray import load_design
+    >>> wider = vary(load_design("gast2020"), {"array.pitch_mm": 14.0, "array.columns": 3})
+    >>> [round(float(x) * 1e3, 6) for x in wider.array.centres[:, 0]]
+    [-14.0, 0.0, 14.0]
+    """
+    try:
+        document = vary_document(design.document, changes)
+    except DesignError as error:
+        raise DesignError(f"{design.name}: {error}") from None
+    return build_design(document, design.name)
+
+
+def vary_document(document: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Change entries of a design file as TOML reads it; for workers, which get plain tables.
+
+    Parameters
+    ----------
+    document : mapping of str to object
+        As `Design.document`; stays as it is.
+    changes : mapping of str to object
+        As in `vary`. Numbers of numpy become plain ones, and a whole number like 3.0 the integer 3, which every
+        numeric entry takes.
+
+    Returns
+    -------
+    dict
+        Shares with `document` what did not change; to be checked by `coilarray.design.model.build_design`.
+
+    Raises
+    ------
+    DesignError
+        A key that cannot be an entry: it only describes the design or its file, leads through a value, past the end of
+        a list, to a coil shape that is not there, or to a whole table. Other wrong keys and values are found by
+        `build_design`.
+
+    Examples
+    --------
+    >>> vary_document({"array": {"pitch_mm": 13, "columns": 6}}, {"array.pitch_mm": 12.5})
+    {'array': {'pitch_mm': 12.5, 'columns': 6}}
+    """
+    varied: Any = dict(document)
+    for key, value in changes.items():
+        coils = document.get("coils")
+        parts = key.split(".")
+        if parts[0] == "coils" and parts[1:] and isinstance(coils, Mapping) and not _longest_key(coils, parts[1:]):
+            close = difflib.get_close_matches(".".join(parts[1:2]), list(coils), n=1)
+            hint = f"did you mean coils.{close[0]}? " if close else ""
+            raise DesignError(f"{key} names no coil shape; {hint}[coils] has {', '.join(coils) or 'none'}.")
+        if parts[0] in _NO_ENTRIES:
+            raise DesignError(f"{key} is no entry: {_NO_ENTRIES[parts[0]]}.")
+        varied = _with_entry(varied, parts, _plain(value), key)
+    return dict(varied)
+
+
+def _with_entry(table: Any, parts: Sequence[str], value: Any, key: str) -> Any:
+    """Copy a table or list with one entry set; what lies beside it is shared."""
+    if isinstance(table, list):
+        if not parts[0].isdecimal() or int(parts[0]) >= len(table):
+            raise DesignError(f"{key} must have a number from 0 to {len(table) - 1} for {parts[0]!r}.")
+        place = int(parts[0])
+        return [*table[:place], _set(table[place], parts[1:], value, key), *table[place + 1 :]]
+    if not isinstance(table, Mapping):
+        raise DesignError(f"{key} leads beyond the value {table!r}.")
+    taken = _longest_key(table, parts) or 1
+    name = ".".join(parts[:taken])
+    return {**table, name: _set(table.get(name), parts[taken:], value, key)}
+
+
+def _set(present: Any, parts: Sequence[str], value: Any, key: str) -> Any:
+    if parts:
+        return _with_entry({} if present is None else present, parts, value, key)
+    tables = present if isinstance(present, list) else [present]
+    if any(isinstance(entry, Mapping) for entry in tables):
+        raise DesignError(f"{key} is a table; an entry of it must be named, as {key}.{_some_entry(present)}.")
+    return value
+
+
+def _some_entry(table: Any) -> str:
+    """Show a possible end of the key of a table or of a list of tables."""
+    if isinstance(table, list):
+        return f"0.{_some_entry(table[0])}"
+    return next(iter(table), "…")
+
+
+def _longest_key(table: Mapping[str, Any], parts: Sequence[str]) -> int:
+    """How many parts make a key of the table, which may have dots itself; 0 where there is none."""
+    return next((count for count in range(len(parts), 0, -1) if ".".join(parts[:count]) in table), 0)
+
+
+def _plain(value: Any) -> Any:
+    """Return a value as TOML has it: no numpy, lists for tuples, integers for whole numbers."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, list | tuple):
+        return [_plain(entry) for entry in value]
+    if isinstance(value, float) and value.is_integer() and abs(value) < _LARGEST_WHOLE:
+        return int(value)
+    return value

@@ -1,0 +1,1 @@
+"""Field, inductance, resistance and capacitance of current paths in air."""

@@ -1,0 +1,485 @@
+"""Resistance of coils at alternating current: skin and proximity effect of every trace.
+
+Two models, chosen by coil and frequency (`resistance_matrix`): traces up to `WIDE` skin depths in the local transverse
+field of all coils, and wider ones with filaments in the cross-section of the coil's bundle of turns.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from coilarray.compute.threads import Progress, ranges, run_blocks, serial_algebra
+from coilarray.constants import MU_0, RESISTIVITY_COPPER
+from coilarray.electromagnetics.kernels.cuts import gauss_points, lateral_axes, nearest_crossing, radial_cut
+from coilarray.electromagnetics.kernels.eddy_modes import (
+    Basis,
+    Section,
+    Trace,
+    bundle_factors,
+    isolated_modes,
+    response_basis,
+    section,
+)
+from coilarray.electromagnetics.kernels.sections import transverse_fields
+from coilarray.electromagnetics.resistance import dc_resistance
+from coilarray.electromagnetics.source import Source, as_conductors
+from coilarray.errors import GeometryError
+from coilarray.geometry import Conductor
+
+FloatArray = npt.NDArray[np.float64]
+
+WIDE = 2.0
+"""Trace width in skin depths above which the section filaments take over."""
+MOST_SKIN_DEPTHS = 300.0
+"""Longer side of a trace in skin depths up to which the meshes resolve the skin (test_ac_resistance.py)."""
+SINGLE_MESH = (48, 16)
+"""Cells along the longer and (of a thin trace) the shorter side of an isolated trace."""
+SECTION_MESH = (30, 8)
+"""Cells along the sides of each trace of a bundle."""
+BASIS_TOLERANCE = 3e-2
+"""Accuracy of a trace's basis of currents; the loss errs by about its square."""
+POINTS = ((0.0, 1), (6.0, 4), (24.0, 8))
+"""Gauss points along a segment, from a length of so many widths on."""
+MODELS = ("transverse field", "section filaments")
+
+
+@dataclass(frozen=True, eq=False)
+class CrossSection:
+    """Losses of one straight isolated trace; arrays have the shape of `frequency`.
+
+    Parameters
+    ----------
+    width, thickness : float
+        In m.
+    frequency : ndarray
+        In Hz.
+    resistivity : float
+        In Ω·m.
+    resistance_ratio : ndarray
+        R_ac/R_dc, without neighbours.
+    normal_field_loss, lateral_field_loss : ndarray
+        g in Ω·m: a uniform field of peak value H along the thickness (normal to the plane) or along the width adds
+        the loss ½ g |H|² in W/m. The two and the loss of the trace's own current add without cross terms.
+    """
+
+    width: float
+    thickness: float
+    frequency: FloatArray
+    resistivity: float
+    resistance_ratio: FloatArray
+    normal_field_loss: FloatArray
+    lateral_field_loss: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class TraceLosses:
+    """Losses of parallel traces.
+
+    Parameters
+    ----------
+    loss_ratio : ndarray, shape (traces,)
+        Heat in each trace over that of its current at DC; never below 1.
+    resistance_ratio : ndarray, shape (traces,)
+        Re(U/I)/R_dc of each trace, with what its neighbours' eddy currents induce in it; may be below 1. Weighted with
+        R_dc I², the sum over the traces equals that of `loss_ratio`.
+    """
+
+    loss_ratio: FloatArray
+    resistance_ratio: FloatArray
+
+
+def skin_depth(frequency: npt.ArrayLike, resistivity: float = RESISTIVITY_COPPER) -> FloatArray:
+    """Skin depth δ = √(ρ/(π f µ0)).
+
+    Parameters
+    ----------
+    frequency : array_like
+        In Hz, positive.
+    resistivity : float
+        In Ω·m.
+
+    Returns
+    -------
+    ndarray, shape of frequency
+        In m.
+
+    Raises
+    ------
+    ValueError
+        A frequency or resistivity that is not positive and finite.
+
+    Examples
+    --------
+    >>> round(float(skin_depth(2e6)) * 1e6, 1)
+    46.7
+    """
+    f = np.asarray(frequency, dtype=np.float64)
+    bad = ~(np.isfinite(f) & (f > 0))
+    if bad.any():
+        raise ValueError(f"frequency must be positive and finite; got {f[bad].flat[0]} Hz.")
+    if not (math.isfinite(resistivity) and resistivity > 0):
+        raise GeometryError(f"resistivity must be positive and finite; got {resistivity} Ω·m.")
+    return np.asarray(np.sqrt(resistivity / (np.pi * f * MU_0)))
+
+
+@serial_algebra()
+def cross_section(
+    width: float, thickness: float, frequency: npt.ArrayLike, resistivity: float = RESISTIVITY_COPPER
+) -> CrossSection:
+    """Losses of one straight, infinitely long, isolated rectangular trace.
+
+    Parameters
+    ----------
+    width, thickness : float
+        In m.
+    frequency : array_like
+        In Hz, any shape.
+    resistivity : float
+        In Ω·m.
+
+    Returns
+    -------
+    CrossSection
+
+    Raises
+    ------
+    GeometryError
+        A size or resistivity that is not positive and finite, or a side of more than `MOST_SKIN_DEPTHS`.
+    ValueError
+        A frequency that is not positive and finite.
+
+    Notes
+    -----
+    Filaments in the cross-section (P. Silvester, Proc. IEEE 54, 1147, 1966; W. T. Weeks et al., IBM J. Res. Dev. 23,
+    652, 1979) with exact mean logarithms on a mesh graded towards the edges. Every eddy mode adds β²c/(1 + β²λ²), so
+    one decomposition an aspect ratio serves all frequencies; it is kept.
+
+    Examples
+    --------
+    >>> trace = cross_section(0.1e-3, 35e-6, [1e6, 10e6])
+    >>> trace.resistance_ratio.round(3)
+    array([1.002, 1.14 ])
+    """
+    for value, name in ((width, "width"), (thickness, "thickness")):
+        if not (math.isfinite(value) and value > 0):
+            raise GeometryError(f"{name} of a trace must be positive and finite; got {value} m.")
+    delta = skin_depth(frequency, resistivity)
+    _check_mesh(max(width, thickness), delta)
+    own, normal, lateral = _isolated_modes(round(thickness / width, 12))
+    beta = (width / delta) ** 2 / np.pi  # ωµ0 w²/(2πρ) with ωµ0/ρ = 2/δ²
+    drive = resistivity * (2 * np.pi) ** 2  # (ωµ0)² w⁴/ρ = ρ (2πβ)²
+    return CrossSection(
+        width,
+        thickness,
+        np.asarray(frequency, dtype=np.float64),
+        resistivity,
+        1.0 + _answer(own, beta),
+        drive * _answer(normal, beta),
+        drive * _answer(lateral, beta),
+    )
+
+
+def _check_mesh(side: float, delta: FloatArray) -> None:
+    if delta.size and side > MOST_SKIN_DEPTHS * delta.min():
+        raise GeometryError(
+            f"a trace may be at most {MOST_SKIN_DEPTHS:g} skin depths wide; got {side:g} m at a skin depth of "
+            f"{delta.min():.3g} m."
+        )
+
+
+@lru_cache(maxsize=256)
+def _isolated_modes(aspect: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    return isolated_modes(1.0, aspect, *SINGLE_MESH)
+
+
+def _answer(modes: FloatArray, beta: FloatArray) -> FloatArray:
+    """Σ β²c/(1 + β²λ²), shape of beta."""
+    values, strength = modes
+    b = beta[..., None]
+    return np.asarray((b**2 * strength / (1.0 + (b * values) ** 2)).sum(axis=-1))
+
+
+@lru_cache(maxsize=64)
+def _basis(width: float, thickness: float, reach: int) -> Basis:
+    """Basis of one trace for its longer side of up to 2^reach skin depths."""
+    betas = 4.0 ** np.arange(1, reach + 1) / (np.pi * max(width, thickness) ** 2)
+    return response_basis(width, thickness, *SECTION_MESH, betas.astype(np.float64), BASIS_TOLERANCE)
+
+
+@lru_cache(maxsize=16)
+def _section(traces: tuple[Trace, ...], reach: int) -> Section:
+    return section(traces, lambda width, thickness: _basis(width, thickness, reach))
+
+
+def _reach(side: float, delta: FloatArray) -> int:
+    return max(2, math.ceil(math.log2(side / float(delta.min()))))
+
+
+@serial_algebra()
+def parallel_traces(
+    widths: npt.ArrayLike,
+    thicknesses: npt.ArrayLike,
+    x: npt.ArrayLike,
+    z: npt.ArrayLike,
+    currents: npt.ArrayLike,
+    frequency: float,
+    resistivity: float = RESISTIVITY_COPPER,
+) -> TraceLosses:
+    """Losses of parallel, infinitely long rectangular traces that carry given currents.
+
+    Parameters
+    ----------
+    widths, thicknesses : array_like, shape (traces,) or scalar
+        Along x and z in m.
+    x, z : array_like, shape (traces,) or scalar
+        Centres in m.
+    currents : array_like, shape (traces,) or scalar
+        In A, in phase (or in antiphase: negative); none may be zero.
+    frequency : float
+        In Hz.
+    resistivity : float
+        In Ω·m.
+
+    Returns
+    -------
+    TraceLosses
+
+    Raises
+    ------
+    GeometryError
+        Sizes that are not positive and finite, positions that are not finite, traces that overlap, or a trace of more
+        than `MOST_SKIN_DEPTHS`.
+    ValueError
+        Shapes that do not fit, a current of zero, or a frequency that is not positive and finite.
+
+    Notes
+    -----
+    Filaments as in `cross_section`, all traces at once. Their currents are reduced to a few per trace, the answers of
+    a single trace to smooth fields (`coilarray.electromagnetics.kernels.eddy_modes`), which changes the losses by less
+    than 1e-3.
+
+    Examples
+    --------
+    >>> turns = parallel_traces(0.3e-3, 35e-6, 0.5e-3 * np.arange(10), 0, 1, 3e6)
+    >>> round(float(turns.resistance_ratio.mean()), 2)
+    1.22
+    """
+    given = (widths, thicknesses, x, z, currents)
+    try:
+        w, t, across, up, current = np.broadcast_arrays(
+            *(np.atleast_1d(np.asarray(v, dtype=np.float64)) for v in given)
+        )
+    except ValueError:
+        shapes = ", ".join(str(np.shape(value)) for value in given)
+        raise ValueError(
+            f"widths, thicknesses, x, z and currents must be numbers of one shape; got {shapes}."
+        ) from None
+    if w.ndim != 1 or not len(w):
+        raise ValueError(f"widths, thicknesses, x, z and currents must have shape (traces,); got {w.shape}.")
+    for values, name in ((w, "widths"), (t, "thicknesses")):
+        if not (np.isfinite(values).all() and (values > 0).all()):
+            raise GeometryError(f"{name} of traces must be positive and finite; got {values.min()} m.")
+    if not (np.isfinite(across).all() and np.isfinite(up).all()):
+        raise GeometryError("positions of traces must be finite; at least one is not.")
+    if not (np.isfinite(current).all() and (current != 0).all()):
+        raise ValueError("currents of traces must be finite and not zero: the ratio to their DC loss is sought.")
+    delta = skin_depth(frequency, resistivity)
+    if delta.ndim:
+        raise ValueError(f"frequency must be one number; got shape {delta.shape}.")
+    side = float(max(w.max(), t.max()))
+    _check_mesh(side, delta)
+    near = (np.abs(across[:, None] - across) < 0.5 * (w[:, None] + w) * (1 - 1e-9)) & (
+        np.abs(up[:, None] - up) < 0.5 * (t[:, None] + t) * (1 - 1e-9)
+    )
+    np.fill_diagonal(near, False)
+    if near.any():
+        i, k = np.argwhere(near)[0].tolist()
+        raise GeometryError(f"traces {i} and {k} overlap.")
+    bundle = _section(tuple(zip(*(v.tolist() for v in (across, up, w, t)), strict=True)), _reach(side, delta))
+    beta = np.atleast_1d((bundle.unit / delta) ** 2 / np.pi)
+    density = current / np.sqrt(bundle.areas)
+    source = (bundle.own @ density)[:, None]
+    induced = (1j * beta[0] * (bundle.own.T @ bundle.answer(source, beta)[0, :, 0])).real
+    return TraceLosses(1.0 + bundle.losses(source, beta)[0, :, 0] / density**2, 1.0 + induced / density)
+
+
+@serial_algebra()
+def resistance_matrix(
+    source: Source,
+    frequencies: npt.ArrayLike,
+    resistivity: float = RESISTIVITY_COPPER,
+    progress: Progress | None = None,
+) -> xr.Dataset:
+    """Resistance matrix R(f) of coils: their own losses and those they induce in each other's copper.
+
+    Parameters
+    ----------
+    source : CoilArray, Conductor, polyline or sequence of them
+        See `coilarray.electromagnetics.source.as_conductors`. Every segment needs a cross-section.
+    frequencies : array_like, shape (n,) or scalar
+        In Hz.
+    resistivity : float
+        In Ω·m.
+    progress : callable, optional
+        Called with (done, total) coils.
+
+    Returns
+    -------
+    xarray.Dataset
+        ``resistance`` (frequency, coil, other) in Ω: real, symmetric, positive definite; ½ Re(iᴴ R i) is the loss in W
+        in all copper for any peak currents i, open and grounded coils included. ``dc_resistance`` (coil) in Ω.
+        ``model`` (frequency, coil): one of `MODELS`.
+
+    Raises
+    ------
+    GeometryError
+        A segment without a cross-section, a resistivity that is not positive and finite, or a trace of more than
+        `MOST_SKIN_DEPTHS`.
+    ValueError
+        Frequencies that are not positive and finite, or of another shape.
+
+    Notes
+    -----
+    *Transverse field* (coils whose widest trace is at most `WIDE` skin depths): a segment of length l in the fields h_i
+    of unit currents adds l (ρ/A · R_ac/R_dc) to its own coil and l (g_n h_i·n h_j·n + g_w h_i·w h_j·w) to R_ij
+    (`cross_section`), the fields by Biot–Savart at Gauss points on it, its own left out. Eddy currents act on nothing
+    but themselves.
+
+    *Section filaments* (wider traces): the same, each turn's part times three factors from the radial cut through its
+    coil, all turns on all layers as infinite traces (`parallel_traces`): heat by filaments over heat by transverse
+    field, for the coil's own current (with the mean local field of the turn where the cut alone has another), and for
+    a uniform field along the thickness and the width, as other coils make it. The part of two coils takes √ of both
+    factors, which keeps R positive definite. So turns of one coil shield each other, coils do not; corners, leads
+    and turns shorter than a few bundle widths are the weak points.
+
+    Vertical segments (vias) count with their DC resistance; eddy currents in pads and planes are not there.
+
+    Examples
+    --------
+    >>> from coilarray import load_design
+    >>> result = resistance_matrix(load_design("gast2020").array, [1e5, 1.7e6])
+    >>> R = result.resistance[:, 0, 0]
+    >>> round(float(R[1] / R[0]), 2), str(result.model[1, 0].values)
+    (1.1, 'transverse field')
+    """
+    conductors = as_conductors(source)
+    f = np.atleast_1d(np.asarray(frequencies, dtype=np.float64))
+    if f.ndim != 1 or not len(f):
+        raise ValueError(f"frequencies must have shape (n >= 1,); got {np.shape(frequencies)}.")
+    delta = skin_depth(f, resistivity)
+    dc = dc_resistance(conductors, resistivity)
+    for conductor in conductors:
+        if conductor.is_filament:
+            raise GeometryError(f"{conductor.name} has segments without a cross-section; give widths and thicknesses.")
+    n = len(conductors)
+    R = np.zeros((len(f), n, n))
+    wide = np.zeros((len(f), n), dtype=bool)
+    vertices = np.concatenate([conductor.vertices for conductor in conductors])
+    starts = np.cumsum([0, *(len(conductor.vertices) for conductor in conductors)])
+    for c, conductor in enumerate(conductors):
+        _, flat = lateral_axes(conductor.vertices)
+        via = ~flat
+        R[:, c, c] += resistivity * (conductor.lengths[via] / conductor.areas[via]).sum()
+        if flat.any():
+            wide[:, c] = conductor.widths[flat].max() > WIDE * delta
+            R += _trace_losses(conductor, c, vertices, starts, f, resistivity, wide[:, c])
+        if progress is not None:
+            progress(c + 1, n)
+    names = [conductor.name for conductor in conductors]
+    return xr.Dataset(
+        {
+            "resistance": (("frequency", "coil", "other"), R, {"units": "ohm", "long_name": "AC resistance matrix"}),
+            "dc_resistance": ("coil", dc, {"units": "ohm", "long_name": "DC resistance"}),
+            "model": (
+                ("frequency", "coil"),
+                np.array(MODELS)[wide.astype(int)],
+                {"long_name": "model of the proximity effect"},
+            ),
+        },
+        {"frequency": ("frequency", f, {"units": "Hz"}), "coil": names, "other": names},
+    )
+
+
+def _trace_losses(
+    conductor: Conductor,
+    c: int,
+    vertices: FloatArray,
+    starts: npt.NDArray[np.int64],
+    f: FloatArray,
+    resistivity: float,
+    wide: npt.NDArray[np.bool_],
+) -> FloatArray:
+    """Losses in the horizontal segments of coil c; shape (frequencies, coils, coils)."""
+    lateral, flat = lateral_axes(conductor.vertices)
+    segments = np.flatnonzero(flat)
+    lengths, widths, thicknesses = conductor.lengths, conductor.widths, conductor.thicknesses
+    of_point, weight, points = gauss_points(conductor.vertices, widths, segments, POINTS)
+    normals = np.cross(lateral, np.diff(conductor.vertices, axis=0) / lengths[:, None])
+    h = np.empty((len(points), len(starts) - 1, 2))
+
+    def work(block: tuple[int, int]) -> None:
+        rows = slice(*block)
+        which = of_point[rows]
+        transverse_fields(points[rows], which + starts[c], lateral[which], normals[which], vertices, starts, h[rows])
+
+    run_blocks(work, ranges(len(points), 256))
+    turn = np.full(len(lengths), -1)
+    factors = np.ones((3, len(f), 1))
+    if wide.any():
+        cut = radial_cut(conductor.vertices, widths)
+        crossed = cut[0]
+        turn = nearest_crossing(conductor.vertices, crossed, 0.5 * float(thicknesses[flat].max()))
+        of_turn = turn[of_point]
+        mean = np.array(
+            [np.average(h[of_turn == k, c], axis=0, weights=weight[of_turn == k]) for k in range(len(crossed))]
+        )
+        factors = np.ones((3, len(f), len(crossed) + 1))
+        if len(crossed):
+            sizes = widths[crossed], thicknesses[crossed]
+            factors[:, wide, :-1] = _section_factors(cut[1:], sizes, mean, skin_depth(f[wide], resistivity))
+    groups, group = np.unique(
+        np.column_stack((turn, widths, thicknesses))[segments], axis=0, return_inverse=True
+    )  # turn −1, outside the cut, takes the last factor, 1
+    group = group.ravel()
+    group_of_point = group[np.searchsorted(segments, of_point)]
+    own, normal, side = factors[:, :, groups[:, 0].astype(np.int64)]
+    R = np.zeros((len(f), h.shape[1], h.shape[1]))
+    skin = np.bincount(group, (lengths / conductor.areas)[segments])
+    ratio, g = np.empty(own.shape), np.empty((2, *own.shape))
+    for k, (_, w, t) in enumerate(groups):
+        trace = cross_section(float(w), float(t), f, resistivity)
+        ratio[:, k], g[0, :, k], g[1, :, k] = trace.resistance_ratio, trace.lateral_field_loss, trace.normal_field_loss
+    for axis, other in enumerate((side, normal)):
+        gram = np.array(
+            [(h[p, :, axis].T * weight[p]) @ h[p, :, axis] for p in (group_of_point == k for k in range(len(groups)))]
+        )
+        part = np.einsum("fg,gij->fij", g[axis] * other, gram)
+        part[:, c, :] = part[:, :, c] = (g[axis] * np.sqrt(own * other)) @ gram[:, c, :]
+        part[:, c, c] = (g[axis] * own) @ gram[:, c, c]
+        R += part
+    R[:, c, c] += resistivity * (ratio * own) @ skin
+    return R
+
+
+def _section_factors(
+    place: tuple[FloatArray, FloatArray, FloatArray],
+    sizes: tuple[FloatArray, FloatArray],
+    mean: FloatArray,
+    delta: FloatArray,
+) -> FloatArray:
+    """Heat by filaments over heat by transverse field in the turns of a cut; shape (3, frequencies, turns)."""
+    x, z, sign = place
+    w, t = sizes
+    side = float(max(w.max(), t.max()))
+    reach = _reach(side, delta)
+    grain = 1e-3 * side  # far below what matters; equal coils then share their section
+    x, z = (grain * np.round((v - v.min()) / grain) for v in (x, z))
+    bundle = _section(tuple(zip(*(v.tolist() for v in (x, z, w, t)), strict=True)), reach)
+    alone = [_section(((0.0, 0.0, p, q),), reach) for p, q in zip(w.tolist(), t.tolist(), strict=True)]
+    return bundle_factors(bundle, alone, x, z, sign, mean, delta)

@@ -1,0 +1,599 @@
+"""Capacitance of the coils: lumped across each winding, between the coils, and what the elastomer adds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+import xarray as xr
+from shapely import affinity
+
+from coilarray.electromagnetics.layered_strips import LayeredMedium, crossed_grid_capacitance, strip_capacitance
+from coilarray.errors import GeometryError
+from coilarray.geometry import Coil, CoilArray, Placement, Sheet, Stackup
+from coilarray.geometry.copper import uniform_runs
+
+FloatArray = npt.NDArray[np.float64]
+Slabs = tuple[tuple[float, float], ...]  # thickness in m and relative permittivity, upwards from the board
+
+# A third of a turn apart: the layers of a spiral shift past each other by whole pitches a turn, so these take the
+# mean over the shift. Nine instead of three rays change C by 1e-3 (tests).
+_RAYS = 3
+_CROSSING = 0.3  # cosine to the ray's normal below which a trace runs along the ray: a lead or a stub
+_MIRROR_DISTANCE = 2.0  # of the next coil's image in outer radii; 4 instead changes C by 2e-4 (tests)
+
+
+@dataclass(frozen=True, eq=False)
+class WindingCapacitance:
+    """Capacitance of one coil, the others absent.
+
+    Parameters
+    ----------
+    interlayer, turn_to_turn : float
+        Parts in F of the lumped capacitance across the terminals: the field's energy between turns of different
+        layers, and between turns of one layer.
+    layers : ndarray, shape (lines, lines)
+        Maxwell matrix in F of the coil's lines, one a layer of the winding, each at one potential; rows sum to zero.
+        Lines that only carry a lead have zeros.
+    longest_turns : float
+        Lumped capacitance in F if every turn were as long as the longest: of one quadratic form, so that it grows with
+        every permittivity, and by more than `total` does.
+    """
+
+    interlayer: float
+    turn_to_turn: float
+    layers: FloatArray
+    longest_turns: float
+
+    @property
+    def total(self) -> float:
+        """Lumped capacitance across the terminals in F."""
+        return self.interlayer + self.turn_to_turn
+
+
+def coil_capacitance(
+    array: CoilArray, sheets: Sequence[Sheet] = (), *, relative_permittivity: float = 1.0
+) -> xr.Dataset:
+    """Lumped capacitance of every coil, and the capacitance matrix between coils.
+
+    Parameters
+    ----------
+    array : CoilArray
+        The board.
+    sheets : sequence of Sheet
+        Elastomer on the board, upwards; air above it.
+    relative_permittivity : float
+        Of the sheets; without sheets of the whole half space above the board. It fills the gaps of the top copper.
+
+    Returns
+    -------
+    xarray.Dataset
+        Dimensions ``coil`` and ``other``; all in F. ``coil_capacitance`` (coil) = ``interlayer`` + ``turn_to_turn``,
+        see `winding_capacitance`; ``capacitance`` (coil, other), the Maxwell matrix between coils, each at one
+        potential: symmetric, off-diagonal ≤ 0, diagonally dominant. There is no ground near the board, so its
+        rows sum to zero.
+
+    Raises
+    ------
+    GeometryError
+        Coils whose copper meets on a layer; as `winding_capacitance`.
+
+    Notes
+    -----
+    Between coils: the area in which the windings (traces and gaps) lie above each other, for every set of coils that
+    does so anywhere, times the capacitance per area of crossed grids with these fill factors
+    (`crossed_grid_capacitance`; a coil in between shields). Not counted: fringing at the edges of these areas, pads,
+    coils side by side without overlap (a few 0.1 pF by estimate).
+
+    Examples
+    --------
+    >>> from coilarray import load_design
+    >>> C = coil_capacitance(load_design("gast2020").array)
+    >>> f"{float(C.coil_capacitance[0]) * 1e12:.1f} pF"
+    '16.5 pF'
+    """
+    above = _slabs(sheets, relative_permittivity)
+    half_space = 1.0 if sheets else relative_permittivity
+    _refuse_touching_coils(array)
+    windings = _windings(array, above, half_space)
+    single, pair = ("coil",), ("coil", "other")
+    return xr.Dataset(
+        {
+            "coil_capacitance": (
+                single, np.array([w.total for w in windings]), {"units": "F", "long_name": "lumped capacitance"}
+            ),
+            "interlayer": (
+                single, np.array([w.interlayer for w in windings]), {"units": "F", "long_name": "part between layers"}
+            ),
+            "turn_to_turn": (
+                single, np.array([w.turn_to_turn for w in windings]), {"units": "F", "long_name": "part within layers"}
+            ),
+            "capacitance": (
+                pair, _between_coils(array, above, half_space), {"units": "F", "long_name": "Maxwell matrix"}
+            ),
+        },
+        coords={"coil": list(array.names), "other": list(array.names)},
+        attrs={"relative_permittivity": relative_permittivity, "sheet_thickness_m": sum(d for d, _ in above)},
+    )  # fmt: skip
+
+
+def winding_capacitance(
+    array: CoilArray, name: str, sheets: Sequence[Sheet] = (), *, relative_permittivity: float = 1.0
+) -> WindingCapacitance:
+    """Lumped capacitance of one coil from the voltage along its winding.
+
+    Parameters
+    ----------
+    array : CoilArray
+        The board.
+    name : str
+        Of the coil.
+    sheets, relative_permittivity
+        As in `coil_capacitance`.
+
+    Returns
+    -------
+    WindingCapacitance
+
+    Raises
+    ------
+    GeometryError
+        No such coil, a coil that does not wind around its centre, copper that overlaps on a layer, a permittivity
+        below 1.
+
+    Notes
+    -----
+    The voltage rises linearly along the path from one terminal to the other; the coil floats. Rays from the centre
+    cut the winding; the traces on a ray, unfolded to perpendicular cuts, are a row of strips on each layer, mirrored
+    at the centre, with the Maxwell matrix c per length of `strip_capacitance`, two faces a trace. A piece ds of
+    trace i then has the energy e_i ds, e_i = Σ_j (−c_ij)(V_i − V_j)²/4, and C = 2 ∫ e ds/V². So turns that are not
+    neighbours, the winding's edges and the layers' shift against each other all count. Two layers joined inside
+    give C_facing/3 with C_facing the capacitance between the layers; n layers Σ 4 C_i/(3n²) over adjacent ones
+    (Zolfaghari, Chan, Razavi, IEEE JSSC 36, 620 (2001)), if the fringing at the edges is small.
+
+    Examples
+    --------
+    >>> from coilarray import load_design
+    >>> winding = winding_capacitance(load_design("gast2020").array, "coil1")
+    >>> winding.turn_to_turn < 0.05 * winding.total
+    True
+    """
+    if name not in array.names:
+        raise GeometryError(f"there is no coil {name!r}; the array has {', '.join(array.names)}.")
+    above = _slabs(sheets, relative_permittivity)
+    placement = array.placements[array.names.index(name)]
+    return _winding(array.stackup, placement, above, 1.0 if sheets else relative_permittivity)
+
+
+def self_resonance(inductance: npt.ArrayLike, capacitance: npt.ArrayLike) -> FloatArray:
+    """Self-resonance 1/(2π √(LC)) of a coil with its own capacitance.
+
+    Parameters
+    ----------
+    inductance, capacitance : array_like
+        L in H and C in F, shapes that broadcast.
+
+    Returns
+    -------
+    ndarray
+        In Hz, of the broadcast shape.
+
+    Raises
+    ------
+    ValueError
+        A value that is not positive and finite.
+
+    Examples
+    --------
+    >>> round(float(self_resonance(57e-6, 18e-12)) / 1e6, 2)
+    4.97
+    """
+    L, C = _positive("inductance", inductance, "H"), _positive("capacitance", capacitance, "F")
+    return np.asarray(1 / (2 * math.pi * np.sqrt(L * C)))
+
+
+def apparent_inductance(
+    inductance: npt.ArrayLike, resistance: npt.ArrayLike, capacitance: npt.ArrayLike, frequencies: npt.ArrayLike
+) -> FloatArray:
+    """Apparent inductance Im Z/ω of coils with their own capacitance in parallel.
+
+    Parameters
+    ----------
+    inductance, resistance, capacitance : array_like
+        L in H, R in Ω and C in F, shapes that broadcast to one shape S, for example (coils,).
+    frequencies : array_like, shape (m,)
+        In Hz.
+
+    Returns
+    -------
+    ndarray, shape S + (m,)
+        In H. Negative above the self-resonance, where the coil is capacitive.
+
+    Raises
+    ------
+    ValueError
+        A negative or non-finite value, an L or f of zero, or frequencies that are no list.
+
+    Notes
+    -----
+    Z = (R + jωL)/(1 − ω²LC + jωRC), so Im Z/ω = (L(1 − ω²LC) − R²C)/((1 − ω²LC)² + (ωRC)²); infinite at the resonance
+    of a coil without resistance.
+
+    Examples
+    --------
+    >>> L = apparent_inductance(57e-6, 20.0, 18e-12, [0.1e6, 2e6])
+    >>> [round(float(value) * 1e6, 1) for value in L]
+    [57.0, 68.0]
+    """
+    L = _positive("inductance", inductance, "H")
+    R = _positive("resistance", resistance, "Ω", zero=True)
+    C = _positive("capacitance", capacitance, "F", zero=True)
+    f = _positive("frequencies", frequencies, "Hz")
+    if f.ndim != 1:
+        raise ValueError(f"frequencies must be of shape (m,); got {f.shape}.")
+    L, R, C = (value[..., None] for value in np.broadcast_arrays(L, R, C))
+    omega = 2 * math.pi * f
+    detuned = 1 - omega**2 * L * C
+    with np.errstate(divide="ignore", invalid="ignore"):
+        apparent = (L * detuned - R**2 * C) / (detuned**2 + (omega * R * C) ** 2)
+    return np.where((detuned == 0) & (R == 0), math.inf, apparent)
+
+
+def elastomer_effect(
+    array: CoilArray,
+    relative_permittivity: float,
+    tank_capacitance: float,
+    sheets: Sequence[Sheet] = (),
+    *,
+    undisturbed: float = 0.0,
+) -> xr.Dataset:
+    """Change of the coils' capacitance by the elastomer's permittivity, and the change of inductance it feigns.
+
+    Parameters
+    ----------
+    array : CoilArray
+        The board.
+    relative_permittivity : float
+        Of the elastomer.
+    tank_capacitance : float
+        C_t in F, in parallel to the coil.
+    sheets : sequence of Sheet
+        The elastomer; without sheets it fills the half space above the board.
+    undisturbed : float
+        Height in m above the board below which an indentation changes no permittivity: the deepest point that the
+        indented surface (with layers of unlike permittivity: the deepest interface) reaches. 0 is always right.
+
+    Returns
+    -------
+    xarray.Dataset
+        Dimension ``coil``: ``without`` and ``with_elastomer`` (C_L in F), ``change`` ΔC in F, ``apparent_delta``
+        (relative change of L that laying the elastomer on feigns), ``dent_bound`` (no dent feigns more).
+
+    Raises
+    ------
+    ValueError
+        A tank capacitance or height that is not allowed.
+    GeometryError
+        As `coil_capacitance`.
+
+    Notes
+    -----
+    The converter measures f with f² (C_t + C_L) L constant and takes the capacitance for constant, so
+    δ = ΔC/(C_t + C_L), positive and independent of f. C grows with the permittivity at every point (Thomson's
+    principle), and a dent changes it only above `undisturbed`, to something between 1 and `relative_permittivity`:
+    no dent changes C by more than full minus empty space there, the bound (taken with `longest_turns`). All of this
+    for the coil alone and floating: the field of its mean voltage against ground or neighbours is not in it.
+
+    Examples
+    --------
+    >>> from coilarray import load_design
+    >>> effect = elastomer_effect(load_design("gast2020").array, 3.0, 120e-12, undisturbed=5e-3)
+    >>> bool(effect.dent_bound[0] < 0.01 * effect.apparent_delta[0])
+    True
+    """
+    C_t = float(_positive("tank_capacitance", tank_capacitance, "F", zero=True))
+    if not (math.isfinite(undisturbed) and undisturbed >= 0):
+        raise ValueError(f"undisturbed must be finite and not negative; got {undisturbed} m.")
+    slabs = _slabs(sheets, relative_permittivity)
+    outside = 1.0 if sheets else relative_permittivity
+    _refuse_touching_coils(array)
+
+    without = np.array([winding.total for winding in _windings(array, (), 1.0)])
+    with_elastomer = np.array([winding.total for winding in _windings(array, slabs, outside)])
+    resting = ((undisturbed, relative_permittivity),) if undisturbed > 0 else ()
+    most, least = (
+        np.array([winding.longest_turns for winding in _windings(array, resting, epsilon)])
+        for epsilon in (relative_permittivity, 1.0)
+    )
+    spread = most - least
+    single = ("coil",)
+    change = with_elastomer - without
+    return xr.Dataset(
+        {
+            "without": (single, without, {"units": "F", "long_name": "lumped capacitance in air"}),
+            "with_elastomer": (single, with_elastomer, {"units": "F", "long_name": "lumped capacitance, elastomer on"}),
+            "change": (single, change, {"units": "F", "long_name": "capacitance the elastomer adds"}),
+            "apparent_delta": (
+                single, change / (C_t + without), {"units": "1", "long_name": "relative change of L that it feigns"}
+            ),
+            "dent_bound": (
+                single, spread / (C_t + without), {"units": "1", "long_name": "upper bound of what a dent feigns"}
+            ),
+        },
+        coords={"coil": list(array.names)},
+        attrs={
+            "relative_permittivity": relative_permittivity,
+            "tank_capacitance_F": C_t,
+            "undisturbed_m": undisturbed,
+        },
+    )  # fmt: skip
+
+
+def _positive(name: str, value: npt.ArrayLike, unit: str, *, zero: bool = False) -> FloatArray:
+    values = np.asarray(value, dtype=np.float64)
+    if not (np.isfinite(values).all() and ((values >= 0) if zero else (values > 0)).all()):
+        raise ValueError(
+            f"{name} must be finite and {'not negative' if zero else 'positive'}; got {values.tolist()} {unit}."
+        )
+    return values
+
+
+def _slabs(sheets: Sequence[Sheet], relative_permittivity: float) -> Slabs:
+    if not (math.isfinite(relative_permittivity) and relative_permittivity >= 1):
+        raise GeometryError(f"relative_permittivity must be at least 1; got {relative_permittivity}.")
+    thickness = sum(sheet.thickness for sheet in sheets)
+    return ((thickness, relative_permittivity),) if sheets else ()
+
+
+def _board_medium(stackup: Stackup, above: Slabs, half_space: float) -> tuple[LayeredMedium, int]:
+    """Medium with a plane at each copper face, and the number of planes above the top one.
+
+    The gaps of the outer copper are filled with what lies outside, those of inner copper with the mean of the
+    dielectrics on both sides.
+    """
+    inner = stackup.epsilon_r
+    top = above[0][1] if above else half_space
+    between = [(top if i == 0 else inner[i - 1], 1.0 if i == len(inner) else inner[i]) for i in range(len(inner) + 1)]
+    thicknesses = [d for d, _ in reversed(above)]
+    epsilons = [half_space, *(epsilon for _, epsilon in reversed(above))]
+    for i, (copper, (over, under)) in enumerate(zip(stackup.copper_thickness, between, strict=True)):
+        thicknesses.append(copper)
+        outer_gap = over if i == 0 else under
+        epsilons.append(outer_gap if i in (0, len(inner)) else (over + under) / 2)
+        if i < len(inner):
+            thicknesses.append(stackup.dielectric_thickness[i])
+            epsilons.append(under)
+    return LayeredMedium(tuple(thicknesses), (*epsilons, 1.0)), len(above)
+
+
+def _windings(array: CoilArray, above: Slabs, half_space: float) -> list[WindingCapacitance]:
+    known: dict[tuple[int, tuple[str, ...]], WindingCapacitance] = {}
+    for placement in array.placements:
+        key = (id(placement.coil), placement.layers)
+        if key not in known:
+            known[key] = _winding(array.stackup, placement, above, half_space)
+    return [known[id(placement.coil), placement.layers] for placement in array.placements]
+
+
+@dataclass(frozen=True, eq=False)
+class _Cut:
+    """Traces on one ray: line of the coil; place across the unfolded cut, place along the path and width in m."""
+
+    line: npt.NDArray[np.int64]
+    across: FloatArray
+    along: FloatArray
+    width: FloatArray
+
+
+def _cuts(placement: Placement) -> list[_Cut]:
+    coil = placement.coil
+    centre = shapely.get_coordinates(shapely.Polygon(coil.outline).centroid)[0]
+    steps = np.vstack([np.diff(line, axis=0) for line in coil.lines])
+    longest = steps[np.argmax(np.hypot(*steps.T))]
+    azimuth = math.atan2(longest[1], longest[0]) - math.pi / 2
+    cuts = []
+    for ray in range(_RAYS):
+        angle = azimuth + 2 * math.pi * ray / _RAYS
+        cut = _cut(coil, centre, np.array([math.cos(angle), math.sin(angle)]))
+        if len(cut.line) < 2:
+            raise GeometryError(
+                f"the winding of {placement.name} must run at least twice around the centre of its outline; "
+                f"a ray from there meets {len(cut.line)} of its traces."
+            )
+        cuts.append(cut)
+    return cuts
+
+
+def _cut(coil: Coil, centre: FloatArray, ray: FloatArray) -> _Cut:
+    normal = np.array([-ray[1], ray[0]])
+    found = []  # line, distance from the centre, along the path, width, cosine
+    start = 0.0
+    for k, (line, widths) in enumerate(zip(coil.lines, coil.widths, strict=True)):
+        points = line - centre
+        side, reach = points @ normal, points @ ray
+        lengths = np.hypot(*np.diff(points, axis=0).T)
+        i = np.flatnonzero((side[:-1] < 0) != (side[1:] < 0))
+        part = side[i] / (side[i] - side[i + 1])
+        u = reach[i] + part * (reach[i + 1] - reach[i])
+        cosine = np.abs(side[i + 1] - side[i]) / lengths[i]
+        along = start + np.cumsum(np.append(0.0, lengths))[i] + part * lengths[i]
+        keep = (u > 0) & (cosine > _CROSSING)
+        found.append(np.column_stack((np.full(len(u), float(k)), u, along, widths[i], cosine))[keep])
+        start += float(lengths.sum())
+    which, u, along, width, cosine = np.vstack(found)[np.argsort(np.vstack(found)[:, 1], kind="stable")].T
+    if not len(u):
+        return _Cut(np.zeros(0, dtype=np.int64), u, along, width)
+    across = np.append(u[0] * cosine[0], np.diff(u) * 0.5 * (cosine[1:] + cosine[:-1])).cumsum()
+    return _Cut(which.astype(np.int64), across, along, width)
+
+
+def _winding(stackup: Stackup, placement: Placement, above: Slabs, half_space: float) -> WindingCapacitance:
+    medium, first = _board_medium(stackup, above, half_space)
+    coil = placement.coil
+    copper = np.array([stackup.index(layer) for layer in placement.layers])
+    ends = np.cumsum([0.0, *(float(np.hypot(*np.diff(line, axis=0).T).sum()) for line in coil.lines)])
+    cuts = _cuts(placement)
+    lines = np.concatenate([cut.line for cut in cuts])
+    lengths = _shares(lines, np.concatenate([cut.along for cut in cuts]), ends)
+    interlayer = turn_to_turn = longest = 0.0
+    between = np.zeros((len(coil.lines),) * 2)
+    done = 0
+    for cut in cuts:
+        n = len(cut.line)
+        layer = copper[cut.line]
+        face = first + 2 * layer
+        period = _MIRROR_DISTANCE * float((cut.across + cut.width / 2).max())
+        try:
+            c = strip_capacitance(
+                medium,
+                np.concatenate((face, face + 1)).tolist(),
+                np.tile(cut.across, 2),
+                np.tile(cut.width, 2),
+                np.tile(np.arange(n), 2).tolist(),
+                period=period,
+                mirror=True,
+                basis=_basis(stackup, coil),
+            )
+        except GeometryError as error:
+            raise GeometryError(f"{placement.name}: {error}") from None
+        V = cut.along / ends[-1]
+        energy = -c * (V[:, None] - V) ** 2 / 4  # J/m at V = 1, of strip i against strip j
+        length = lengths[done : done + n]
+        same = layer[:, None] == layer
+        turn_to_turn += 2 * float(length @ np.where(same, energy, 0.0).sum(axis=1))
+        interlayer += 2 * float(length @ np.where(same, 0.0, energy).sum(axis=1))
+        longest += float(length.max() * (V @ c @ V))
+        np.add.at(between, (cut.line[:, None], cut.line), c * 0.5 * (length[:, None] + length))
+        done += n
+    np.fill_diagonal(between, 0.0)
+    np.fill_diagonal(between, -between.sum(axis=1))
+    return WindingCapacitance(interlayer, turn_to_turn, between, longest)
+
+
+def _basis(stackup: Stackup, coil: Coil) -> int:
+    """Functions a strip: three for traces up to twice the gap and the thinnest dielectric, more for wider ones."""
+    widest = max(float(widths.max()) for widths in coil.widths)
+    nearest = min(coil.gap, *stackup.dielectric_thickness) if stackup.dielectric_thickness else coil.gap
+    return max(3, math.ceil(2 * math.sqrt(widest / nearest)))
+
+
+def _shares(line: npt.NDArray[np.int64], along: FloatArray, ends: FloatArray) -> FloatArray:
+    """Length in m of its line that each cut trace stands for: half-way to the next, and to the ends."""
+    shares = np.zeros_like(along)
+    for i in np.unique(line):
+        on = np.flatnonzero(line == i)
+        on = on[np.argsort(along[on])]
+        s = along[on]
+        if len(on) == 1:
+            shares[on] = ends[i + 1] - ends[i]
+            continue
+        half = np.diff(s) / 2
+        head, tail = min(2 * half[0], s[0] - ends[i]), min(2 * half[-1], ends[i + 1] - s[-1])
+        shares[on] = np.append(head, half) + np.append(half, tail)
+    return shares
+
+
+def _between_coils(array: CoilArray, above: Slabs, half_space: float) -> FloatArray:
+    """Maxwell matrix between coils from the areas in which their windings lie above each other."""
+    medium, first = _board_medium(array.stackup, above, half_space)
+    bands = _bands(array)
+    shapes = [band.area for band in bands]
+    C = np.zeros((len(array.placements),) * 2)
+    edges = shapely.union_all(shapely.boundary(shapes))
+    areas: dict[tuple[int, ...], float] = {}
+    cells = shapely.get_parts(shapely.polygonize([edges]))
+    within, cell = shapely.STRtree(shapes).query(shapely.point_on_surface(cells), predicate="within")[::-1]
+    for index in np.unique(cell):
+        pattern = tuple(sorted(within[cell == index].tolist()))
+        if len({bands[band].coil for band in pattern}) > 1:
+            areas[pattern] = areas.get(pattern, 0.0) + float(cells[index].area)
+    for pattern, area in areas.items():
+        coils = sorted({bands[band].coil for band in pattern})
+        planes, widths, pitches, grids, owners = [], [], [], [], []
+        basis = 3
+        for grid, band in enumerate(bands[index] for index in pattern):
+            coil = array.placements[band.coil].coil
+            basis = max(basis, _basis(array.stackup, coil))
+            for face in (0, 1):
+                planes.append(first + 2 * band.layer + face)
+                widths.append(band.width)
+                pitches.append(band.width + coil.gap)
+                grids.append(grid)
+                owners.append(coils.index(band.coil))
+        per_area = crossed_grid_capacitance(medium, planes, widths, pitches, grids, owners, basis=basis)
+        C[np.ix_(coils, coils)] += area * per_area
+    np.fill_diagonal(C, 0.0)
+    np.fill_diagonal(C, -C.sum(axis=1))
+    return C
+
+
+@dataclass(frozen=True, eq=False)
+class _Band:
+    """Traces and gaps of a coil on one layer: indices of coil and copper layer, mean width in m, area."""
+
+    coil: int
+    layer: int
+    width: float
+    area: shapely.Geometry
+
+
+def _bands(array: CoilArray) -> list[_Band]:
+    own: dict[int, list[shapely.Geometry]] = {}
+    bands = []
+    for index, placement in enumerate(array.placements):
+        coil = placement.coil
+        if id(coil) not in own:
+            own[id(coil)] = [_band(coil, k) for k in range(len(coil.lines))]
+        for layer in dict.fromkeys(placement.layers):
+            lines = placement.lines_on(layer)
+            shape = own[id(coil)][lines[0]] if len(lines) == 1 else shapely.union_all([own[id(coil)][k] for k in lines])
+            turned = affinity.rotate(shape, placement.rotation, origin=(0, 0), use_radians=True)
+            area = affinity.translate(turned, placement.x, placement.y)
+            bands.append(_Band(index, array.stackup.index(layer), _mean_width(coil, lines), area))
+    return bands
+
+
+def _mean_width(coil: Coil, lines: Sequence[int]) -> float:
+    """Width of a coil's lines in m, weighted by length."""
+    widths = np.concatenate([coil.widths[k] for k in lines])
+    lengths = np.concatenate([np.hypot(*np.diff(coil.lines[k], axis=0).T) for k in lines])
+    return float(widths[0] + np.average(widths - widths[0], weights=lengths))  # exact where all are the same
+
+
+def _band(coil: Coil, index: int) -> shapely.Geometry:
+    """Traces of a line and half of the gaps; slits between turns, from the slight tilt of their sides, are closed."""
+    slit = 0.05 * (coil.trace_width + coil.gap) / 2
+    ribbons = [
+        shapely.buffer(
+            shapely.LineString(piece),
+            (width + coil.gap) / 2 + slit,
+            cap_style="flat",
+            join_style="mitre",
+            mitre_limit=2.0,
+        )
+        for piece, width in uniform_runs(coil.lines[index], coil.widths[index])
+    ]
+    wide = ribbons[0] if len(ribbons) == 1 else shapely.union_all(ribbons)
+    return shapely.buffer(wide, -slit, join_style="mitre", mitre_limit=2.0)
+
+
+def _refuse_touching_coils(array: CoilArray) -> None:
+    for layer in array.stackup.names:
+        here = [
+            (placement.name, shapely.LineString(placement.to_board(piece)), width)
+            for placement in array.placements
+            for k in placement.lines_on(layer)
+            for piece, width in uniform_runs(placement.coil.lines[k], placement.coil.widths[k])
+        ]
+        if len({name for name, _, _ in here}) < 2:
+            continue
+        lines = [line for _, line, _ in here]
+        reach = max(width for _, _, width in here)
+        for i, j in shapely.STRtree(lines).query(lines, predicate="dwithin", distance=reach).T.tolist():
+            (one, line, width), (other, other_line, other_width) = here[i], here[j]
+            if i < j and one != other and line.distance(other_line) < (width + other_width) / 2:
+                raise GeometryError(f"the copper of {one} and {other} overlaps on {layer}.")

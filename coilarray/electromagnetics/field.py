@@ -1,0 +1,205 @@
+"""Magnetic field and vector potential of current paths."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+from coilarray.compute.memory import require_memory
+from coilarray.compute.threads import Progress, cores, ranges, run_blocks
+from coilarray.constants import MU_0
+from coilarray.electromagnetics.kernels.segments import add_magnetic_field, add_vector_potential
+from coilarray.electromagnetics.source import Source, as_conductors
+from coilarray.errors import GeometryError
+from coilarray.geometry.conductor import LARGEST
+
+FloatArray = npt.NDArray[np.float64]
+
+Backend = Literal["cpu", "cuda"]
+
+# 512 points of seven arrays fit a 32 KiB first-level cache
+_BLOCK = 512
+# blocks a task: enough work to outweigh the hand-over to a thread; fewer where a core would get too few tasks
+_BLOCKS_A_TASK, _TASKS_A_CORE = 16, 4
+# beside the points: the field, and which of them are finite; the axes of a grid spread out, and the points
+_BYTES_A_POINT, _BYTES_A_GRID_POINT = 27.0, 48.0
+_LARGEST_CURRENT = 1e30  # A; with `LARGEST` no field leaves the range of float64
+_IN_PIECES = "compute it in pieces, or write it block by block with coilarray.circuit.field_volume"
+
+
+def magnetic_field(
+    source: Source,
+    points: npt.ArrayLike,
+    currents: npt.ArrayLike = 1.0,
+    progress: Progress | None = None,
+    *,
+    backend: Backend = "cpu",
+) -> FloatArray:
+    """Magnetic flux density B of current paths in free space.
+
+    Parameters
+    ----------
+    source : CoilArray, Conductor, polyline or sequence of them
+        See `coilarray.electromagnetics.source.as_conductors`. Each segment acts as a thin filament on its centre line.
+    points : array_like, shape (..., 3)
+        In m.
+    currents : array_like, shape (paths,) or scalar
+        In A, in the direction of the paths.
+    progress : callable, optional
+        Called with (done, total) as the work goes on.
+    backend : {"cpu", "cuda"}
+        Where to compute: all cores of the processor, or an NVIDIA GPU through numba.cuda.
+
+    Returns
+    -------
+    ndarray, shape (..., 3)
+        In T.
+
+    Raises
+    ------
+    GeometryError
+        Points or currents of another shape, or that are not finite; another backend.
+    MemoryLimitError
+        More points than `coilarray.compute.memory.allowed_memory` has room for.
+    MissingDependencyError
+        ``"cuda"`` where there is no GPU that numba can use.
+
+    Notes
+    -----
+    Exact for straight segments (Hanson & Hirshman, Phys. Plasmas 9, 4410, 2002). A point on a segment, nearer than
+    1e-12 of its length, gets nothing from that segment: the mean of the field around the wire.
+
+    Examples
+    --------
+    >>> loop = [[np.cos(t), np.sin(t), 0] for t in np.linspace(0, 2 * np.pi, 721)]
+    >>> B = magnetic_field([loop], [0, 0, 0])
+    >>> bool(abs(B[2] / (MU_0 / 2) - 1) < 1e-4)
+    True
+    """
+    paths = _paths(source, points, currents)
+    if backend == "cuda":
+        from coilarray.electromagnetics.kernels.cuda_segments import magnetic_field_on_gpu
+
+        return magnetic_field_on_gpu(paths.points, paths.vertices, paths.starts, paths.weights).reshape(paths.shape)
+    if backend != "cpu":
+        raise GeometryError(f"backend must be one of {', '.join(get_args(Backend))}; got {backend!r}.")
+    return _on_processor(add_magnetic_field, paths, progress)
+
+
+def vector_potential(
+    source: Source, points: npt.ArrayLike, currents: npt.ArrayLike = 1.0, progress: Progress | None = None
+) -> FloatArray:
+    """Magnetic vector potential A (Coulomb gauge for closed paths) of current paths in free space.
+
+    Parameters
+    ----------
+    source, points, currents, progress
+        As in `magnetic_field`.
+
+    Returns
+    -------
+    ndarray, shape (..., 3)
+        In T·m.
+
+    Raises
+    ------
+    GeometryError, MemoryLimitError
+        As `magnetic_field`.
+
+    Notes
+    -----
+    The potential of a thin filament is infinite on it. A point nearer to a segment than 1e-12 of its length gets
+    nothing from that segment.
+    """
+    return _on_processor(add_vector_potential, _paths(source, points, currents), progress)
+
+
+def grid_points(x: npt.ArrayLike, y: npt.ArrayLike, z: npt.ArrayLike) -> FloatArray:
+    """Points of a rectangular grid.
+
+    Parameters
+    ----------
+    x, y, z : array_like, shape (nx,), (ny,), (nz,) or scalar
+        In m.
+
+    Returns
+    -------
+    ndarray, shape (nx, ny, nz, 3)
+        In m.
+
+    Raises
+    ------
+    GeometryError
+        Axes of another shape, or that are not finite.
+    MemoryLimitError
+        More points than `coilarray.compute.memory.allowed_memory` has room for.
+    """
+    axes = [np.atleast_1d(np.asarray(axis, dtype=np.float64)) for axis in (x, y, z)]
+    for name, axis in zip("xyz", axes, strict=True):
+        if axis.ndim != 1 or not np.isfinite(axis).all():
+            raise GeometryError(f"{name} must be one finite number, or n{name} of them; got shape {axis.shape}.")
+    count = math.prod(axis.size for axis in axes)
+    require_memory(_BYTES_A_GRID_POINT * count, f"a grid of {count} points", _IN_PIECES)
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class _Paths:
+    """The polylines that carry a current, as the kernels take them, and the points (n, 3), once of another shape."""
+
+    vertices: FloatArray
+    starts: npt.NDArray[np.int64]
+    weights: FloatArray
+    points: FloatArray
+    shape: tuple[int, ...]
+
+
+def _paths(source: Source, points: npt.ArrayLike, currents: npt.ArrayLike) -> _Paths:
+    conductors = as_conductors(source)
+    try:
+        where = np.asarray(points, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise GeometryError("points must be numbers of shape (..., 3).") from None
+    if where.ndim == 0 or where.shape[-1] != 3:
+        raise GeometryError(f"points must have shape (..., 3); got {where.shape}.")
+    require_memory(_BYTES_A_POINT * (where.size // 3), f"the field at {where.size // 3} points", _IN_PIECES)
+    if not np.isfinite(where).all():
+        raise GeometryError("points must be finite; at least one is not.")
+    if where.size and max(where.max(), -where.min()) > LARGEST:
+        raise GeometryError(f"points must be at most {LARGEST:g} m from the origin; at least one is not.")
+    try:
+        current = np.array(np.broadcast_to(np.asarray(currents, dtype=np.float64), (len(conductors),)))
+    except (TypeError, ValueError):
+        raise GeometryError(
+            f"currents must be one number or {len(conductors)}, one a path; got shape {np.shape(currents)}."
+        ) from None
+    if not (np.abs(current) <= _LARGEST_CURRENT).all():  # also not a number
+        raise GeometryError(f"currents must be finite and at most {_LARGEST_CURRENT:g} A; at least one is not.")
+    used = [c for c in range(len(conductors)) if current[c] != 0]
+    vertices = np.concatenate([np.zeros((0, 3)), *(conductors[c].vertices for c in used)])
+    starts = np.cumsum([0, *(len(conductors[c].vertices) for c in used)])
+    weights = MU_0 / (4 * np.pi) * current[used]
+    return _Paths(vertices, starts, weights, where.reshape(-1, 3), where.shape)
+
+
+def _on_processor(kernel: Callable[..., None], paths: _Paths, progress: Progress | None) -> FloatArray:
+    field = np.zeros_like(paths.points)
+    if not len(paths.weights) or not field.size:
+        return field.reshape(paths.shape)
+
+    def work(task: tuple[int, int]) -> None:
+        for start, stop in ranges(task[1] - task[0], _BLOCK):
+            rows = slice(task[0] + start, task[0] + stop)
+            x, y, z = np.ascontiguousarray(paths.points[rows].T)
+            out = np.zeros((3, len(x)))
+            kernel(x, y, z, paths.vertices, paths.starts, paths.weights, out[0], out[1], out[2], np.empty(len(x)))
+            field[rows] = out.T
+
+    blocks = -(-len(field) // (_BLOCK * _TASKS_A_CORE * cores()))
+    run_blocks(work, ranges(len(field), _BLOCK * min(blocks, _BLOCKS_A_TASK)), progress)
+    return field.reshape(paths.shape)

@@ -1,0 +1,317 @@
+"""Self and mutual inductance of current paths, and the coupling coefficients of an array."""
+
+from __future__ import annotations
+
+from typing import get_args
+
+import numpy as np
+import numpy.typing as npt
+
+from coilarray.compute.memory import require_memory
+from coilarray.compute.threads import Progress
+from coilarray.constants import MU_0
+from coilarray.electromagnetics.kernels.bars import bar_self, parallel_bars
+from coilarray.electromagnetics.kernels.filaments import filament_pair
+from coilarray.electromagnetics.kernels.turns import find_series, series_members, series_rules
+from coilarray.electromagnetics.neumann import BYTES_A_PAIR, path_sums, segment_table
+from coilarray.electromagnetics.neumann_near import Accuracy as Accuracy
+from coilarray.electromagnetics.source import Source, as_conductors
+from coilarray.errors import GeometryError
+from coilarray.geometry import Conductor
+from coilarray.geometry.conductor import LARGEST, SMALLEST
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+_SCALE = MU_0 / (4 * np.pi)
+
+
+def straight_filaments(p1: npt.ArrayLike, p2: npt.ArrayLike, q1: npt.ArrayLike, q2: npt.ArrayLike) -> float:
+    """Mutual inductance of two straight thin filaments in any position.
+
+    Parameters
+    ----------
+    p1, p2, q1, q2 : array_like, shape (3,)
+        Start and end of the first and the second filament in m.
+
+    Returns
+    -------
+    float
+        In H; the sign follows the directions.
+
+    Raises
+    ------
+    GeometryError
+        A filament of length zero, or two that run over each other on one line (infinite).
+
+    Notes
+    -----
+    Closed form of Campbell (Phys. Rev. 5, 452, 1915); Grover, Inductance Calculations (1946), ch. 7.
+
+    Examples
+    --------
+    >>> M = straight_filaments([0, 0, 0], [1, 0, 0], [0, 0.1, 0], [1, 0.1, 0])
+    >>> round(M * 1e9, 6)
+    418.647078
+    """
+    first, second = _filament(p1, p2, "first"), _filament(q1, q2, "second")
+    (l1,), (l2,) = first.lengths, second.lengths
+    u = (first.vertices[1] - first.vertices[0]) / l1
+    v = (second.vertices[1] - second.vertices[0]) / l2
+    arguments = [*first.vertices[0], *u, l1, *second.vertices[0], *v, l2]
+    integral = filament_pair(*arguments)
+    if not np.isfinite(integral):
+        raise GeometryError("the two filaments run over each other on one line: their mutual inductance is infinite.")
+    return float(_SCALE * integral)
+
+
+def _filament(start: npt.ArrayLike, end: npt.ArrayLike, which: str) -> Conductor:
+    return Conductor(np.stack((np.asarray(start), np.asarray(end))), name=f"the {which} filament")
+
+
+def rectangular_bars(
+    size_1: tuple[float, float, float],
+    size_2: tuple[float, float, float] | None = None,
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> float:
+    """Partial inductance of two parallel rectangular bars, or of one bar, with uniform current density.
+
+    Parameters
+    ----------
+    size_1, size_2 : tuple of float
+        Length, width and thickness in m. Without `size_2` the self-inductance of the first bar.
+    offset : tuple of float
+        From the corner of the first bar to that of the second, along length, width and thickness, in m.
+
+    Returns
+    -------
+    float
+        In H.
+
+    Raises
+    ------
+    GeometryError
+        A size that is not 1e-30 to 1e30 m, or an offset that is not finite or larger.
+
+    Notes
+    -----
+    The quantity of Hoer & Love, J. Res. NBS 69C, 127 (1965), to 1e-11 relative (their closed form loses about
+    (length/width)⁴ digits).
+
+    Examples
+    --------
+    >>> round(rectangular_bars((1.0, 0.1, 0.1)) * 1e9, 6)
+    570.425359
+    """
+    for size in (size_1, size_2 or size_1):
+        if len(size) != 3 or not all(SMALLEST <= value <= LARGEST for value in size):
+            raise GeometryError(
+                f"length, width and thickness of a bar must be positive, {SMALLEST:g} to {LARGEST:g} m; got {size}."
+            )
+    if len(offset) != 3 or not all(abs(value) <= LARGEST for value in offset):
+        raise GeometryError(
+            f"the offset between two bars must be finite, three numbers up to {LARGEST:g} m; got {offset}."
+        )
+    if size_2 is None:
+        return float(_SCALE * bar_self(*size_1))
+    along, across, up = offset
+    return float(_SCALE * parallel_bars(*size_1, *size_2, across, up, along))
+
+
+def self_inductance(source: Source) -> FloatArray:
+    """Self-inductance of every current path.
+
+    Parameters
+    ----------
+    source : CoilArray, Conductor, polyline or sequence of them
+        See `coilarray.electromagnetics.source.as_conductors`. Every segment needs a cross-section.
+
+    Returns
+    -------
+    ndarray, shape (paths,)
+        In H.
+
+    Raises
+    ------
+    GeometryError
+        A thin filament: its self-inductance is infinite.
+    """
+    conductors = as_conductors(source)
+    each = np.arange(len(conductors))
+    return np.diag(_matrix(conductors, each, each, "full")).copy()
+
+
+def mutual_inductance(first: Source, second: Source, *, accuracy: Accuracy = "full") -> FloatArray:
+    """Mutual inductance between every path of one source and every path of another.
+
+    Parameters
+    ----------
+    first, second : CoilArray, Conductor, polyline or sequence of them
+        Thin filaments are allowed.
+    accuracy : {"full", "screen"}
+        See `Accuracy`.
+
+    Returns
+    -------
+    ndarray, shape (paths of first, paths of second)
+        In H.
+
+    Raises
+    ------
+    GeometryError
+        Two thin filaments that run over each other on one line; another accuracy.
+    MemoryLimitError
+        More pairs than `coilarray.compute.memory.allowed_memory` has room for.
+
+    Examples
+    --------
+    >>> hexagon = [[np.cos(k * np.pi / 3), np.sin(k * np.pi / 3), 0] for k in range(7)]
+    >>> lifted = [[x, y, 0.1] for x, y, z in hexagon]
+    >>> round(float(mutual_inductance([hexagon], [lifted])[0, 0]) * 1e6, 4)
+    2.6301
+    """
+    a, b = as_conductors(first), as_conductors(second)
+    _require_memory(len(a) + len(b), len(a) * len(b))
+    rows, columns = np.indices((len(a), len(b)))
+    return _matrix(a + b, rows.ravel(), len(a) + columns.ravel(), accuracy)[: len(a), len(a) :]
+
+
+def inductance_matrix(source: Source, progress: Progress | None = None, *, accuracy: Accuracy = "full") -> FloatArray:
+    """Inductance matrix of the paths: L_ii on the diagonal, M_ij off it.
+
+    Parameters
+    ----------
+    source : CoilArray, Conductor, polyline or sequence of them
+        Every segment needs a cross-section. The current density is uniform in it (direct current).
+    progress : callable, optional
+        Called with (done, total) as the work goes on.
+    accuracy : {"full", "screen"}
+        See `Accuracy`.
+
+    Returns
+    -------
+    ndarray, shape (paths, paths)
+        In H, symmetric. Positive M means that currents in the direction of the paths link the same way.
+
+    Raises
+    ------
+    GeometryError
+        A thin filament: its self-inductance is infinite; another accuracy.
+    MemoryLimitError
+        More paths than `coilarray.compute.memory.allowed_memory` has room for.
+
+    Notes
+    -----
+    Neumann's integral averaged over the cross-sections. Pairs of equal shapes at equal offsets are computed once, so
+    identical coils on a lattice cost one evaluation a distinct offset, and of near ones even pairs of layers that
+    mirror each other (`coilarray.electromagnetics.neumann_near`). Pairs that lie apart are computed by
+    `coilarray.electromagnetics.neumann_far` to 3e-8 of L, windings smaller than 200 widths with the cross-section,
+    which is worth less than 3e-7 of L in larger ones. The rules are set for 1e-6 of L and of k for traces wider than
+    thick, with gaps of a quarter of their width or more and sides of a few widths;
+    `tests/electromagnetics/test_inductance_convergence.py` holds the study. Shorter sides or narrower gaps than that
+    cost up to 2e-5, copper thicker than wide more. Traces run from vertex to vertex with square ends: the true, mitred
+    corner of a trace as wide as a tenth of its turns changes L by some 1e-3.
+
+    Examples
+    --------
+    >>> square = [[0, 0, 0], [1e-2, 0, 0], [1e-2, 1e-2, 0], [0, 1e-2, 0], [0, 1e-4, 0]]
+    >>> loop = Conductor(square, 0.15e-3, 35e-6)
+    >>> round(float(inductance_matrix(loop)[0, 0]) * 1e9, 2)
+    37.64
+    """
+    conductors = as_conductors(source)
+    _require_memory(len(conductors), len(conductors) * (len(conductors) + 1) // 2)
+    return _matrix(conductors, *np.triu_indices(len(conductors)), accuracy, progress)
+
+
+def coupling_matrix(inductance: npt.ArrayLike) -> FloatArray:
+    """Coupling coefficients k_ij = M_ij/√(L_i L_j) of an inductance matrix.
+
+    Parameters
+    ----------
+    inductance : array_like, shape (n, n)
+        In H, symmetric with a positive diagonal.
+
+    Returns
+    -------
+    ndarray, shape (n, n)
+        Dimensionless, ones on the diagonal.
+
+    Raises
+    ------
+    ValueError
+        A matrix that is not square, has values that are not finite or a diagonal entry that is not positive.
+
+    Examples
+    --------
+    >>> coupling_matrix([[4e-6, 1e-6], [1e-6, 1e-6]])
+    array([[1. , 0.5],
+           [0.5, 1. ]])
+    """
+    L = np.asarray(inductance, dtype=np.float64)
+    if L.ndim != 2 or L.shape[0] != L.shape[1]:
+        raise ValueError(f"an inductance matrix must be square; got shape {L.shape}.")
+    if not np.isfinite(L).all():
+        raise ValueError("an inductance matrix must be finite; at least one entry is not.")
+    diagonal = np.diag(L)
+    if not (diagonal > 0).all():
+        raise ValueError(f"every self-inductance must be positive; got {diagonal.min()} H.")
+    root = np.sqrt(diagonal)
+    k = L / np.outer(root, root)
+    np.fill_diagonal(k, 1.0)
+    return np.asarray(k)
+
+
+def standing_for_all(path: Conductor, accuracy: Accuracy) -> tuple[IntArray, FloatArray]:
+    """Segments whose weighted sum stands for that over a whole path.
+
+    Parameters
+    ----------
+    path : Conductor
+        Any.
+    accuracy : {"full", "screen"}
+        ``full`` takes every segment once; ``screen`` a few turns of a winding, for sums of what changes smoothly from
+        turn to turn.
+
+    Returns
+    -------
+    segments : ndarray, shape (n,)
+        Their numbers.
+    weights : ndarray, shape (n,)
+        Adding up to the number of segments.
+    """
+    if accuracy == "full":
+        return np.arange(len(path.lengths)), np.ones(len(path.lengths))
+    series = find_series(segment_table(path))
+    return series_members(series, *series_rules(int(series[:, 2].max())))
+
+
+def _require_memory(paths: int, pairs: int) -> None:
+    require_memory(
+        BYTES_A_PAIR * pairs + 8.0 * paths**2,
+        f"the inductance matrix of {paths} paths",
+        "compute it in pieces, or write it block by block with coilarray.electromagnetics.large_matrix",
+    )
+
+
+def _matrix(
+    conductors: tuple[Conductor, ...],
+    first: IntArray,
+    second: IntArray,
+    accuracy: Accuracy,
+    progress: Progress | None = None,
+) -> FloatArray:
+    """Symmetric matrix of the wanted pairs of paths in H, zero elsewhere."""
+    if accuracy not in get_args(Accuracy):
+        raise GeometryError(f"accuracy must be one of {', '.join(get_args(Accuracy))}; got {accuracy!r}.")
+    values = _SCALE * path_sums(conductors, first, second, accuracy, progress)
+    infinite = np.flatnonzero(~np.isfinite(values))
+    if len(infinite):
+        i, j = first[infinite[0]], second[infinite[0]]
+        raise GeometryError(
+            f"{conductors[i].name} and {conductors[j].name} run over each other on one line: "
+            "the mutual inductance of thin filaments is infinite there."
+        )
+    L = np.zeros((len(conductors), len(conductors)))
+    L[first, second] = L[second, first] = values
+    return L

@@ -1,0 +1,220 @@
+"""Eddy-current modes of parallel rectangular traces, infinitely long, from filaments in their cross-sections.
+
+With the filament currents I_k = y_k √a_k (cell area a_k), Ohm's and Faraday's laws in every trace read
+
+    y + jβ (M y + s) = U √a/ρ,   M_km = −√(a_k a_m) ⟨ln r⟩_km,   β = ωµ0 ℓ²/(2πρ)
+
+in units of a length ℓ; s is the source of an incident field and ½ρΣ|y|² the loss per length. A uniform current density
+is y ∝ √a. What is left, orthogonal to it in every trace, carries no net current and needs no voltage U: with the
+eigenpairs (λ, v) of M on that space each mode answers as −jβ (vᵀs)/(1 + jβλ), at every frequency from one
+decomposition.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from coilarray.electromagnetics.kernels.sections import mirrored_logs, pair_logs
+
+FloatArray = npt.NDArray[np.float64]
+ComplexArray = npt.NDArray[np.complex128]
+Trace = tuple[float, float, float, float]
+"""Centre x and z, width and thickness."""
+Basis = tuple[FloatArray, FloatArray, FloatArray]
+"""Cells, √area and currents of one trace (`response_basis`)."""
+
+
+def cosine_edges(size: float, count: int) -> FloatArray:
+    """Cell edges from −size/2 to size/2, finest at both ends, shape (count + 1,)."""
+    return -0.5 * size * np.cos(np.pi * np.arange(count + 1) / count)
+
+
+def cell_counts(width: float, thickness: float, longer: int, shorter: int) -> tuple[int, int]:
+    """Even numbers of cells across width and thickness: `longer` for a square, towards `shorter` for the thin side."""
+    aspect = min(width, thickness) / max(width, thickness)
+    few = 2 * round((shorter + (longer - shorter) * aspect) / 2)
+    return (longer, few) if width >= thickness else (few, longer)
+
+
+def mesh(x_edges: FloatArray, z_edges: FloatArray) -> FloatArray:
+    """Cells of a grid as rows x, z, width, thickness; shape (cells, 4)."""
+    x, z = 0.5 * (x_edges[1:] + x_edges[:-1]), 0.5 * (z_edges[1:] + z_edges[:-1])
+    columns = np.meshgrid(x, z, indexing="ij") + np.meshgrid(np.diff(x_edges), np.diff(z_edges), indexing="ij")
+    return np.ascontiguousarray(np.column_stack([column.ravel() for column in columns]))
+
+
+def _without_net_current(M: FloatArray, uniform: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Eigenpairs of M on the space orthogonal to `uniform`, and the coupling M `uniform` on it."""
+    coupling = M @ uniform
+    coupling -= uniform * (uniform @ coupling)
+    # P M P, P = 1 − u uᵀ, from P M u = coupling
+    projected = (
+        M
+        - np.outer(uniform, coupling)
+        - np.outer(coupling, uniform)
+        - np.outer(uniform, uniform @ M @ uniform * uniform)
+    )
+    values, vectors = np.linalg.eigh(projected)
+    null = int(np.argmax(np.abs(uniform @ vectors)))  # the one eigenvector that is `uniform` itself
+    return np.delete(values, null), np.delete(vectors, null, axis=1), coupling
+
+
+def isolated_modes(
+    width: float, thickness: float, longer: int, shorter: int
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Modes of one trace that its own current, a field along its thickness, and one along its width excite.
+
+    Returns, for each, rows of λ and squared excitation, shape (2, modes): (vᵀMu)² of the unit uniform current u, and
+    (Σ v x√a)², (Σ v z√a)². In units of ℓ (λ: ℓ², squares: ℓ⁴). By symmetry the three sets are disjoint and one
+    quarter is meshed.
+    """
+    nx, nz = cell_counts(width, thickness, longer, shorter)
+    cells = mesh(cosine_edges(width, nx)[nx // 2 :], cosine_edges(thickness, nz)[nz // 2 :])
+    root = np.sqrt(cells[:, 2] * cells[:, 3])
+    logs = np.empty((len(cells), len(cells)))
+    found = []
+    for parity_x, parity_z in ((1.0, 1.0), (-1.0, 1.0), (1.0, -1.0)):
+        mirrored_logs(cells, parity_x, parity_z, logs)
+        M = -root[:, None] * logs * root
+        if parity_x == parity_z:
+            values, vectors, source = _without_net_current(M, root / np.linalg.norm(root))
+            strength = (source @ vectors) ** 2
+        else:
+            values, vectors = np.linalg.eigh(M)
+            strength = 4.0 * ((root * cells[:, 0 if parity_x < 0 else 1]) @ vectors) ** 2  # four quarters
+        found.append(np.stack((values, strength)))
+    return found[0], found[1], found[2]
+
+
+def response_basis(
+    width: float, thickness: float, longer: int, shorter: int, betas: FloatArray, tolerance: float
+) -> Basis:
+    """Cells, √area and an orthonormal basis of the currents that one trace can be made to carry.
+
+    The first column is the uniform current; the others span, to `tolerance`, the trace's answers at the frequencies
+    `betas` to its own current and to incident potentials Re and Im (x + jz)^k, k = 1..4, which fade as 2^−k: the
+    Taylor series of what sources outside it make. Shapes (cells, 4), (cells,), (cells, basis).
+    """
+    nx, nz = cell_counts(width, thickness, longer, shorter)
+    cells = mesh(cosine_edges(width, nx), cosine_edges(thickness, nz))
+    root = np.sqrt(cells[:, 2] * cells[:, 3])
+    uniform = root / np.linalg.norm(root)
+    values, vectors, own = _without_net_current(cell_interaction(cells, root, cells, root, 0.0, 0.0), uniform)
+    place = (cells[:, 0] + 1j * cells[:, 1]) / (0.5 * max(width, thickness))
+    potentials = [part * root for k in range(1, 5) for part in ((place**k).real, (place**k).imag)]
+    sources = vectors.T @ np.column_stack([own, *potentials])
+    weights = 0.5 ** np.array([0, 0, 0, 1, 1, 2, 2, 3, 3])
+    answers = []
+    for beta in betas:
+        answer = sources / (1.0 + 1j * beta * values)[:, None]
+        answer *= weights / np.linalg.norm(answer, axis=0)
+        answers += [answer.real, answer.imag]
+    left, size, _ = np.linalg.svd(np.hstack(answers), full_matrices=False)
+    kept = vectors @ left[:, size > tolerance * size[0]]
+    return cells, root, np.column_stack((uniform, kept))
+
+
+def cell_interaction(
+    first: FloatArray, first_root: FloatArray, second: FloatArray, second_root: FloatArray, x: float, z: float
+) -> FloatArray:
+    """M between the cells of two traces, the second at (x, z) from the first; shape (cells, cells)."""
+    logs = np.empty((len(first), len(second)))
+    pair_logs(first, second, x, z, logs)
+    return np.asarray(-first_root[:, None] * logs * second_root)
+
+
+@dataclass(frozen=True, eq=False)
+class Section:
+    """Parallel traces reduced to their eddy modes; lengths in units of `unit`, modes of all traces one after another.
+
+    `values`, `vectors`: eigenpairs of the interaction of all modes. `own` (modes, traces): source of each trace's unit
+    uniform current; `x`, `z` (modes,): of a unit potential gradient. `first` (traces + 1,): where each begins.
+    """
+
+    unit: float
+    areas: FloatArray
+    first: npt.NDArray[np.int64]
+    values: FloatArray
+    vectors: FloatArray
+    own: FloatArray
+    x: FloatArray
+    z: FloatArray
+
+    def answer(self, sources: FloatArray, beta: FloatArray) -> ComplexArray:
+        """Amplitudes −jβ/(1 + jβM) s of sources (modes, n); shape (frequencies, modes, n)."""
+        modal = self.vectors.T @ sources
+        factor = -1j * beta[:, None] / (1.0 + 1j * beta[:, None] * self.values)
+        amplitude = self.vectors @ (factor[:, :, None] * modal).transpose(1, 0, 2).reshape(len(modal), -1)
+        return np.asarray(amplitude.reshape(len(modal), len(beta), -1).transpose(1, 0, 2), dtype=np.complex128)
+
+    def losses(self, sources: FloatArray, beta: FloatArray) -> FloatArray:
+        """Σ|y|² of the eddy currents of each trace; shape (frequencies, traces, n)."""
+        return np.asarray(np.add.reduceat(np.abs(self.answer(sources, beta)) ** 2, self.first[:-1], axis=1))
+
+
+def section(traces: Sequence[Trace], basis: Callable[[float, float], Basis]) -> Section:
+    """Reduce parallel traces to their eddy modes; `basis` gives that of a width and thickness (`response_basis`)."""
+    unit = max(max(w, t) for _, _, w, t in traces)
+    scaled = [tuple(round(value / unit, 9) for value in trace) for trace in traces]
+    bases = [basis(w, t) for _, _, w, t in scaled]
+    start = np.cumsum([0, *(vectors.shape[1] for _, _, vectors in bases)])
+    M = np.empty((start[-1], start[-1]))
+    known: dict[tuple[float, ...], FloatArray] = {}
+    for i, (xi, zi, *size_i) in enumerate(scaled):
+        for k, (xk, zk, *size_k) in enumerate(scaled[: i + 1]):
+            x, z = round(xk - xi, 3), round(zk - zi, 3)  # equal pitches share their numbers
+            key = (x, z, *size_i, *size_k)
+            if key not in known:
+                (cells_i, root_i, V_i), (cells_k, root_k, V_k) = bases[i], bases[k]
+                known[key] = V_i.T @ cell_interaction(cells_i, root_i, cells_k, root_k, x, z) @ V_k
+            M[start[i] : start[i + 1], start[k] : start[k + 1]] = known[key]
+            M[start[k] : start[k + 1], start[i] : start[i + 1]] = known[key].T
+    uniform = np.zeros(start[-1], dtype=bool)
+    uniform[start[:-1]] = True
+    values, vectors = np.linalg.eigh(M[np.ix_(~uniform, ~uniform)])
+    gradients = [np.concatenate([V[:, 1:].T @ (root * cells[:, axis]) for cells, root, V in bases]) for axis in (0, 1)]
+    areas = np.array([w * t for _, _, w, t in scaled])
+    first = start - np.arange(len(start))
+    return Section(unit, areas, first, values, vectors, M[np.ix_(~uniform, uniform)], gradients[0], gradients[1])
+
+
+def bundle_factors(
+    bundle: Section,
+    alone: Sequence[Section],
+    x: FloatArray,
+    z: FloatArray,
+    sign: FloatArray,
+    mean: FloatArray,
+    delta: FloatArray,
+) -> FloatArray:
+    """Heat in each trace of a bundle by filaments, over the heat of the trace alone in the same field.
+
+    Shape (3, frequencies, traces): for the current `sign` in all, for a uniform field along z, and one along x. `mean`
+    (traces, 2): what field along x (for `sign` 1; reversed with the current) and z unit current really makes at each
+    trace; the bundle gets the difference to its own as an incident field. `alone`: each trace as a section.
+    """
+    dx, dz = x[:, None] - x, z[:, None] - z
+    r2 = dx**2 + dz**2
+    np.fill_diagonal(r2, np.inf)
+    along_x = sign * mean[:, 0] - (dz / r2) @ sign / (2 * np.pi)
+    along_z = mean[:, 1] + (dx / r2) @ sign / (2 * np.pi)
+    counts = np.diff(bundle.first)
+    incident = bundle.x * np.repeat(along_z, counts) - bundle.z * np.repeat(along_x, counts)
+    current = bundle.own @ (sign / np.sqrt(bundle.areas)) / bundle.unit + 2 * np.pi * incident
+    heat = bundle.losses(np.column_stack((current, bundle.x, bundle.z)), (bundle.unit / delta) ** 2 / np.pi)
+    single = {
+        id(one): one.losses(
+            np.column_stack((one.own[:, 0] / (one.unit * np.sqrt(one.areas)), one.x, one.z)),
+            (one.unit / delta) ** 2 / np.pi,
+        )[:, 0]
+        for one in alone
+    }
+    separate = np.stack([single[id(one)] for one in alone], axis=1)
+    uniform = 1.0 / (bundle.areas * bundle.unit**2)
+    field = (2 * np.pi) ** 2 * (mean[:, 1] ** 2 * separate[..., 1] + mean[:, 0] ** 2 * separate[..., 2])
+    own = (uniform + heat[..., 0]) / (uniform + separate[..., 0] + field)
+    return np.stack((own, heat[..., 1] / separate[..., 1], heat[..., 2] / separate[..., 2]))

@@ -1,0 +1,96 @@
+"""Neumann sums of bars that lie apart: the exact potential of one at the nodes of a Gauss rule along the other.
+
+The potential of a segment a at a point, along it, is ln((|u| + |v| + |a|)/(|u| + |v| − |a|)) with u and v from its ends
+to the point. Along another segment of length ℓ at distance D from a it is analytic out to the Bernstein ellipse
+ln ρ ≥ asinh(2D/ℓ), so n nodes err like ρ^(−2n). Nodes of many pairs are collected and evaluated together, without a
+branch, so that the processor does several at once.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from coilarray.electromagnetics.kernels.compiled import inner_kernel
+from coilarray.electromagnetics.kernels.segments import log_of_ratio
+
+FloatArray = npt.NDArray[np.float64]
+
+MOST_NODES = 32
+"""Along one segment; pairs that need more are left to the closed forms."""
+APART = 7.5
+"""Widths from which two nodes across each width suffice: ln ρ = 3.45 of the rules in `kernels.paths`."""
+CAPACITY = 4096
+"""Nodes that are evaluated together: four arrays that fit the caches."""
+_LANES = 8
+
+
+def _gauss_tables() -> tuple[FloatArray, FloatArray]:
+    nodes, weights = np.zeros((MOST_NODES + 1, MOST_NODES)), np.zeros((MOST_NODES + 1, MOST_NODES))
+    for n in range(1, MOST_NODES + 1):
+        nodes[n, :n], weights[n, :n] = np.polynomial.legendre.leggauss(n)
+    return nodes, weights
+
+
+_NODES, _WEIGHTS = _gauss_tables()
+
+
+def least_distances(log_tolerance: float) -> FloatArray:
+    """Distance, in lengths, from which n nodes along a segment keep an error of e^`log_tolerance`; entry n."""
+    with np.errstate(divide="ignore", over="ignore"):
+        return np.asarray(0.5 * np.sinh(-log_tolerance / (2.0 * np.arange(MOST_NODES + 1))))
+
+
+@inner_kernel
+def node_count(distance: float, length: float, least: FloatArray) -> int:
+    """Nodes along a segment at a distance by `least_distances`; MOST_NODES + 1 where they are too few."""
+    for n in range(2, MOST_NODES + 1):
+        if distance >= least[n] * length:
+            return n
+    return MOST_NODES + 1
+
+
+@inner_kernel
+def add_nodes(
+    count: int, b: FloatArray, dx: float, dy: float, dz: float, weight: float, n: int, batch: FloatArray
+) -> int:
+    """Collect the nodes along a segment, row `b` of a table, that starts at (dx, dy, dz) from the source's start.
+
+    `batch` has the shape (4, CAPACITY): x, y, z and weight; returns how many there are now.
+    """
+    half = 0.5 * b[6]
+    for k in range(n):
+        t = half * (1.0 + _NODES[n, k])
+        batch[0, count] = dx + t * b[3]
+        batch[1, count] = dy + t * b[4]
+        batch[2, count] = dz + t * b[5]
+        batch[3, count] = weight * half * _WEIGHTS[n, k]
+        count += 1
+    return count
+
+
+@inner_kernel
+def batch_sum(a: FloatArray, count: int, batch: FloatArray) -> float:
+    """Weighted sum of the potential of a segment, row `a` of a table, over the collected nodes."""
+    x, y, z, weight = batch[0], batch[1], batch[2], batch[3]
+    padded = (count + _LANES - 1) // _LANES * _LANES
+    for i in range(count, padded):
+        x[i], y[i], z[i], weight[i] = 0.0, 0.0, 2.0 * a[6], 0.0
+    length = a[6]
+    ex, ey, ez = length * a[3], length * a[4], length * a[5]
+    for i in range(padded):
+        vx = x[i] - ex
+        vy = y[i] - ey
+        vz = z[i] - ez
+        total = math.sqrt(x[i] * x[i] + y[i] * y[i] + z[i] * z[i]) + math.sqrt(vx * vx + vy * vy + vz * vz)
+        weight[i] *= log_of_ratio(total + length, total - length, length / total)
+    lanes = np.zeros(_LANES)
+    for i in range(0, padded, _LANES):
+        for k in range(_LANES):
+            lanes[k] += weight[i + k]
+    value = 0.0
+    for k in range(_LANES):
+        value += lanes[k]
+    return value

@@ -1,0 +1,436 @@
+"""Neumann sums over the bars of two current paths.
+
+A row of a segment table holds, in m: start (0:3), unit direction (3:6), length (6), unit lateral direction (7:10),
+width (10), thickness (11). Each pair of bars is the mean of filament pairs over both cross-sections:
+
+* far apart against the cross-section: the centre lines;
+* parallel: the lateral offset of the two filaments has a triangular density (equal widths), integrated by a Gauss
+  rule on each half with as many nodes as the nearest singularity demands; bars that nearly touch go to `bars`;
+* at an angle, or parallel and of different size: Gauss rules across both widths, and more where they meet in a
+  corner.
+
+A filament pair is the closed form near and a Gauss rule along both where the distance exceeds twice the length.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from coilarray.electromagnetics.kernels.bars import parallel_bars
+from coilarray.electromagnetics.kernels.compiled import inner_kernel, kernel
+from coilarray.electromagnetics.kernels.far_pairs import (
+    APART,
+    CAPACITY,
+    MOST_NODES,
+    add_nodes,
+    batch_sum,
+    least_distances,
+    node_count,
+)
+from coilarray.electromagnetics.kernels.filaments import filament_pair, filament_pair_far
+
+FloatArray = npt.NDArray[np.float64]
+Vector = tuple[float, float, float]
+
+MAX_NODES = 16
+"""Largest Gauss rule in the tables."""
+RULE_SIZE = 4 * MAX_NODES**2 * MAX_NODES
+"""Most filament pairs of one pair of bars: three Gauss rules, and four signs or pieces."""
+NODE_PAIR = 12.0
+"""Beyond this many widths two nodes with the variance of the cross-section suffice for parallel bars."""
+THICK = 6.0
+"""Beyond this many widths the thickness of bars at an angle does not count."""
+TOUCHING = 0.5
+"""Bars at an angle and nearer than this many widths are taken to meet."""
+PARALLEL_SIN2 = 4e-4
+"""Bars below this sin² of the angle share their lateral direction (turns of a spiral are tilted by 3e-3)."""
+_LOG_TOLERANCE = -16.1  # ln 1e-7: error of the rules across the cross-section, relative to the pair's variation
+_LOG_TOLERANCE_ANGLED = -13.8  # ln 1e-6: the same for bars at an angle, whose errors change sign from pair to pair
+_LOG_TOLERANCE_THICKNESS = -11.5  # ln 1e-5: the thickness changes a pair by about 1 %
+_LOG_TOLERANCE_FILAMENTS = -25.3  # ln 1e-11: error of the rules along distant thin filaments, exact otherwise
+_LEAST, _LEAST_FILAMENTS = least_distances(_LOG_TOLERANCE), least_distances(_LOG_TOLERANCE_FILAMENTS)
+INNER = 0.5 / math.sqrt(3.0)
+"""Of a width: the two nodes of a Gauss rule across it."""
+
+
+def _gauss_tables() -> tuple[FloatArray, FloatArray]:
+    nodes, weights = np.zeros((MAX_NODES + 1, MAX_NODES)), np.zeros((MAX_NODES + 1, MAX_NODES))
+    for n in range(1, MAX_NODES + 1):
+        nodes[n, :n], weights[n, :n] = np.polynomial.legendre.leggauss(n)
+    return nodes, weights
+
+
+def _triangle_tables() -> tuple[FloatArray, FloatArray]:
+    """Gauss rules on [−1, 1] for the density 1 − |x|, by Stieltjes' recurrence and Golub & Welsch (1969)."""
+    half, weight = np.polynomial.legendre.leggauss(2 * MAX_NODES)  # exact for what the recurrence integrates
+    x = np.concatenate((0.5 * (half - 1.0), 0.5 * (half + 1.0)))
+    density = np.tile(0.5 * weight, 2) * (1.0 - np.abs(x))
+    betas: list[float] = []
+    before, now = np.zeros_like(x), np.ones_like(x)
+    for _ in range(MAX_NODES):
+        before, now = now, x * now - (betas[-1] if betas else 0.0) * before
+        betas.append(float(density @ now**2 / (density @ before**2)))
+    nodes, weights = np.zeros((MAX_NODES + 1, MAX_NODES)), np.zeros((MAX_NODES + 1, MAX_NODES))
+    for n in range(1, MAX_NODES + 1):
+        off = np.sqrt(betas[: n - 1])
+        values, vectors = np.linalg.eigh(np.diag(off, 1) + np.diag(off, -1))
+        nodes[n, :n], weights[n, :n] = values, vectors[0] ** 2
+    return nodes, weights
+
+
+_NODES, _WEIGHTS = _gauss_tables()
+_TRIANGLE_NODES, _TRIANGLE_WEIGHTS = _triangle_tables()
+
+
+@inner_kernel
+def _normal(a: FloatArray) -> Vector:
+    """Direction across the thickness of a bar."""
+    return a[4] * a[9] - a[5] * a[8], a[5] * a[7] - a[3] * a[9], a[3] * a[8] - a[4] * a[7]
+
+
+@inner_kernel
+def _same_side(a: FloatArray, b: FloatArray) -> float:
+    """1 where the lateral directions of two nearly parallel bars agree, −1 where they oppose each other."""
+    return 1.0 if a[7] * b[7] + a[8] * b[8] + a[9] * b[9] > 0.0 else -1.0
+
+
+@inner_kernel
+def _between(a: FloatArray, b: FloatArray, shift: FloatArray) -> tuple[float, float, float, float]:
+    """Vector from start to start of two bars, the second moved, and the distance of their middles."""
+    dx, dy, dz = b[0] + shift[0] - a[0], b[1] + shift[1] - a[1], b[2] + shift[2] - a[2]
+    first, second = 0.5 * a[6], 0.5 * b[6]
+    mx, my, mz = dx + second * b[3] - first * a[3], dy + second * b[4] - first * a[4], dz + second * b[5] - first * a[5]
+    return dx, dy, dz, math.sqrt(mx * mx + my * my + mz * mz)
+
+
+@inner_kernel
+def closest_offset(dx: float, dy: float, dz: float, a: FloatArray, b: FloatArray) -> Vector:
+    """Shortest vector from the first segment to the second; (dx, dy, dz) leads from start to start."""
+    cosine = a[3] * b[3] + a[4] * b[4] + a[5] * b[5]
+    du = dx * a[3] + dy * a[4] + dz * a[5]
+    dv = dx * b[3] + dy * b[4] + dz * b[5]
+    sine2 = 1.0 - cosine * cosine
+    s = (du - cosine * dv) / sine2 if sine2 > 1e-12 else 0.5 * a[6]
+    s = min(max(s, 0.0), a[6])
+    t = cosine * s - dv
+    t = min(max(t, 0.0), b[6])
+    s = min(max(cosine * t + du, 0.0), a[6])
+    t = min(max(cosine * s - dv, 0.0), b[6])
+    return (
+        dx + t * b[3] - s * a[3],
+        dy + t * b[4] - s * a[4],
+        dz + t * b[5] - s * a[5],
+    )
+
+
+@inner_kernel
+def _log_bernstein(x: float, y: float) -> float:
+    """Give ln ρ of the Bernstein ellipse of [−1, 1] through x + iy: a Gauss rule of n nodes errs like ρ^(−2n)."""
+    return math.log(0.5 * (math.hypot(x - 1.0, y) + math.hypot(x + 1.0, y)) + math.sqrt(
+        max(0.25 * (math.hypot(x - 1.0, y) + math.hypot(x + 1.0, y)) ** 2 - 1.0, 0.0)
+    ))  # fmt: skip
+
+
+@inner_kernel
+def _set_offset(
+    rule: FloatArray, k: int, weight: float, s: float, a: FloatArray, t: float, b: FloatArray, h: float, normal: Vector
+) -> None:
+    """Write row k of a rule: filaments s and t to the side of the middles of two bars, and h above each other."""
+    rule[k, 0] = weight
+    rule[k, 1] = t * b[7] - s * a[7] + h * normal[0]
+    rule[k, 2] = t * b[8] - s * a[8] + h * normal[1]
+    rule[k, 3] = t * b[9] - s * a[9] + h * normal[2]
+
+
+@inner_kernel
+def _parallel_rule(
+    a: FloatArray, b: FloatArray, gx: float, gy: float, gz: float, level: bool, extra: int, rule: FloatArray
+) -> int:  # fmt: skip
+    """Offsets of (nearly) parallel bars of equal size, the nearest places (gx, gy, gz) apart; 0 where they touch.
+
+    The lateral offset of two filaments has a triangular density on [−width, width], and so across the thickness; its
+    direction is the mean of the two, so that a tilt counts in second order.
+    Offsets up and down are alike for bars that lie `level` with each other: then one stands for both.
+    """
+    width, thickness = a[10], a[11]
+    normal = _normal(a)
+    side = 0.5 * _same_side(a, b)
+    lateral = abs(gx * a[7] + gy * a[8] + gz * a[9])
+    above = abs(gx * normal[0] + gy * normal[1] + gz * normal[2])
+    axial = abs(gx * a[3] + gy * a[4] + gz * a[5])
+    # the nearest singularities, in the plane of the complex offset
+    log_w = _log_bernstein(lateral / width, math.hypot(above, axial) / width)
+    beside = math.hypot(max(lateral - width, 0.0), axial)
+    log_t = _log_bernstein(above / thickness, beside / thickness)
+    if 2.0 * MAX_NODES * log_w < -_LOG_TOLERANCE or 2.0 * MAX_NODES * log_t < -_LOG_TOLERANCE_THICKNESS:
+        return 0
+    n_w = min(math.ceil(-_LOG_TOLERANCE / (2.0 * log_w)) + extra, MAX_NODES)
+    n_t = min(math.ceil(-_LOG_TOLERANCE_THICKNESS / (2.0 * log_t)) + extra, MAX_NODES)
+    count = 0
+    for k in range(n_w):
+        across = width * _TRIANGLE_NODES[n_w, k]
+        for m in range((n_t + 1) // 2 if level else n_t):
+            weight = _TRIANGLE_WEIGHTS[n_w, k] * _TRIANGLE_WEIGHTS[n_t, m]
+            if level and 2 * m + 1 < n_t:
+                weight *= 2.0
+            h = thickness * _TRIANGLE_NODES[n_t, m]
+            _set_offset(rule, count, weight, -0.5 * across, a, side * across, b, h, normal)
+            count += 1
+    return count
+
+
+@inner_kernel
+def _two_node_offset(a: FloatArray, b: FloatArray) -> Vector:
+    """Offset, to both sides, that stands for parallel bars far apart against their size.
+
+    In the plane across the bars the kernel is harmonic, so only the difference of the two variances counts.
+    """
+    variance = (a[10] * a[10] - a[11] * a[11]) / 6.0
+    step = math.sqrt(abs(variance))
+    side = _same_side(a, b)
+    across = (0.5 * (a[7] + side * b[7]), 0.5 * (a[8] + side * b[8]), 0.5 * (a[9] + side * b[9]))
+    direction = across if variance > 0.0 else _normal(a)
+    return step * direction[0], step * direction[1], step * direction[2]
+
+
+@inner_kernel
+def _two_node_rule(a: FloatArray, b: FloatArray, rule: FloatArray) -> int:
+    """Offsets of parallel bars far apart, see `_two_node_offset`."""
+    offset = _two_node_offset(a, b)
+    for k in range(2):
+        _set_offset(rule, k, 1.0, 0.0, a, 0.0, a, 1.0 - 2.0 * k, offset)
+    return 2
+
+
+@inner_kernel
+def _angled_rule(a: FloatArray, b: FloatArray, distance: float, level: bool, extra: int, rule: FloatArray) -> int:
+    """Offsets of two bars at an angle, or of parallel ones of different size.
+
+    Across the thickness two nodes with the variance of the offset, or one where the bars are too far apart or `level`
+    with each other, so that up and down are alike.
+    """
+    size = max(a[10], b[10])
+    log_rho = max(_log_bernstein(1.0 + 2.0 * distance / size, 0.0), 1e-3)  # zero where the bars cross
+    n = min(math.ceil(-_LOG_TOLERANCE_ANGLED / (2.0 * log_rho)) + extra, MAX_NODES)
+    half = math.sqrt((a[11] * a[11] + b[11] * b[11]) / 12.0) if distance < THICK * size else 0.0
+    normal = _normal(a)
+    sides = 1 if level or half == 0.0 else 2
+    count = 0
+    for k in range(n):
+        for m in range(n):
+            s, t = 0.5 * a[10] * _NODES[n, k], 0.5 * b[10] * _NODES[n, m]
+            for side in range(sides):
+                h = half * (1.0 - 2.0 * side)
+                _set_offset(rule, count, _WEIGHTS[n, k] * _WEIGHTS[n, m], s, a, t, b, h, normal)
+                count += 1
+    return count
+
+
+@inner_kernel
+def _corner_rule(a: FloatArray, b: FloatArray, level: bool, extra: int, rule: FloatArray) -> int:
+    """Offsets of two bars at an angle that meet, as neighbours in a path do.
+
+    The integrand has a kink where the two filaments meet end to end, at equal lateral offsets, so the second width
+    is cut there; the thickness rounds the kink off and enters by its triangular offset density, of which one half
+    stands for both where the bars lie `level` with each other.
+    """
+    n = min(5 + extra, MAX_NODES)
+    n_z = min(3 + extra, MAX_NODES)
+    thickness = 0.5 * (a[11] + b[11])
+    normal = _normal(a)
+    sides = 1 if level else 2
+    same = 1.0 if a[3] * b[3] + a[4] * b[4] + a[5] * b[5] > 0.0 else -1.0
+    count = 0
+    for k in range(n):
+        s = 0.5 * a[10] * _NODES[n, k]
+        cut = min(max(same * s, -0.5 * b[10]), 0.5 * b[10])
+        for piece in range(2):
+            low = -0.5 * b[10] if piece == 0 else cut
+            half = 0.5 * ((cut if piece == 0 else 0.5 * b[10]) - low)
+            for m in range(n):
+                t = low + half * (1.0 + _NODES[n, m])
+                weight = _WEIGHTS[n, k] * half * _WEIGHTS[n, m]
+                for c in range(n_z):
+                    z = 0.5 * (1.0 + _NODES[n_z, c])
+                    for side in range(sides):
+                        h = thickness * z * (1.0 - 2.0 * side)
+                        _set_offset(rule, count, weight * _WEIGHTS[n_z, c] * (1.0 - z), s, a, t, b, h, normal)
+                        count += 1
+    return count
+
+
+@inner_kernel
+def _touching_parallel_bars(a: FloatArray, b: FloatArray, dx: float, dy: float, dz: float, cosine: float) -> float:
+    """Exact bars in the first one's frame, a tilt left out; (dx, dy, dz) leads from start to start."""
+    sign = 1.0 if cosine > 0.0 else -1.0
+    # the start of the second bar that comes first along the first one, and its middle
+    ex = dx + (0.0 if cosine > 0.0 else b[6] * b[3])
+    ey = dy + (0.0 if cosine > 0.0 else b[6] * b[4])
+    ez = dz + (0.0 if cosine > 0.0 else b[6] * b[5])
+    half = 0.5 * b[6] * sign
+    cx, cy, cz = ex + half * b[3], ey + half * b[4], ez + half * b[5]
+    normal = _normal(a)
+    return cosine * parallel_bars(
+        a[6], a[10], a[11], b[6], b[10], b[11],
+        cx * a[7] + cy * a[8] + cz * a[9] + 0.5 * (a[10] - b[10]),
+        cx * normal[0] + cy * normal[1] + cz * normal[2] + 0.5 * (a[11] - b[11]),
+        ex * a[3] + ey * a[4] + ez * a[5],
+    )  # fmt: skip
+
+
+@inner_kernel
+def _ends_meet(dx: float, dy: float, dz: float, a: FloatArray, b: FloatArray, reach: float) -> bool:
+    """Say whether an end of one segment is within `reach` of an end of the other."""
+    for i in range(2):
+        for j in range(2):
+            s, t = i * a[6], j * b[6]
+            x = dx + t * b[3] - s * a[3]
+            y = dy + t * b[4] - s * a[4]
+            z = dz + t * b[5] - s * a[5]
+            if x * x + y * y + z * z < reach * reach:
+                return True
+    return False
+
+
+@kernel
+def bar_pair(a: FloatArray, b: FloatArray, shift: FloatArray, reach: float, extra: int, rule: FloatArray) -> float:
+    """∬ dl·dl'/R of two bars, rows `a` and `b` of segment tables, the second moved by `shift`, averaged.
+
+    Farther apart than `reach` widths they are their centre lines: that leaves out about (1/reach)²/12 of the pair.
+    `extra` adds nodes to every rule, for convergence studies. `rule` is scratch of shape (RULE_SIZE, 4): weights and
+    offsets of one filament against the other.
+    """
+    cosine = a[3] * b[3] + a[4] * b[4] + a[5] * b[5]
+    if abs(cosine) < 1e-15:
+        return 0.0
+    dx, dy, dz, centre_distance = _between(a, b, shift)
+    longest = max(a[6], b[6])
+    size = max(a[10], b[10], a[11], b[11])
+    nodes = 0
+    if centre_distance > 2.0 * longest:
+        log_rho = _log_bernstein(2.0 * centre_distance / longest - 1.0, 0.0)
+        tolerance = _LOG_TOLERANCE_FILAMENTS if size == 0.0 else _LOG_TOLERANCE
+        nodes = min(math.ceil(-tolerance / (2.0 * log_rho)) + extra, MAX_NODES)
+    count = 1
+    rule[0, 0], rule[0, 1], rule[0, 2], rule[0, 3] = 1.0, 0.0, 0.0, 0.0
+    if size > 0.0 and centre_distance - 0.5 * (a[6] + b[6]) < reach * size:
+        gx, gy, gz = closest_offset(dx, dy, dz, a, b)
+        distance = math.sqrt(gx * gx + gy * gy + gz * gz)
+        if distance < reach * size:
+            parallel = 1.0 - cosine * cosine < PARALLEL_SIN2
+            level = dz == 0.0 and a[5] == 0.0 and b[5] == 0.0
+            if parallel and a[10] == b[10] and a[11] == b[11]:
+                if distance > NODE_PAIR * size:
+                    count = _two_node_rule(a, b, rule)
+                else:
+                    count = _parallel_rule(a, b, gx, gy, gz, level, extra, rule)
+            elif parallel and distance < size:
+                count = 0
+            elif distance < TOUCHING * size and _ends_meet(dx, dy, dz, a, b, TOUCHING * size):
+                count = _corner_rule(a, b, level, extra, rule)
+            else:
+                count = _angled_rule(a, b, distance, level, extra, rule)
+            if count == 0:
+                return _touching_parallel_bars(a, b, dx, dy, dz, cosine)
+    total = 0.0
+    weights = 0.0
+    for k in range(count):
+        qx, qy, qz = dx + rule[k, 1], dy + rule[k, 2], dz + rule[k, 3]
+        if nodes > 0:
+            value = filament_pair_far(
+                0.0, 0.0, 0.0, a[3], a[4], a[5], a[6], qx, qy, qz, b[3], b[4], b[5], b[6],
+                _NODES[nodes, :nodes], _WEIGHTS[nodes, :nodes],
+            )  # fmt: skip
+        else:
+            value = filament_pair(0.0, 0.0, 0.0, a[3], a[4], a[5], a[6], qx, qy, qz, b[3], b[4], b[5], b[6])
+        total += rule[k, 0] * value
+        weights += rule[k, 0]
+    return total / weights
+
+
+@inner_kernel
+def _collect(
+    a: FloatArray, b: FloatArray, shift: FloatArray, reach: float, extra: int, count: int, batch: FloatArray
+) -> int:
+    """Collect the nodes of a pair of bars that lie apart, see `kernels.far_pairs`; −1 where they do not.
+
+    The mean over the cross-sections is that of two lateral offsets of each bar, or of two in all where they are
+    parallel, as in `bar_pair` at this distance.
+    """
+    dx, dy, dz, centre_distance = _between(a, b, shift)
+    size = max(a[10], b[10], a[11], b[11])
+    distance = centre_distance - 0.5 * (a[6] + b[6])
+    if distance < max(b[6], reach * size):
+        gx, gy, gz = closest_offset(dx, dy, dz, a, b)
+        distance = math.sqrt(gx * gx + gy * gy + gz * gz)
+        if distance < APART * size or distance < 0.01 * b[6] or distance < 0.01 * a[6]:
+            return -1
+    nodes = node_count(distance, b[6], _LEAST_FILAMENTS if size == 0.0 else _LEAST) + extra
+    if nodes > MOST_NODES:
+        return -1
+    # offsets across the bars are ±s of the first and ±t of the second; one loop, so that `add_nodes` is compiled once
+    sx, sy, sz, tx, ty, tz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    cosine = a[3] * b[3] + a[4] * b[4] + a[5] * b[5]
+    sides = 1
+    if distance < reach * size:
+        if 1.0 - cosine * cosine < PARALLEL_SIN2 and a[10] == b[10] and a[11] == b[11]:
+            if distance < NODE_PAIR * size:
+                return -1
+            sides = 2
+            tx, ty, tz = _two_node_offset(a, b)
+        else:
+            sides = 4
+            sx, sy, sz = INNER * a[10] * a[7], INNER * a[10] * a[8], INNER * a[10] * a[9]
+            tx, ty, tz = INNER * b[10] * b[7], INNER * b[10] * b[8], INNER * b[10] * b[9]
+    for side in range(sides):
+        s = 1.0 if side < 2 else -1.0
+        t = 1.0 if side % 2 == 0 else -1.0
+        count = add_nodes(
+            count, b, dx + t * tx - s * sx, dy + t * ty - s * sy, dz + t * tz - s * sz, cosine / sides, nodes, batch
+        )
+    return count
+
+
+@kernel
+def _rows_sum(
+    first: FloatArray, second: FloatArray, shift: FloatArray, start: int, stop: int, reach: float, extra: int, own: bool
+) -> float:
+    """Sum of the rows start:stop of `first` with all of `second`, or of one path's `own` pairs i < j."""
+    rule = np.empty((RULE_SIZE, 4))
+    batch = np.empty((4, CAPACITY))
+    total = 0.0
+    for i in range(start, stop):
+        near, far = 0.0, 0.0
+        # a plain 0 has a type of its own, for which all that takes it would be compiled once more
+        count, begin = int(0.0), i + 1 if own else int(0.0)
+        for j in range(begin, second.shape[0] + 1):
+            last = j == second.shape[0]  # so that `batch_sum` is called, and compiled into this, at one place
+            if not last:
+                collected = _collect(first[i], second[j], shift, reach, extra, count, batch)
+                if collected < 0:
+                    near += bar_pair(first[i], second[j], shift, reach, extra, rule)
+                    continue
+                count = collected
+            if last or count > CAPACITY - 4 * MOST_NODES - 8:
+                far += batch_sum(first[i], count, batch)
+                count = int(0.0)
+        total += near + far
+    return total
+
+
+# both are one kernel, for every kernel compiles all that it calls once more
+
+
+def mutual_sum(
+    first: FloatArray, second: FloatArray, shift: FloatArray, start: int, stop: int, reach: float, extra: int
+) -> float:
+    """Sum of `bar_pair` over rows start:stop of `first` and all rows of `second` moved by `shift`."""
+    return _rows_sum(first, second, shift, start, stop, reach, extra, False)
+
+
+def own_mutual_sum(path: FloatArray, start: int, stop: int, reach: float, extra: int) -> float:
+    """Twice the sum of `bar_pair` over the pairs i < j of one path with start ≤ i < stop."""
+    return 2.0 * _rows_sum(path, path, np.zeros(3), start, stop, reach, extra, True)

@@ -1,0 +1,147 @@
+"""Cross-sections of parallel traces: mean logarithms of cell pairs, and the unit-current fields on every segment.
+
+The mutual inductance per length of two infinitely long parallel bars is −µ0/2π times the mean of ln r over both
+cross-sections. In closed form that is the fourth difference of a fourth antiderivative of ln r (twice in x, twice in
+z; the two-dimensional limit of Hoer & Love, J. Res. NBS 69C, 127, 1965),
+
+    F(x, z) = −[(x⁴ − 6x²z² + z⁴)/2 · ln(x² + z²) − 4x³z·atan(z/x) − 4xz³·atan(x/z)]/24,
+
+with 25/12 to subtract. The differences cancel as (distance/size)⁴; cells further apart than `NEAR` sizes therefore
+take the expansion of Re ln ζ, ζ = x + iz, in the moments of the cells, of which the first left out is the sixth.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from coilarray.electromagnetics.kernels.compiled import inner_kernel, kernel
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+NEAR = 6.0
+"""Distance, in sides of the larger cell, up to which the closed form is used."""
+
+
+@inner_kernel
+def _antiderivative(x: float, z: float) -> float:
+    """Return −24 F of the module's text; even in x and z, zero at the origin."""
+    x, z = abs(x), abs(z)
+    x2, z2 = x * x, z * z
+    r2 = x2 + z2
+    if r2 == 0.0:
+        return 0.0
+    angle = math.atan2(z, x)
+    quartic = 0.5 * (x2 * x2 - 6.0 * x2 * z2 + z2 * z2) * math.log(r2)
+    return quartic - 4.0 * x * z * (x2 * angle + z2 * (0.5 * math.pi - angle))
+
+
+@kernel
+def mean_log(x: float, z: float, w1: float, t1: float, w2: float, t2: float) -> float:
+    """Mean of ln r between two rectangles w1 × t1 and w2 × t2 whose centres are (x, z) apart."""
+    r2 = x * x + z * z
+    size = NEAR * max(w1, t1, w2, t2)
+    if r2 > size * size:
+        # moments of the offset between a point of each: variances and fourth moments along x and z
+        a1, a2, b1, b2 = w1 * w1, w2 * w2, t1 * t1, t2 * t2
+        sx, sz = (a1 + a2) / 12.0, (b1 + b2) / 12.0
+        fourth = (a1 * a1 + a2 * a2 + b1 * b1 + b2 * b2) / 80.0 + (a1 * a2 + b1 * b2) / 24.0 - 6.0 * sx * sz
+        cosine, sine = (x * x - z * z) / r2, 2.0 * x * z / r2
+        return (
+            0.5 * math.log(r2)
+            - (sx - sz) * cosine / (2.0 * r2)
+            - fourth * (cosine * cosine - sine * sine) / (4.0 * r2 * r2)
+        )
+    total = 0.0
+    for i in range(4):
+        xi = x + (0.5 * w1 if i & 1 else -0.5 * w1) + (0.5 * w2 if i & 2 else -0.5 * w2)
+        sign_x = 1.0 if (i & 1) == (i >> 1) else -1.0
+        for k in range(4):
+            zk = z + (0.5 * t1 if k & 1 else -0.5 * t1) + (0.5 * t2 if k & 2 else -0.5 * t2)
+            sign_z = 1.0 if (k & 1) == (k >> 1) else -1.0
+            total += sign_x * sign_z * _antiderivative(xi, zk)
+    return -total / (24.0 * w1 * t1 * w2 * t2) - 25.0 / 12.0
+
+
+@kernel
+def mirrored_logs(cells: FloatArray, parity_x: float, parity_z: float, out: FloatArray) -> None:
+    """Mean logarithms of the cells of one quarter with the four mirror images of each.
+
+    `cells` (n, 4) holds x, z, width, thickness, all centres in the quarter x > 0, z > 0; an image in x (z) counts
+    with `parity_x` (`parity_z`). `out` (n, n).
+    """
+    for i in range(cells.shape[0]):
+        x, z, w, t = cells[i, 0], cells[i, 1], cells[i, 2], cells[i, 3]
+        for k in range(i + 1):
+            xk, zk, wk, tk = cells[k, 0], cells[k, 1], cells[k, 2], cells[k, 3]
+            out[i, k] = (
+                mean_log(x - xk, z - zk, w, t, wk, tk)
+                + parity_x * mean_log(x + xk, z - zk, w, t, wk, tk)
+                + parity_z * mean_log(x - xk, z + zk, w, t, wk, tk)
+                + parity_x * parity_z * mean_log(x + xk, z + zk, w, t, wk, tk)
+            )
+            out[k, i] = out[i, k]
+
+
+@kernel
+def pair_logs(first: FloatArray, second: FloatArray, x: float, z: float, out: FloatArray) -> None:
+    """Mean logarithms between the cells of two traces.
+
+    `first` (n, 4) and `second` (m, 4) hold x, z, width, thickness about the trace's centre; the second trace lies at
+    (x, z) from the first. `out` (n, m).
+    """
+    for i in range(first.shape[0]):
+        for k in range(second.shape[0]):
+            out[i, k] = mean_log(
+                x + second[k, 0] - first[i, 0], z + second[k, 1] - first[i, 1],
+                first[i, 2], first[i, 3], second[k, 2], second[k, 3],
+            )  # fmt: skip
+
+
+@kernel
+def transverse_fields(
+    points: FloatArray,
+    own: IntArray,
+    lateral: FloatArray,
+    normal: FloatArray,
+    vertices: FloatArray,
+    starts: IntArray,
+    out: FloatArray,
+) -> None:
+    """Field H of unit current in every polyline, resolved along two axes, at points on segments.
+
+    `points`, `lateral`, `normal` (n, 3); `own` (n,) is the row of `vertices` where the point's own segment begins,
+    which adds nothing. `vertices` (m, 3) holds all polylines, polyline c being rows starts[c]:starts[c + 1]. `out`
+    (n, polylines, 2) receives H·lateral and H·normal in 1/m. The formula is that of
+    `coilarray.electromagnetics.kernels.segments`.
+    """
+    for i in range(points.shape[0]):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        for c in range(starts.shape[0] - 1):
+            hx, hy, hz = 0.0, 0.0, 0.0
+            vx, vy, vz = x - vertices[starts[c], 0], y - vertices[starts[c], 1], z - vertices[starts[c], 2]
+            b = math.sqrt(vx * vx + vy * vy + vz * vz)
+            for s in range(starts[c], starts[c + 1] - 1):
+                ux, uy, uz, a = vx, vy, vz, b
+                vx, vy, vz = x - vertices[s + 1, 0], y - vertices[s + 1, 1], z - vertices[s + 1, 2]
+                b = math.sqrt(vx * vx + vy * vy + vz * vz)
+                if s == own[i]:
+                    continue
+                dot = ux * vx + uy * vy + uz * vz
+                cx, cy, cz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx  # u × v = d × u
+                if dot < 0.0:
+                    c2 = cx * cx + cy * cy + cz * cz
+                    if c2 == 0.0:
+                        continue
+                    factor = (a + b) * (a * b - dot) / (a * b * c2)
+                else:
+                    factor = (a + b) / (a * b * (a * b + dot))
+                hx += factor * cx
+                hy += factor * cy
+                hz += factor * cz
+            scale = 1.0 / (4.0 * math.pi)
+            out[i, c, 0] = scale * (hx * lateral[i, 0] + hy * lateral[i, 1] + hz * lateral[i, 2])
+            out[i, c, 1] = scale * (hx * normal[i, 0] + hy * normal[i, 1] + hz * normal[i, 2])

@@ -1,0 +1,238 @@
+"""Neumann's double integral over pairs of current paths: pairs that lie alike are computed once.
+
+Pairs whose bounding boxes lie apart go through `coilarray.electromagnetics.neumann_far`, the others segment by segment
+through `coilarray.electromagnetics.neumann_near`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cache, cached_property, partial
+
+import numpy as np
+import numpy.typing as npt
+
+from coilarray.compute.threads import Progress, ranges, run_blocks
+from coilarray.electromagnetics.kernels.node_pairs import add_node_sums
+from coilarray.electromagnetics.kernels.paths import INNER
+from coilarray.electromagnetics.neumann_far import (
+    MOST_NODES,
+    EquivalentCurrents,
+    bounding_boxes,
+    equivalent_currents,
+    nodes_needed,
+)
+from coilarray.electromagnetics.neumann_near import Accuracy, Sums, part_blocks
+from coilarray.electromagnetics.pair_classes import pair_classes
+from coilarray.errors import GeometryError
+from coilarray.geometry import Conductor
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+_Block = Callable[[], Sums]
+
+BYTES_A_PAIR = 400.0
+"""Of memory that sums over many pairs take."""
+_THIN = 200.0  # widths in the extent of a winding whose widths count from afar by less than 3e-7 of L
+_SAME_PLACE = 1e-12  # of the paths' extent; offsets and shapes that differ by less are the same pair
+_SAME_SHAPE = 1e-8  # of a path itself at the most, in arrays that are far larger than it
+_LEAST_STEP = 1e-18  # of the paths' extent: offsets are counted in 64 bits
+_NODE_PAIRS = 20_000_000  # in a block of far pairs: some 20 ms
+_NODE_PAIRS_A_BAR_PAIR = 20  # that take as long; where there are fewer bars, they are summed
+
+
+def path_sums(
+    conductors: Sequence[Conductor],
+    first: IntArray,
+    second: IntArray,
+    accuracy: Accuracy = "full",
+    progress: Progress | None = None,
+) -> FloatArray:
+    """∬ dl·dl'/R of pairs of paths, averaged over the cross-sections.
+
+    Parameters
+    ----------
+    conductors : sequence of Conductor
+        All paths.
+    first, second : ndarray of int, shape (n,)
+        Numbers of the paths of each pair; equal ones for a path with itself.
+    accuracy : {"full", "screen"}
+        See `Accuracy`.
+    progress : callable, optional
+        Called with (done, total) as the work goes on.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        In m; µ0/4π times these are inductances. Infinite for thin filaments that run over each other on one line.
+
+    Raises
+    ------
+    GeometryError
+        A thin filament with itself.
+    """
+    if not len(first):
+        return np.zeros(0)
+    for i in np.unique(first[first == second]).tolist():
+        if conductors[i].is_filament:
+            raise GeometryError(
+                f"{conductors[i].name} has segments without a cross-section: the self-inductance of a thin filament "
+                "is infinite; give widths and thicknesses."
+            )
+    extent = float(np.ptp(np.concatenate([conductor.vertices for conductor in conductors]), axis=0).max())
+    own = np.array([np.ptp(conductor.vertices, axis=0).max() for conductor in conductors])
+    quanta = _same(extent, own)
+    shapes, of_path, origin = _shapes(conductors, quanta)
+    shift = origin[second] - origin[first]
+    quantum = max(float(quanta.min()), _LEAST_STEP * extent)
+    classes, of_pair = _classes(of_path[first], of_path[second], shift, quantum)
+    boxes = bounding_boxes([shape.seen_from_afar.reshape(-1, 3) for shape in shapes])
+    nodes = nodes_needed(boxes[classes.first], boxes[classes.second], classes.shift)
+    segments = np.array([len(shape.table) for shape in shapes])
+    node_pairs = nodes[:, 0] ** 4 * nodes[:, 1] ** 2
+    near = nodes.max(axis=1) > MOST_NODES
+    near |= node_pairs > _NODE_PAIRS_A_BAR_PAIR * segments[classes.first] * segments[classes.second]
+    thin = np.array([shape.is_filament for shape in shapes])
+    near |= thin[classes.first] & thin[classes.second]  # these are promised to 1e-11, not to a part of L
+    blocks = _far_blocks(shapes, classes, np.flatnonzero(~near), nodes)  # first, for they are long
+    blocks += _near_blocks(shapes, classes, np.flatnonzero(near), quantum, accuracy)
+    sums = np.zeros(len(classes.shift))
+    for numbers, values in run_blocks(lambda block: block(), blocks, progress):
+        np.add.at(sums, numbers, values)
+    return np.asarray(sums[of_pair])
+
+
+def _same(extent: float, own: FloatArray) -> FloatArray:
+    """Differences in m that do not make another shape or offset, for paths as large as `own` in all of `extent`."""
+    rounded = 2.0 ** np.round(np.log2(own))  # so that copies that differ by rounding have the same
+    return np.asarray(np.minimum(_SAME_PLACE * extent, _SAME_SHAPE * rounded))
+
+
+def segment_table(conductor: Conductor) -> FloatArray:
+    """Rows of `kernels.paths`, the first vertex moved to the origin; shape (segments, 12)."""
+    vertices = conductor.vertices - conductor.vertices[0]
+    steps = np.diff(vertices, axis=0)
+    length = np.linalg.norm(steps, axis=1)
+    u = steps / length[:, None]
+    lateral = np.column_stack((-u[:, 1], u[:, 0], np.zeros(len(u))))
+    across = np.linalg.norm(lateral, axis=1)
+    vertical = across < 1e-9
+    lateral[vertical], across[vertical] = (1.0, 0.0, 0.0), 1.0
+    lateral /= across[:, None]
+    return np.ascontiguousarray(
+        np.column_stack((vertices[:-1], u, length, lateral, conductor.widths, conductor.thicknesses))
+    )
+
+
+class _Shape:
+    """A path that starts at the origin, shared by all its copies."""
+
+    def __init__(self, conductor: Conductor, table: FloatArray, quantum: float) -> None:
+        self.table, self.quantum = table, quantum
+        self.is_filament = conductor.is_filament
+        self.currents = cache(self._currents)
+
+    @cached_property
+    def seen_from_afar(self) -> FloatArray:
+        """Segments that share the current: the centre lines, or two a bar where their width counts; (m, 2, 3)."""
+        start, step = self.table[:, :3], self.table[:, 3:6] * self.table[:, 6:7]
+        lines = np.stack((start, start + step), axis=1)
+        width = np.sqrt(np.average(self.table[:, 10] ** 2, weights=self.table[:, 6]))
+        if np.ptp(lines, axis=(0, 1)).max() > _THIN * width:
+            return lines
+        aside = (INNER * self.table[:, 10:11] * self.table[:, 7:10])[:, None]
+        return np.concatenate((lines - aside, lines + aside))
+
+    def _currents(self, count: int, count_z: int) -> EquivalentCurrents:
+        lines = self.seen_from_afar
+        return equivalent_currents(lines, count, count_z, len(self.table) / len(lines))
+
+
+@dataclass(frozen=True, eq=False)
+class _Classes:
+    """Distinct pairs: numbers of their shapes, (n,) each, and the shift of the second in m, (n, 3)."""
+
+    first: IntArray
+    second: IntArray
+    shift: FloatArray
+
+
+def _shapes(conductors: Sequence[Conductor], quanta: FloatArray) -> tuple[list[_Shape], IntArray, FloatArray]:
+    """Distinct shapes (to `quanta` in m, one a path), the shape of every path, and the paths' starting points."""
+    shapes: list[_Shape] = []
+    known: dict[tuple[float, bytes], int] = {}
+    of_path = []
+    for conductor, quantum in zip(conductors, quanta.tolist(), strict=True):
+        table = segment_table(conductor)
+        columns = np.column_stack((table[:, :3], table[:, 6:7], table[:, 10:12]))
+        end = conductor.vertices[-1] - conductor.vertices[0]
+        key = quantum, np.round(np.append(columns.ravel(), end) / quantum).astype(np.int64).tobytes()
+        if key not in known:
+            known[key] = len(shapes)
+            shapes.append(_Shape(conductor, table, quantum))
+        of_path.append(known[key])
+    return shapes, np.array(of_path), np.array([conductor.vertices[0] for conductor in conductors])
+
+
+def _classes(a: IntArray, b: IntArray, shift: FloatArray, quantum: float) -> tuple[_Classes, IntArray]:
+    """Every distinct (shape, shape, shift) once, and the number of that of each pair; M(a, b, d) = M(b, a, −d)."""
+    steps = np.round(shift / quantum).astype(np.int64)
+    example, number, turn = pair_classes(np.column_stack((a, b, steps)), np.column_stack((b, a, -steps)))
+    turned = turn[example]
+    first, second = np.where(turned, b[example], a[example]), np.where(turned, a[example], b[example])
+    return _Classes(first, second, np.where(turned[:, None], -1.0, 1.0) * shift[example]), number
+
+
+def _near_blocks(
+    shapes: list[_Shape], classes: _Classes, near: IntArray, quantum: float, accuracy: Accuracy
+) -> list[_Block]:
+    """Work on the pairs that are summed segment by segment."""
+    numbers, paths = np.unique(np.concatenate((classes.first[near], classes.second[near])), return_inverse=True)
+    wanted = [shapes[number] for number in numbers.tolist()]
+    first, second = paths[: len(near)], paths[len(near) :]
+    quanta = np.array([shape.quantum for shape in wanted])
+    blocks = part_blocks(
+        [shape.table for shape in wanted], quanta, first, second, classes.shift[near], quantum, accuracy
+    )
+    return [partial(_near_block, near, block) for block in blocks]
+
+
+def _near_block(near: IntArray, block: _Block) -> Sums:
+    numbers, values = block()
+    return near[numbers], values
+
+
+def _far_blocks(shapes: list[_Shape], classes: _Classes, far: IntArray, nodes: IntArray) -> list[_Block]:
+    """Work on the pairs that equivalent currents stand for."""
+    order = far[np.lexsort((nodes[far, 1], nodes[far, 0], classes.second[far], classes.first[far]))]
+    alike = np.column_stack((classes.first[order], classes.second[order], nodes[order]))
+    cuts = np.flatnonzero((np.diff(alike, axis=0) != 0).any(axis=1)) + 1
+    blocks: list[_Block] = []
+    gathered: list[IntArray] = []
+    work = 0
+    for group in np.split(order, cuts) if len(order) else []:
+        size = int(nodes[group[0], 0] ** 4 * nodes[group[0], 1] ** 2)
+        for start, stop in ranges(len(group), max(1, _NODE_PAIRS // size)):
+            gathered.append(group[start:stop])
+            work += size * (stop - start)
+            if work >= _NODE_PAIRS:
+                blocks.append(partial(_far_block, shapes, classes, gathered, nodes))
+                gathered, work = [], 0
+    if gathered:
+        blocks.append(partial(_far_block, shapes, classes, gathered, nodes))
+    return blocks
+
+
+def _far_block(shapes: list[_Shape], classes: _Classes, groups: list[IntArray], nodes: IntArray) -> Sums:
+    values = [np.zeros(len(group)) for group in groups]
+    for group, sums in zip(groups, values, strict=True):
+        count, count_z = nodes[group[0]].tolist()
+        a = shapes[classes.first[group[0]]].currents(count, count_z)
+        b = shapes[classes.second[group[0]]].currents(count, count_z)
+        add_node_sums(
+            a.nodes, a.currents, np.ascontiguousarray(b.nodes.T), np.ascontiguousarray(b.currents.T),
+            np.ascontiguousarray(classes.shift[group]), sums,
+        )  # fmt: skip
+    return np.concatenate(groups), np.concatenate(values)

@@ -1,0 +1,144 @@
+"""A current path seen from afar: currents at the Chebyshev nodes of its bounding box.
+
+Between two boxes that lie apart 1/R is smooth, so it equals its interpolation from the nodes of either box. What is
+left of a path is the vector W_p = ∫ L_p dl at every node p, with the Lagrange polynomials L_p, and
+
+    ∬ dl·dl'/R = Σ_pq W_p·W'_q / |x_p − x'_q|
+
+as in the black-box fast multipole method (Fong & Darve, J. Comput. Phys. 228, 8712, 2009).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+MOST_NODES = 16
+"""Along one side of the box; nearer pairs need more and are left to the sums over segments."""
+_LOG_TOLERANCE = math.log(
+    1e-6
+)  # of ρ^−n; windings err by less than 3e-8 of L (tests/electromagnetics/test_inductance_lattice.py)
+_NONE = 1e-9  # of the box: an extent that is none
+
+
+@dataclass(frozen=True, eq=False)
+class EquivalentCurrents:
+    """Currents that act like a path on everything far enough away.
+
+    Parameters
+    ----------
+    nodes : ndarray, shape (n, 3)
+        Places in m.
+    currents : ndarray, shape (n, 3)
+        ∫ L I dl in A m.
+    """
+
+    nodes: FloatArray
+    currents: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Boxes:
+    """Bounding boxes of paths.
+
+    Parameters
+    ----------
+    centre, half : ndarray, shape (n, 3)
+        Middle and half of the extent in m.
+    """
+
+    centre: FloatArray
+    half: FloatArray
+
+    def __getitem__(self, which: IntArray) -> Boxes:
+        """Those with the numbers `which`."""
+        return Boxes(self.centre[which], self.half[which])
+
+
+def bounding_boxes(paths: Sequence[FloatArray]) -> Boxes:
+    """Return the smallest boxes around paths, each the vertices (m, 3) in m."""
+    low = np.array([vertices.min(axis=0) for vertices in paths])
+    high = np.array([vertices.max(axis=0) for vertices in paths])
+    return Boxes((low + high) / 2, (high - low) / 2)
+
+
+def nodes_needed(first: Boxes, second: Boxes, shifts: FloatArray) -> IntArray:
+    """Nodes along the sides of pairs of boxes.
+
+    Parameters
+    ----------
+    first, second : Boxes
+        n of them each.
+    shifts : ndarray, shape (n, 3)
+        By which the second is moved, in m.
+
+    Returns
+    -------
+    ndarray of int, shape (n, 2)
+        Along x and y, and along z. A value above `MOST_NODES` means that the boxes are too near each other.
+    """
+    between = np.abs(second.centre + shifts - first.centre) - first.half - second.half
+    gap = np.maximum(between, 0.0)
+    half = np.maximum(first.half, second.half)
+    sizes = np.column_stack((half[:, :2].max(axis=1), half[:, 2]))
+    none = _NONE * half.max(axis=1)[:, None]
+    # singularities beside the interval [−1, 1] lie beyond its ends, those above it anywhere along it
+    lengths = np.maximum(sizes, none)
+    beside = np.arccosh(1.0 + np.hypot(gap[:, 0], gap[:, 1])[:, None] / lengths)
+    above = np.arcsinh(gap[:, 2][:, None] / lengths)
+    with np.errstate(divide="ignore"):
+        count = np.ceil(-_LOG_TOLERANCE / np.maximum(beside, above))
+    apart = gap.max(axis=1)[:, None] > 0
+    count = np.where((sizes <= none) & apart, 1.0, np.maximum(count, 2.0))
+    return np.asarray(np.minimum(count, MOST_NODES + 1.0), dtype=np.int64)
+
+
+def equivalent_currents(segments: FloatArray, count: int, count_z: int, current: float = 1.0) -> EquivalentCurrents:
+    """Currents of segments at the Chebyshev nodes of their box.
+
+    Parameters
+    ----------
+    segments : ndarray, shape (m, 2, 3)
+        Ends of each in m.
+    count, count_z : int
+        Nodes along x and y, and along z.
+    current : float
+        In every segment, in A.
+
+    Returns
+    -------
+    EquivalentCurrents
+        Of count² · count_z nodes. Polynomials along a segment are integrated exactly.
+    """
+    box = bounding_boxes([segments.reshape(-1, 3)])
+    centre, extent = box.centre[0], box.half[0]
+    gauss, weight = np.polynomial.legendre.leggauss(count + (count_z + 1) // 2)
+    step = segments[:, 1] - segments[:, 0]
+    places = (segments[:, :1] + 0.5 * (1.0 + gauss)[:, None] * step[:, None]).reshape(-1, 3)
+    pieces = (0.5 * current * weight[:, None] * step[:, None]).reshape(-1, 3)
+    local = np.clip((places - centre) / np.where(extent > 0, extent, 1.0), -1.0, 1.0)
+    counts = (count, count, count_z)
+    along_x, along_y, along_z = (_lagrange(n, local[:, axis]) for axis, n in enumerate(counts))
+    upwards = (along_z[:, :, None] * pieces[:, None, :]).reshape(len(places), -1)
+    across = (along_y[:, :, None] * upwards[:, None, :]).reshape(len(places), -1)
+    axes = [centre[axis] + extent[axis] * _chebyshev(n) for axis, n in enumerate(counts)]
+    nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    return EquivalentCurrents(nodes, (along_x.T @ across).reshape(-1, 3))
+
+
+def _chebyshev(n: int) -> FloatArray:
+    return np.asarray(np.cos(np.pi * (np.arange(n) + 0.5) / n))
+
+
+def _lagrange(n: int, t: FloatArray) -> FloatArray:
+    """Lagrange polynomials of the Chebyshev nodes at points of [−1, 1], shape (points, n)."""
+    at_points, at_nodes = (np.polynomial.chebyshev.chebvander(x, n - 1) for x in (t, _chebyshev(n)))
+    at_points[:, 0] *= 0.5
+    return np.asarray(2.0 / n * at_points @ at_nodes.T)

@@ -1,0 +1,218 @@
+"""Neumann's double integral of pairs of paths that lie near each other, segment by segment.
+
+The paths are cut into parts (`coilarray.electromagnetics.mirror_parts`); pairs of parts that lie alike but for a mirror
+are summed once.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from coilarray.electromagnetics.kernels.bars import bar_self
+from coilarray.electromagnetics.kernels.paths import mutual_sum, own_mutual_sum
+from coilarray.electromagnetics.kernels.turns import (
+    find_series,
+    own_series_sum,
+    series_members,
+    series_rules,
+    series_sum,
+)
+from coilarray.electromagnetics.mirror_parts import PathParts, find_parts, mirrored
+from coilarray.electromagnetics.pair_classes import pair_classes
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+Accuracy = Literal["full", "screen"]
+"""``full``: 1e-6 of L and k. ``screen``: a tenth of the time for windings of many turns, for searches whose results
+are computed again in full: 1e-4 of L, 5e-5 in k on the bundled boards, some 1e-4 for other weakly coupled windings, and
+up to 1 % of k where windings lie on each other (tests/electromagnetics/test_inductance_screen.py)."""
+
+OWN_REACH = 160.0
+"""Widths up to which the cross-section counts within one path (test_inductance_convergence.py)."""
+MUTUAL_REACH = 120.0
+"""Widths up to which the cross-section counts between two paths (test_inductance_convergence.py)."""
+# the same for screening: leaves out 1/(12·15²) = 4e-5 of a pair, and 5e-3 of one where coils overlap
+_SCREEN_OWN_REACH, _SCREEN_MUTUAL_REACH = 15.0, 4.0
+_SAME_SIZE = 1e-12  # of the largest: sizes of bars that differ by less are equal
+_FEW, _BLOCKS_A_PAIR = 32, 8  # distinct pairs of parts up to which each is cut into blocks, whatever the cores
+_TWO_PATHS, _ONE_PATH, _ITSELF = 0, 1, 2  # a part with one of another path, with another one of its path, with itself
+
+Sums = tuple[IntArray, FloatArray]
+"""Numbers of pairs, and what is to be added to their sums."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """A distinct part, shared by all its images."""
+
+    table: FloatArray
+
+    @cached_property
+    def series(self) -> IntArray:
+        """Sides of successive turns, see `coilarray.electromagnetics.kernels.turns.find_series`."""
+        return find_series(self.table)
+
+
+@dataclass(frozen=True, eq=False)
+class _Pairs:
+    """Pairs of distinct parts, one a row: the second is mirrored by signs, and moved by `shift` in m from the first.
+
+    `of` is the pair of paths that they belong to, where they count `weight` times.
+    """
+
+    of: IntArray
+    weight: FloatArray
+    kind: IntArray
+    first: IntArray
+    second: IntArray
+    mirror: FloatArray
+    shift: FloatArray
+
+
+def part_blocks(
+    tables: Sequence[FloatArray],
+    quanta: FloatArray,
+    first: IntArray,
+    second: IntArray,
+    shift: FloatArray,
+    quantum: float,
+    accuracy: Accuracy,
+) -> list[Callable[[], Sums]]:
+    """Prepare the sums over pairs of paths.
+
+    Parameters
+    ----------
+    tables : sequence of ndarray, shape (segments, 12)
+        Rows of `coilarray.electromagnetics.kernels.paths`, each path from the origin.
+    quanta : ndarray, shape (paths,)
+        Differences in m that do not make another path.
+    first, second : ndarray of int, shape (n,)
+        Numbers of the paths of each pair.
+    shift : ndarray, shape (n, 3)
+        Of the second path in m; zero where a path is paired with itself.
+    quantum : float
+        Differences in m that do not make another shift.
+    accuracy : {"full", "screen"}
+        See `Accuracy`.
+
+    Returns
+    -------
+    list of callable
+        Pieces of the work, which may be called at once from several threads; what all return adds up to ∬ dl·dl'/R in
+        m of the pairs, averaged over the cross-sections.
+    """
+    if not len(first):
+        return []
+    found = find_parts(tables, quanta)
+    parts = [_Part(table) for table in found.tables]
+    pairs = _pairs(found, first, second, shift)
+    if not len(pairs.of):
+        return []
+    pairs, example, number = _classes(found, pairs, quantum)
+    members = np.split(np.argsort(number, kind="stable"), np.cumsum(np.bincount(number))[:-1])
+    pieces = _BLOCKS_A_PAIR if accuracy == "full" and len(example) <= _FEW else 1
+    blocks: list[Callable[[], Sums]] = []
+    for k, of_class in zip(example.tolist(), members, strict=True):
+        a, b = parts[pairs.first[k]], parts[pairs.second[k]]
+        rows = len(a.table)
+        edges = np.linspace(0, rows, min(rows, pieces) + 1).round().astype(int).tolist()
+        for start, stop in itertools.pairwise(edges):
+            if pairs.kind[k] == _ITSELF:
+                work = partial(_own_sum, a, start, stop, accuracy)
+            else:
+                reach = _reach(int(pairs.kind[k]), accuracy)
+                work = partial(_pair_sum, a, b, pairs.mirror[k], pairs.shift[k], reach, start, stop, accuracy)
+            blocks.append(partial(_weighted, pairs.of[of_class], pairs.weight[of_class], work))
+    return blocks
+
+
+def _pairs(parts: PathParts, first: IntArray, second: IntArray, shift: FloatArray) -> _Pairs:
+    """Cut pairs of paths into pairs of parts; the mirror of the first one turns both back."""
+    rows = []
+    for k, (a, b) in enumerate(zip(first.tolist(), second.tolist(), strict=True)):
+        P, Q = np.mgrid[parts.first[a] : parts.first[a + 1], parts.first[b] : parts.first[b + 1]].reshape(2, -1)
+        kind = np.full(len(P), _TWO_PATHS)
+        if a == b and not shift[k].any():
+            P, Q = P[P <= Q], Q[P <= Q]
+            kind = np.where(P == Q, _ITSELF, _ONE_PATH)
+        rows.append(np.stack((np.full(len(P), k), P, Q, kind)))
+    of, P, Q, kind = np.concatenate(rows, axis=1)
+    i, j = parts.number[P], parts.number[Q]
+    counts = ~(parts.flat[i] & parts.upright[j] | parts.upright[i] & parts.flat[j])  # at right angles: nothing
+    of, P, Q, kind, i, j = of[counts], P[counts], Q[counts], kind[counts], i[counts], j[counts]
+    weight = parts.sign[P] * parts.sign[Q] * np.where(kind == _ONE_PATH, 2.0, 1.0)
+    back = parts.mirror[P]
+    moved = back * (parts.origin[Q] - parts.origin[P] + shift[of])
+    moved[kind == _ITSELF] = 0.0
+    return _Pairs(of, weight, kind, i, j, back * parts.mirror[Q], moved)
+
+
+def _classes(parts: PathParts, pairs: _Pairs, quantum: float) -> tuple[_Pairs, IntArray, IntArray]:
+    """Write equal pairs alike; return them, an example of each class and the class of each pair.
+
+    M(a, gb, d) = M(b, ga, −gd) for a mirror g, and of two flat parts either may be the upper one.
+    """
+    turned = -pairs.mirror * pairs.shift
+    steps, mirror = np.round(pairs.shift / quantum).astype(np.int64), pairs.mirror.astype(np.int64)
+    other_steps = -mirror * steps
+    flat = parts.flat[pairs.first] & parts.flat[pairs.second]
+    for ways in (steps, other_steps):
+        ways[flat, 2] = np.abs(ways[flat, 2])
+    key = np.column_stack((pairs.kind, pairs.first, pairs.second, mirror, steps))
+    other_key = np.column_stack((pairs.kind, pairs.second, pairs.first, mirror, other_steps))
+    example, number, turn = pair_classes(key, other_key)
+    first, second = np.where(turn, pairs.second, pairs.first), np.where(turn, pairs.first, pairs.second)
+    alike = replace(pairs, first=first, second=second, shift=np.where(turn[:, None], turned, pairs.shift))
+    return alike, example, number
+
+
+def _reach(kind: int, accuracy: Accuracy) -> float:
+    if accuracy == "full":
+        return OWN_REACH if kind == _ONE_PATH else MUTUAL_REACH
+    return _SCREEN_OWN_REACH if kind == _ONE_PATH else _SCREEN_MUTUAL_REACH
+
+
+def _weighted(of: IntArray, weight: FloatArray, work: Callable[[], float]) -> Sums:
+    return of, weight * work()
+
+
+def _own_sum(part: _Part, start: int, stop: int, accuracy: Accuracy) -> float:
+    """Sum of the rows start:stop of a part with the part itself."""
+    if not part.table[:, 10].all():
+        return np.inf  # of a thin filament
+    if accuracy == "full":
+        rows = np.arange(start, stop)
+        mutual = own_mutual_sum(part.table, start, stop, OWN_REACH, 0)
+        return float(mutual + _bars_alone(part.table[rows], np.ones(len(rows))))
+    rules = series_rules(int(part.series[:, 2].max()))
+    rows, weights = series_members(part.series, *rules)
+    mutual = own_series_sum(part.table, part.series, _SCREEN_OWN_REACH, *rules)
+    return float(mutual + _bars_alone(part.table[rows], weights))
+
+
+def _pair_sum(
+    a: _Part, b: _Part, mirror: FloatArray, shift: FloatArray, reach: float, start: int, stop: int, accuracy: Accuracy
+) -> float:
+    """Sum of the rows start:stop of a part with another one, mirrored and moved."""
+    second = b.table if (mirror > 0).all() else mirrored(b.table, mirror)
+    if accuracy == "full":
+        return float(mutual_sum(a.table, second, shift, start, stop, reach, 0))
+    rules = series_rules(int(max(a.series[:, 2].max(), b.series[:, 2].max())))
+    return float(series_sum(a.table, second, shift, a.series, b.series, reach, *rules))
+
+
+def _bars_alone(rows: FloatArray, weights: FloatArray) -> float:
+    """Weighted sum of ∬ dl·dl'/R of every bar with itself; equal ones are computed once."""
+    sizes = rows[:, [6, 10, 11]]
+    alike = np.round(sizes / (_SAME_SIZE * sizes.max(axis=0)))
+    _, example, which = np.unique(alike, axis=0, return_index=True, return_inverse=True)
+    counts = np.bincount(which.ravel(), weights)
+    return float(sum(c * bar_self(*size) for size, c in zip(sizes[example], counts, strict=True)))

@@ -1,0 +1,47 @@
+"""Resistance of current paths."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from coilarray.constants import RESISTIVITY_COPPER
+from coilarray.electromagnetics.source import Source, as_conductors
+from coilarray.errors import GeometryError
+
+
+def dc_resistance(source: Source, resistivity: float = RESISTIVITY_COPPER) -> npt.NDArray[np.float64]:
+    """Direct-current resistance of every path.
+
+    Parameters
+    ----------
+    source : CoilArray, Conductor, polyline or sequence of them
+        Every segment needs a conducting cross-section.
+    resistivity : float
+        In Ω·m; copper at 20 °C by default.
+
+    Returns
+    -------
+    ndarray, shape (paths,)
+        In Ω: ρ Σ length/area over the segments from vertex to vertex. Corners count by the centre line.
+
+    Raises
+    ------
+    GeometryError
+        A segment without a cross-section, or a resistivity that is not positive and finite.
+
+    Examples
+    --------
+    >>> from coilarray.geometry import Conductor
+    >>> dc_resistance(Conductor([[0, 0, 0], [1, 0, 0]], 1e-3, 17.24e-6))
+    array([1.])
+    """
+    if not (math.isfinite(resistivity) and resistivity > 0):
+        raise GeometryError(f"resistivity must be positive and finite; got {resistivity} Ω·m.")
+    conductors = as_conductors(source)
+    for conductor in conductors:
+        if not (conductor.areas > 0).all():
+            raise GeometryError(f"{conductor.name} has segments without a cross-section; give widths and thicknesses.")
+    return np.array([resistivity * float((c.lengths / c.areas).sum()) for c in conductors])

@@ -1,0 +1,291 @@
+"""Fit named physical unknowns of a board to the published ellipses; x0 is never fitted, only predicted afterwards."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+from scipy.optimize import least_squares
+from scipy.stats import t as student
+
+from coilarray.circuit.coupling import provenance
+from coilarray.compute.threads import Progress
+from coilarray.design.model import Design
+from coilarray.elastomer.scattering import LayerMesh
+from coilarray.errors import LocalizeError
+from coilarray.localize.distortion import ellipse_curves
+from coilarray.localize.ellipse_model import CoilEllipses
+from coilarray.localize.published import published_model
+from coilarray.response.map import Imperfections, response_map
+
+FloatArray = npt.NDArray[np.float64]
+
+LEVELS = np.arange(1e-4, 1.0e-3 + 1e-6, 1e-4)
+"""δ at which A and B are compared."""
+SEMIAXIS_ERROR = 0.5e-3
+"""What a published semi-axis is trusted to, in m: a quarter of the paper's grid."""
+PEAK_ERROR = 5e-5
+"""What a published peak of δ is trusted to."""
+
+_MESH = LayerMesh(harmonics=6, decays=6.0, width=0.4, rows=4)  # 1e-3 of δ, far below what is compared
+_STEP = 0.02  # of an unknown's range, for slopes: far above the noise of the meshes
+_CONFIDENCE = 0.95
+_AT_BOUND = 5e-3  # of an unknown's range: the solver stays inside its bounds and stops a little short of them
+_PEAKS = (1.0e-3, 1.5e-3)
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """A physical quantity that the paper does not give.
+
+    Parameters
+    ----------
+    name, unit : str
+        Shown in results.
+    start, low, high : float
+        First guess and bounds.
+    """
+
+    name: str
+    unit: str
+    start: float
+    low: float
+    high: float
+
+
+UNKNOWNS = (
+    Unknown("depth_error", "m", 0.0, -0.3e-3, 0.6e-3),
+    Unknown("poissons_ratio", "1", 0.49, 0.3, 0.4999),
+    Unknown("modulus_ratio", "1", 3.0, 1.0, 12.0),
+    Unknown("relative_permeability", "1", 2.7, 1.5, 6.0),
+    Unknown("tilt", "1", 0.0, -0.01, 0.01),
+)
+"""Contact found too late, ν of all sheets, modulus of the magnetic sheet over the lowest one's, μr, tilt along x."""
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """What `calibrate` found for one kind of base.
+
+    Parameters
+    ----------
+    design : Design
+        With the fitted sheets.
+    imperfections : Imperfections
+        With the fitted depth error and tilt.
+    result : xarray.Dataset
+        ``start``, ``value``, ``low`` and ``high`` (95 % confidence interval), ``at_bound`` (unknown), ``correlation``
+        (unknown, other), ``misfit_before`` and ``misfit_after``: rms of the residuals in units of their trust.
+    """
+
+    design: Design
+    imperfections: Imperfections
+    result: xr.Dataset
+
+
+def calibrate(
+    design: Design,
+    states: Sequence[str] = ("coil1", "coil2", "coil3"),
+    unknowns: Sequence[Unknown] = UNKNOWNS,
+    *,
+    base: str | None = None,
+    progress: Progress | None = None,
+) -> Calibration:
+    """Fit unknowns to the published A_i(δ), B_i(δ) and peaks.
+
+    Parameters
+    ----------
+    design : Design
+        With ``[indenter]`` and ``[indentation]``, one magnetic sheet, and the published coils' names.
+    states : sequence of str
+        Published coils to fit to.
+    unknowns : sequence of Unknown
+        From `UNKNOWNS`, bounds and guesses as one likes.
+    base : {"bonded", "frictionless"}, optional
+        How the lowest sheet lies on the board; the design's by default.
+    progress : callable, optional
+        Called with (done, total); the total is a guess.
+
+    Returns
+    -------
+    Calibration
+
+    Raises
+    ------
+    LocalizeError
+        An unknown that is none of `UNKNOWNS`, a state that is not published, or a design without indentation or without
+        exactly one magnetic sheet.
+
+    Notes
+    -----
+    Least squares of (A − A_published)/0.5 mm, (B − B_published)/0.5 mm and (peak − peak_published)/5e-5, each semi-axis
+    zero above the peak of its coil. The capacitance is no unknown: δ does not depend on it. Confidence intervals take
+    the residuals as independent, which curves over δ are not: they are too narrow rather than too wide.
+    """
+    _check(design, states, unknowns, base)
+    names = [unknown.name for unknown in unknowns]
+    target = _published(states)
+    calls = 0
+
+    def residuals(values: FloatArray) -> FloatArray:
+        nonlocal calls
+        calls += 1
+        if progress is not None:
+            progress(calls, max(calls + 1, 12 * (len(names) + 1)))
+        changed, faults = apply(design, dict(zip(names, values.tolist(), strict=True)), base)
+        return _features(changed, faults, states) - target
+
+    start = np.array([unknown.start for unknown in unknowns])
+    low, high = (np.array([getattr(unknown, side) for unknown in unknowns]) for side in ("low", "high"))
+    scale = high - low
+
+    def scaled(parts: FloatArray) -> FloatArray:
+        return residuals(low + parts * scale)
+
+    first = (start - low) / scale
+    fitted = least_squares(
+        scaled,
+        np.clip(first, 1e-3, 1 - 1e-3),
+        bounds=(0, 1),
+        diff_step=np.full(len(names), _STEP),
+        xtol=1e-4,
+        ftol=1e-4,
+        max_nfev=25,
+    )
+    value = low + fitted.x * scale
+    changed, faults = apply(design, dict(zip(names, value.tolist(), strict=True)), base)
+    result = _result(unknowns, value, np.asarray(fitted.jac), fitted.fun, scale, residuals(start))
+    return Calibration(changed, faults, result.assign_attrs({**provenance(design), **_base_of(changed)}))
+
+
+def apply(design: Design, values: Mapping[str, float], base: str | None = None) -> tuple[Design, Imperfections]:
+    """Put values of unknowns into a design.
+
+    Parameters
+    ----------
+    design : Design
+        As for `calibrate`.
+    values : mapping of str to float
+        By the names of `UNKNOWNS`, in SI.
+    base : {"bonded", "frictionless"}, optional
+        The design's by default.
+
+    Returns
+    -------
+    design : Design
+    imperfections : Imperfections
+    """
+    sheets = list(design.sheets)
+    magnetic = _magnetic(design)
+    if "poissons_ratio" in values:
+        sheets = [replace(sheet, poissons_ratio=values["poissons_ratio"]) for sheet in sheets]
+    if "modulus_ratio" in values and sheets[0].youngs_modulus is not None:
+        stiff = values["modulus_ratio"] * sheets[0].youngs_modulus
+        sheets[magnetic] = replace(sheets[magnetic], youngs_modulus=stiff)
+    if "relative_permeability" in values:
+        sheets[magnetic] = replace(sheets[magnetic], relative_permeability=values["relative_permeability"])
+    setup = design.indentation
+    if setup is not None and base in ("bonded", "frictionless"):
+        setup = replace(setup, base="bonded" if base == "bonded" else "frictionless")
+    faults = Imperfections(tilt=(values.get("tilt", 0.0), 0.0), depth_error=values.get("depth_error", 0.0))
+    return replace(design, sheets=tuple(sheets), indentation=setup), faults
+
+
+def _base_of(design: Design) -> dict[str, str]:
+    return {} if design.indentation is None else {"base": design.indentation.base}
+
+
+def _magnetic(design: Design) -> int:
+    found = [k for k, sheet in enumerate(design.sheets) if sheet.relative_permeability > 1]
+    if len(found) != 1:
+        raise LocalizeError(f"calibration needs exactly one magnetic sheet; the design {design.name} has {len(found)}.")
+    return found[0]
+
+
+def _check(design: Design, states: Sequence[str], unknowns: Sequence[Unknown], base: str | None) -> None:
+    if base not in (None, "bonded", "frictionless"):
+        raise LocalizeError(f"base must be bonded or frictionless; got {base!r}.")
+    known = [unknown.name for unknown in UNKNOWNS]
+    for unknown in unknowns:
+        if unknown.name not in known:
+            raise LocalizeError(f"an unknown must be one of {', '.join(known)}; got {unknown.name!r}.")
+        if not unknown.low <= unknown.start <= unknown.high or unknown.low == unknown.high:
+            raise LocalizeError(f"the guess of {unknown.name} must lie between its bounds; got {unknown}.")
+    if not unknowns:
+        raise LocalizeError("calibration needs at least one unknown; got none.")
+    published = [coil.name for coil in published_model().coils]
+    for state in states:
+        if state not in published:
+            raise LocalizeError(f"a state must be one of the published {', '.join(published)}; got {state!r}.")
+    if design.indentation is None:
+        raise LocalizeError(f"the design {design.name} has no [indenter] and [indentation].")
+    _magnetic(design)
+
+
+def _published(states: Sequence[str]) -> FloatArray:
+    """Return A and B at the levels and the peak of every coil, in units of their trust."""
+    known = {coil.name: coil for coil in published_model().coils}
+    parts = []
+    for state in states:
+        axes = [np.polyval(p, LEVELS) for p in (known[state].A, known[state].B)]
+        parts += [*(axis / SEMIAXIS_ERROR for axis in axes), _published_peak(known[state]) / PEAK_ERROR]
+    return np.concatenate(parts)
+
+
+def _published_peak(coil: CoilEllipses) -> FloatArray:
+    """δ where the published A falls to zero, which the paper puts above 1.2e-3; none where it does so far beyond."""
+    roots = np.roots(coil.A)
+    real = roots.real[np.abs(roots.imag) < 1e-9]
+    return np.asarray(real[(real > _PEAKS[0]) & (real < _PEAKS[1])])
+
+
+def _features(design: Design, faults: Imperfections, states: Sequence[str]) -> FloatArray:
+    """Return the same of a computed map; semi-axes are zero above the peak."""
+    setup = design.indentation
+    if setup is None:
+        raise LocalizeError(f"the design {design.name} has no [indenter] and [indentation].")
+    response = response_map(design, depths=setup.depths[:1], imperfections=faults, mesh=_MESH)
+    curves = ellipse_curves(response, states, LEVELS)
+    known = {coil.name: coil for coil in published_model().coils}
+    parts = []
+    for row, state in enumerate(states):
+        peak = float(response.delta.sel(state=state).max())
+        for axis in (curves.A[row], curves.B[row]):
+            parts.append(np.where(np.isfinite(axis), axis, 0.0) / SEMIAXIS_ERROR)
+        parts.append(np.full(len(_published_peak(known[state])), peak / PEAK_ERROR))
+    return np.concatenate(parts)
+
+
+def _result(
+    unknowns: Sequence[Unknown],
+    value: FloatArray,
+    jacobian: FloatArray,
+    residual: FloatArray,
+    scale: FloatArray,
+    before: FloatArray,
+) -> xr.Dataset:
+    freedom = len(residual) - len(value)
+    covariance = np.linalg.pinv(jacobian.T @ jacobian) * (residual @ residual) / freedom
+    sigma = np.sqrt(np.diag(covariance))
+    half = float(student.ppf((1 + _CONFIDENCE) / 2, freedom)) * sigma * scale
+    correlation = covariance / np.outer(sigma, sigma)
+    at_bound = [
+        min(v - u.low, u.high - v) < _AT_BOUND * (u.high - u.low) for u, v in zip(unknowns, value.tolist(), strict=True)
+    ]
+    names = [unknown.name for unknown in unknowns]
+    return xr.Dataset(
+        {
+            "start": ("unknown", [unknown.start for unknown in unknowns]),
+            "value": ("unknown", value),
+            "low": ("unknown", value - half, {"long_name": "of the 95 % confidence interval"}),
+            "high": ("unknown", value + half, {"long_name": "of the 95 % confidence interval"}),
+            "at_bound": ("unknown", at_bound),
+            "correlation": (("unknown", "other"), correlation, {"units": "1"}),
+            "misfit_before": ((), float(np.sqrt(np.mean(before**2)))),
+            "misfit_after": ((), float(np.sqrt(np.mean(residual**2)))),
+        },
+        coords={"unknown": names, "other": names, "unit": ("unknown", [unknown.unit for unknown in unknowns])},
+    )

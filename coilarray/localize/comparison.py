@@ -1,0 +1,419 @@
+"""A measured response beside a simulated one: scale, shift, what remains, and the ellipses of both.
+
+Nothing is extrapolated. The simulated map is interpolated where the measured one has its positions; positions outside
+of it are left out and counted. The ellipses of both come from the same positions with the same settings, since window
+and spacing of a map enter them (`coilarray.localize.ellipse`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from coilarray.compute.threads import Progress
+from coilarray.errors import LocalizeError
+from coilarray.localize.alignment import align, inside, values_at
+from coilarray.localize.forward import ForwardModel, forward_model
+from coilarray.localize.level_curves import PARAMETERS, LevelCurves, level_axis, level_curves
+
+FloatArray = npt.NDArray[np.float64]
+
+SOURCES = ("measured", "simulated")
+"""Labels of the dimension ``source``."""
+
+REPLICATES = 16
+"""Noisy maps from which the standard deviations of the ellipses come: they are then known to 18 %."""
+
+_DIMS = ("depth", "y", "x", "state")
+_LEAST_FOR_SHIFT = 4  # measured positions along an axis
+_SAME_DEPTH = 1e-6  # relative
+
+
+def compare_responses(
+    measured: xr.Dataset,
+    simulated: xr.Dataset,
+    *,
+    reach: float | None = None,
+    replicates: int = REPLICATES,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> xr.Dataset:
+    """Compare a measured response with a simulated one.
+
+    Parameters
+    ----------
+    measured : xarray.Dataset
+        With ``delta`` (depth, y, x, state) and the coordinates in m; NaN where a position was not measured. Where it
+        has ``delta_std``, the standard deviation of δ, that is the noise; where the attribute ``repeats`` says that δ
+        is the mean of several, it is that of one.
+    simulated : xarray.Dataset
+        The same without NaN, at least four x and four y. Another measured response will do; its ``delta_std`` is then
+        added to the noise.
+    reach : float, optional
+        Largest shift that is tried, in m; the measured map's own spacing along each axis by default. Shifts are sought
+        with the positions that are in the simulated map by this much: let it be larger than the measured one.
+    replicates : int
+        Noisy maps for the standard deviations of the ellipses, where ``delta_std`` is there; 0 for none.
+    seed : int
+        Of their noise.
+    progress : callable, optional
+        Called with (done, total).
+
+    Returns
+    -------
+    xarray.Dataset
+        Of the states, depths and positions that both have, on the measured positions: dimensions ``depth``, ``y``,
+        ``x``, ``state``, ``axis`` (x, y), ``source`` (measured, simulated), ``level``. NaN is what cannot be told.
+
+        ``delta`` (source, depth, y, x, state); ``residual_before`` and ``residual_after`` (depth, y, x, state),
+        measured less simulated, as it is and scaled and shifted.
+
+        Of every depth and state ``scale`` and, with an axis, ``shift`` in m of the simulated map onto the measured
+        one; ``at_limit``, that the best shift is beyond the reach; ``rms_before``, ``rms_after``,
+        ``correlation_before``, ``correlation_after``; each with its ``…_std``. ``noise`` is its level in δ where it is
+        known, ``points`` how many positions all this is of.
+
+        ``x0``, ``A``, ``B`` in m (source, depth, state, level) of the ellipses of every level of δ, and ``…_std``;
+        ``ellipse_problem`` (source, depth, state), why there are none.
+
+        ``base_inductance`` (source, state) in H where both have it.
+
+        Attributes: ``only_measured`` and ``only_simulated``, states that one alone has; ``depths_left_out`` in m, and
+        ``points_left_out``, measured but not in the simulated map; ``points_missing``, not measured; ``noise_from``,
+        "delta_std" or "residuals"; what the two say of themselves, as ``measured_…`` and ``simulated_…``.
+
+    Raises
+    ------
+    LocalizeError
+        Datasets that are no responses, no state, depth or position that both have, a reach or replicates that are
+        negative.
+
+    Notes
+    -----
+    The standard deviations of scale, shift, rms and correlation are what the noise of the readings does to them, to
+    first order; where no noise is known, the scatter of what remains after the fit is taken for it. Noise of the
+    simulated side (a second measurement) also draws the scale to zero, by noise² over the mean square of its map.
+
+    Examples
+    --------
+    >>> from coilarray.localize.published import published_map
+    >>> simulated = published_map()
+    >>> found = compare_responses(simulated.assign(delta=1.1 * simulated.delta), simulated)
+    >>> found.scale.round(6).values.tolist(), float(abs(found["shift"]).max().round(9))
+    ([[1.1, 1.1, 1.1]], 0.0)
+    """
+    if replicates < 0:
+        raise LocalizeError(f"replicates must not be negative; got {replicates}.")
+    reads = _measured(measured)
+    states, alone = _common_states(reads, simulated)
+    model = forward_model(simulated).select(states)
+    kept, depths_out = _common_depths(reads.sel(state=states), model)
+    noise = _noise(kept, simulated.sel(state=states))
+    reaches = _reaches(kept, reach)
+    rows = [
+        [
+            _compared(
+                kept.isel(depth=k, state=j),
+                model.select([state]),
+                None if noise is None else noise[k, ..., j],
+                reaches,
+            )
+            for j, state in enumerate(states)
+        ]
+        for k in range(kept.sizes["depth"])
+    ]
+    if not any(one.points for row in rows for one in row):
+        raise LocalizeError("no measured position is in the simulated map.")
+    count, total = 0, 2 * kept.sizes["depth"] * len(states)
+
+    def fit(response: xr.Dataset, own: FloatArray | None) -> LevelCurves:
+        nonlocal count
+        curves = level_curves(response, own, replicates=replicates, seed=seed)
+        count += 1
+        if progress is not None:
+            progress(count, total)
+        return curves
+
+    windows = _windows(kept, simulated, model, _own_noise(kept, "measured"))
+    result = _dataset(kept, simulated, rows, _ellipses(windows, fit))
+    known = "residuals" if noise is None else "delta_std"
+    return result.assign_attrs({**alone, "depths_left_out": depths_out, "noise_from": known})
+
+
+@dataclass(frozen=True, eq=False)
+class _Compared:
+    """One state at one depth; maps of shape (y, x). The names are those of the dataset."""
+
+    simulated: FloatArray
+    residual_before: FloatArray
+    residual_after: FloatArray
+    scale: float
+    scale_std: float
+    shift: tuple[float, float]
+    shift_std: tuple[float, float]
+    at_limit: bool
+    rms_before: float
+    rms_before_std: float
+    correlation_before: float
+    correlation_before_std: float
+    rms_after: float
+    rms_after_std: float
+    correlation_after: float
+    correlation_after_std: float
+    noise: float
+    points: int
+    left_out: int
+    missing: int
+
+
+def _compared(
+    measured: xr.Dataset, model: ForwardModel, sigma: FloatArray | None, reach: tuple[float, float]
+) -> _Compared:
+    """Compare a map (y, x) with the model of its state; `sigma` is the noise of δ, of both."""
+    shape = measured.delta.shape
+    X, Y = np.meshgrid(measured.x.values, measured.y.values)
+    places = np.column_stack((X.ravel(), Y.ravel(), np.full(X.size, float(measured.depth))))
+    values = measured.delta.values.ravel()
+    there = np.isfinite(values) & inside(model, places)
+    given = None if sigma is None else sigma.ravel()
+    found = align(model, places[there], values[there], reach=reach, noise=None if given is None else given[there])
+    used = np.zeros(values.size, dtype=bool)
+    used[there] = found.used
+    before = np.full(values.size, np.nan)
+    before[there] = values_at(model, places[there])[0]
+    moved = places - [*np.nan_to_num(found.shift), 0.0]
+    still = there & inside(model, moved)
+    shifted = np.full(values.size, np.nan)
+    shifted[still] = values_at(model, moved[still])[0]
+    after = found.scale * shifted
+    noise = np.full(values.size, found.scatter) if given is None else given
+    return _Compared(
+        before.reshape(shape),
+        (values - before).reshape(shape),
+        (values - after).reshape(shape),
+        found.scale,
+        found.scale_std,
+        found.shift,
+        found.shift_std,
+        found.at_limit,
+        *_rms(values[used], before[used], noise[used]),
+        *_correlation(values[used], before[used], noise[used]),
+        *_rms(values[used], after[used], noise[used]),
+        *_correlation(values[used], shifted[used], noise[used]),
+        float(np.sqrt(np.mean(given[used] ** 2))) if given is not None and used.any() else np.nan,
+        int(used.sum()),
+        int((np.isfinite(values) & ~there).sum()),
+        int(np.isnan(values).sum()),
+    )
+
+
+def _rms(measured: FloatArray, other: FloatArray, noise: FloatArray) -> tuple[float, float]:
+    """Root mean square of the difference and its standard deviation under noise.
+
+    A residual r is misfit and noise, E r² = μ² + σ² and var r² = 4μ²σ² + 2σ⁴, which r² itself tells as 4r²σ² − 2σ⁴.
+    """
+    remains = measured - other
+    if not remains.size or not np.isfinite(remains).all():
+        return np.nan, np.nan
+    rms = float(np.sqrt(np.mean(remains**2)))
+    least = float(2 * np.sum(noise**4))
+    variance = max(float(4 * np.sum(remains**2 * noise**2)) - least, least)
+    return rms, float(np.sqrt(variance)) / (2 * rms * remains.size) if rms else 0.0
+
+
+def _correlation(measured: FloatArray, other: FloatArray, noise: FloatArray) -> tuple[float, float]:
+    """Pearson's coefficient and its standard deviation under noise of the first, where 1 − ρ is as rms² above."""
+    if measured.size < 2 or not np.isfinite(other).all():
+        return np.nan, np.nan
+    a, b = measured - measured.mean(), other - other.mean()
+    long_a, long_b = float(np.linalg.norm(a)), float(np.linalg.norm(b))
+    if not long_a * long_b:
+        return np.nan, np.nan
+    a, b, spread = a / long_a, b / long_b, noise / long_a
+    value = float(np.clip(a @ b, -1.0, 1.0))
+    least = float(np.sum(spread**4)) / 2
+    return value, float(np.sqrt(max(float(np.sum(((b - value * a) * spread) ** 2)) - least, least)))
+
+
+def _windows(
+    measured: xr.Dataset, simulated: xr.Dataset, model: ForwardModel, noise: FloatArray | None
+) -> tuple[tuple[xr.Dataset, FloatArray | None], ...]:
+    """Both maps at those measured positions, a rectangle, that are in the simulated map; and the noise of each."""
+    x, y = measured.x.values, measured.y.values
+    along = inside(model, np.column_stack((x, np.full_like(x, model.y[0]), np.full_like(x, model.depth[-1]))))
+    across = inside(model, np.column_stack((np.full_like(y, model.x[0]), y, np.full_like(y, model.depth[-1]))))
+    window = measured.isel(x=np.flatnonzero(along), y=np.flatnonzero(across))
+    grid = np.meshgrid(window.depth.values, window.y.values, window.x.values, indexing="ij")
+    points = np.clip(np.stack(grid[::-1], axis=-1), model.lower, model.upper)
+    sampled = xr.Dataset({"delta": (_DIMS, model.linear(points)[0])}, {name: window[name] for name in _DIMS})
+    places = {name: simulated[name] for name in ("coil", "coil_x", "coil_y") if name in simulated.coords}
+    cut = None if noise is None else noise[:, across][:, :, along]
+    return (window, cut), (sampled.assign_coords(places), None)
+
+
+def _ellipses(windows: Sequence[tuple[xr.Dataset, FloatArray | None]], fit: Callable[..., LevelCurves]) -> xr.Dataset:
+    """Ellipses of every level of both maps: dimensions source, depth, state, level."""
+    curves = [
+        [
+            [
+                fit(response.isel(depth=[k], state=[j]), None if noise is None else noise[k, ..., j])
+                for j in range(response.sizes["state"])
+            ]
+            for k in range(response.sizes["depth"])
+        ]
+        for response, noise in windows
+    ]
+    count = max(one.values.shape[1] for side in curves for row in side for one in row)
+    dims = ("source", "depth", "state")
+    shape = (len(curves), len(curves[0]), len(curves[0][0]))
+    values, deviations = (np.full((3, *shape, count), np.nan) for _ in range(2))
+    problems = np.empty(shape, dtype=object)
+    for place in np.ndindex(shape):
+        one = curves[place[0]][place[1]][place[2]]
+        reached = one.values.shape[1]
+        values[(slice(None), *place, slice(reached))] = one.values
+        deviations[(slice(None), *place, slice(reached))] = one.deviations
+        problems[place] = one.problem
+    described = dict(zip(PARAMETERS, ("centre of the ellipse", "semi-axis along x", "semi-axis along y"), strict=True))
+    data: dict[str, object] = {}
+    for k, (name, text) in enumerate(described.items()):
+        data[name] = ((*dims, "level"), values[k], {"units": "m", "long_name": text})
+        data[f"{name}_std"] = ((*dims, "level"), deviations[k], {"units": "m"})
+    data["ellipse_problem"] = (dims, problems.astype(str), {"long_name": "why there is no ellipse"})
+    return xr.Dataset(data, {"level": ("level", level_axis(count), {"units": "1", "long_name": "δ of the level"})})
+
+
+def _measured(response: xr.Dataset) -> xr.Dataset:
+    """Check a response that may have gaps; its dimensions in the common order."""
+    if "delta" not in response or set(response["delta"].dims) != set(_DIMS) or not set(_DIMS) <= set(response.coords):
+        raise LocalizeError("a measured response must have delta over depth, y, x and state, with coordinates.")
+    if np.isinf(response["delta"].values).any():
+        raise LocalizeError("delta of a measured response must not be infinite.")
+    names = [str(name) for name in response["state"].values]
+    if len(set(names)) < len(names):
+        raise LocalizeError(f"states of a response must have different names; got {', '.join(names)}.")
+    for name in ("x", "y", "depth"):
+        axis = np.asarray(response[name].values, dtype=np.float64)
+        if not axis.size or not np.isfinite(axis).all() or (np.diff(axis) <= 0).any():
+            raise LocalizeError(f"{name} of a measured response must be finite and rise; got {axis}.")
+    return response.transpose(*_DIMS, ...)
+
+
+def _common_states(measured: xr.Dataset, simulated: xr.Dataset) -> tuple[list[str], dict[str, str]]:
+    """States that both have, in the measured order, and those that one alone has."""
+    if "state" not in simulated.coords:
+        raise LocalizeError("a simulated response must have the coordinate state.")
+    first, second = ([str(name) for name in data["state"].values] for data in (measured, simulated))
+    common = [name for name in first if name in second]
+    if not common:
+        raise LocalizeError(
+            f"the two responses have no state in common: measured {', '.join(first)}; simulated {', '.join(second)}."
+        )
+    alone = {
+        "only_measured": [name for name in first if name not in second],
+        "only_simulated": [name for name in second if name not in first],
+    }
+    return common, {key: ", ".join(names) for key, names in alone.items()}
+
+
+def _common_depths(measured: xr.Dataset, model: ForwardModel) -> tuple[xr.Dataset, str]:
+    """Keep the measured depths that the simulated map has, or has around them; and list the others in m."""
+    depths = measured.depth.values
+    if len(model.depth) > 1:
+        slack = _SAME_DEPTH * model.depth[-1]
+        there = (depths >= model.depth[0] - slack) & (depths <= model.depth[-1] + slack)
+    else:
+        there = np.isclose(depths, model.depth[0], rtol=_SAME_DEPTH, atol=0)
+    if not there.any():
+        listed, known = (", ".join(f"{value * 1e3:.4g}" for value in values) for values in (depths, model.depth))
+        raise LocalizeError(f"the two responses have no depth in common: measured {listed} mm; simulated {known} mm.")
+    return measured.isel(depth=np.flatnonzero(there)), ", ".join(f"{value:.6g}" for value in depths[~there])
+
+
+def _noise(measured: xr.Dataset, simulated: xr.Dataset) -> FloatArray | None:
+    """Noise of measured less simulated δ (depth, y, x, state), its standard deviation; None where neither tells any."""
+    own, other = (_own_noise(data, who) for data, who in zip((measured, simulated), SOURCES, strict=True))
+    if own is None and other is None:
+        return None
+    level = 0.0 if other is None else np.sqrt(np.mean(other**2, axis=(0, 1, 2)))
+    return np.hypot(0.0 if own is None else own, level) * np.ones(measured.delta.shape)
+
+
+def _own_noise(response: xr.Dataset, who: str) -> FloatArray | None:
+    """``delta_std``; where a position does not tell it, the level of its state."""
+    if "delta_std" not in response:
+        return None
+    if not set(response["delta_std"].dims) <= set(_DIMS):
+        raise LocalizeError(f"delta_std of the {who} response must be over depth, y, x and state.")
+    spread = response["delta_std"].broadcast_like(response["delta"]).transpose(*_DIMS).values.astype(np.float64)
+    told = np.isfinite(spread)
+    if (spread[told] < 0).any() or np.isinf(spread).any():
+        raise LocalizeError(f"delta_std of the {who} response must be finite and not negative.")
+    if not told.any():
+        return None
+    count = told.sum(axis=(0, 1, 2))
+    spread = spread / np.sqrt(float(response.attrs.get("repeats", 1)))
+    squares = np.where(told, spread, 0.0) ** 2
+    level = np.where(count > 0, squares.sum(axis=(0, 1, 2)) / np.maximum(count, 1), squares.sum() / told.sum())
+    return np.asarray(np.where(told, spread, np.sqrt(level)))
+
+
+def _reaches(measured: xr.Dataset, reach: float | None) -> tuple[float, float]:
+    """Largest shift along x and y in m; 0 along an axis with too few positions for one."""
+    if reach is not None and not (np.isfinite(reach) and reach >= 0):
+        raise LocalizeError(f"reach must be finite and not negative; got {reach} m.")
+    found = []
+    for name in ("x", "y"):
+        axis = measured[name].values
+        few = len(axis) < _LEAST_FOR_SHIFT
+        found.append(0.0 if few else float(np.median(np.diff(axis))) if reach is None else reach)
+    return found[0], found[1]
+
+
+def _dataset(
+    measured: xr.Dataset, simulated: xr.Dataset, rows: list[list[_Compared]], ellipses: xr.Dataset
+) -> xr.Dataset:
+    def stacked(name: str) -> npt.NDArray[np.generic]:
+        return np.array([[getattr(one, name) for one in row] for row in rows])
+
+    def maps(name: str) -> FloatArray:
+        return np.moveaxis(stacked(name).astype(np.float64), 1, -1)  # depth, y, x, state
+
+    both = ("depth", "state")
+    one = {"units": "1"}
+    data: dict[str, object] = {
+        "delta": (("source", *_DIMS), np.stack([measured.delta.values, maps("simulated")]), one),
+        "residual_before": (_DIMS, maps("residual_before"), {**one, "long_name": "measured less simulated δ"}),
+        "residual_after": (
+            _DIMS, maps("residual_after"),
+            {**one, "long_name": "measured less scaled and shifted simulated δ"},
+        ),
+        "at_limit": (both, stacked("at_limit"), {"long_name": "the best shift is beyond the reach"}),
+        "noise": (both, stacked("noise"), {**one, "long_name": "standard deviation of δ, root mean square"}),
+        "points": (both, stacked("points"), {**one, "long_name": "positions that the figures are of"}),
+    }  # fmt: skip
+    for name in ("scale", "rms_before", "rms_after", "correlation_before", "correlation_after"):
+        data[name] = (both, stacked(name), one)
+        data[f"{name}_std"] = (both, stacked(f"{name}_std"), one)
+    for name in ("shift", "shift_std"):
+        data[name] = ((*both, "axis"), stacked(name), {"units": "m"})
+    if "base_inductance" in measured and "base_inductance" in simulated:
+        states = measured.state.values
+        pair = [side.base_inductance.sel(state=states).values for side in (measured, simulated)]
+        data["base_inductance"] = (("source", "state"), np.array(pair), {"units": "H"})
+    coords = {name: measured[name] for name in _DIMS}
+    places = {name: simulated[name] for name in ("coil", "coil_x", "coil_y") if name in simulated.coords}
+    result = xr.Dataset(data, {**coords, **places, "source": list(SOURCES), "axis": ["x", "y"]})
+    said = {
+        f"{who}_{key}": value
+        for who, of in zip(SOURCES, (measured, simulated), strict=True)
+        for key, value in of.attrs.items()
+    }
+    counts = {
+        f"points_{name}": sum(getattr(one, name) for row in rows for one in row) for name in ("left_out", "missing")
+    }
+    return result.merge(ellipses).assign_attrs({**said, **counts})

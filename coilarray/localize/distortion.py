@@ -1,0 +1,315 @@
+"""Why the fitted centre x0 of a coil moves with δ: the paper's own processing on computed maps, each cause off in turn.
+
+Nothing here is fitted to x0. Every map goes through the same refinement, sweep and ellipse fit; a cause is what x0
+loses when the cause is switched off.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from coilarray.circuit.coupling import provenance
+from coilarray.compute.threads import Progress
+from coilarray.design.model import Design
+from coilarray.design.scan_states import Passive, ScanState
+from coilarray.errors import LocalizeError
+from coilarray.geometry import Conductor
+from coilarray.localize.ellipse import fit_ellipses, refined_map
+from coilarray.localize.published import published_model
+from coilarray.response.map import Imperfections, inductance_changes, respond, response_map
+
+FloatArray = npt.NDArray[np.float64]
+
+DELTAS = np.arange(1e-4, 1.0e-3 + 1e-6, 2.5e-5)
+"""δ at which x0 is compared: where the paper's polynomials were fitted."""
+TILT = 35e-6 / 100e-3
+"""The paper's vertical deviation of an axis, 35 µm in 100 mm, taken as a tilt along x."""
+NOISE = 1e-5
+"""Relative standard deviation of a reading, about a third of the paper's step in δ."""
+
+_WIDE = (18e-3, 12e-3)  # the wide window is larger by this on each side, along x and y
+_FINE = 2  # parts of the grid's step
+_SEEDS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class EllipseCurves:
+    """x0, A and B over δ of every state, NaN where the map has no such level; shape (states, deltas) in m."""
+
+    x0: FloatArray
+    A: FloatArray
+    B: FloatArray
+
+
+def distortion(
+    design: Design,
+    states: Sequence[str] = ("coil1", "coil2", "coil3"),
+    deltas: npt.ArrayLike = DELTAS,
+    *,
+    imperfections: Imperfections | None = None,
+    progress: Progress | None = None,
+) -> xr.Dataset:
+    """Predict x0(δ), A(δ) and B(δ) and split x0 − centre into its causes.
+
+    Parameters
+    ----------
+    design : Design
+        With the tables ``[indenter]`` and ``[indentation]``; its first depth and its grid are taken.
+    states : sequence of str
+        States of the scan, each named after its coil.
+    deltas : array_like, shape (n,)
+        Levels of δ, rising.
+    imperfections : Imperfections, optional
+        Of the experiment, in every map; for example from `coilarray.localize.calibration.calibrate`.
+    progress : callable, optional
+        Called with (done, total) as the maps are computed.
+
+    Returns
+    -------
+    xarray.Dataset
+        ``x0``, ``A``, ``B`` (neighbours, state, delta) in m with the neighbours ``grounded`` (as the design's scan has
+        them) and ``open``; ``published_x0``, ``published_A``, ``published_B`` (state, delta) from Table A1, NaN for
+        states that it has not; ``effect`` (cause, state, delta) in m, what x0 loses without the cause; ``centre``
+        (state) in m; ``rms`` (cause, state) of the effects and ``rms_residual`` (state) of predicted − published x0, in
+        m. Values are NaN at levels that a map does not reach.
+
+    Raises
+    ------
+    LocalizeError
+        A state that is not named after a coil.
+    ElastomerError, NetworkError
+        As `coilarray.response.map.response_map`.
+
+    Notes
+    -----
+    Causes: ``all neighbours`` and each one (opened), ``window`` (18 and 12 mm wider), ``grid`` (half the step),
+    ``ellipse`` (fitted centre less the middle of the level curve on y = 0, on the wide and fine map), ``winding and
+    leads`` (each coil averaged with itself turned by half a turn), ``layers`` (all coils at one height), ``tilt`` and
+    ``noise`` (switched on, since the computed map has none; for noise the standard deviation of x0).
+    """
+    names = design.array.names
+    for state in states:
+        if state not in names or state not in [s.name for s in design.circuit.plan]:
+            raise LocalizeError(f"a state must be measured and named after its coil; got {state!r}.")
+    levels = np.asarray(deltas, dtype=np.float64)
+    faults = imperfections or Imperfections()
+    maps = _Maps(design, faults, progress)
+    base = maps.plain()
+    curves = ellipse_curves(base, states, levels)
+
+    def without(response: xr.Dataset) -> FloatArray:
+        return curves.x0 - ellipse_curves(response, states, levels).x0
+
+    opened = _opened(design, base, names)
+    effects = {"all neighbours": without(opened)}
+    for name in names:
+        effects[f"neighbour {name}"] = without(_opened(design, base, (name,)))
+    both = maps.plain(widen=_WIDE, parts=_FINE)
+    effects["window"] = without(maps.plain(widen=_WIDE))
+    effects["grid"] = without(maps.plain(parts=_FINE))
+    effects["ellipse"] = ellipse_curves(both, states, levels).x0 - _middles(both, states, levels)
+    effects["winding and leads"] = without(maps.turned(base))
+    effects["layers"] = without(maps.levelled(base))
+    tilted = replace(faults, tilt=(faults.tilt[0] + TILT, faults.tilt[1]))
+    effects["tilt"] = -without(_Maps(design, tilted, maps.tell).plain())
+    effects["noise"] = _scatter(base, states, levels)
+    return _dataset(design, states, levels, curves, ellipse_curves(opened, states, levels), effects)
+
+
+class _Maps:
+    """Maps of a design on its grid or a larger or finer one, counted for a progress bar."""
+
+    _TOTAL = 7
+
+    def __init__(self, design: Design, faults: Imperfections, progress: Progress | None) -> None:
+        self._design, self._faults = design, faults
+        self._progress, self._done = progress, 0
+
+    def tell(self, done: int = 1, total: int = 1) -> None:
+        """Count a finished map."""
+        if done == total:
+            self._done += 1
+            if self._progress is not None:
+                self._progress(self._done, self._TOTAL)
+
+    def plain(self, widen: tuple[float, float] = (0.0, 0.0), parts: int = 1) -> xr.Dataset:
+        """Compute the map of the first depth, on a window wider by so much in m a side and with a divided step."""
+        setup = self._design.indentation
+        if setup is None:
+            raise LocalizeError(f"the design {self._design.name} has no [indenter] and [indentation].")
+        x, y = (_axis(given, more, parts) for given, more in zip((setup.x, setup.y), widen, strict=True))
+        return response_map(
+            self._design, depths=setup.depths[:1], x=x, y=y, imperfections=self._faults, progress=self.tell
+        )
+
+    def turned(self, base: xr.Dataset) -> xr.Dataset:
+        """Average every coil with itself turned by half a turn: neither leads nor spiral to one side are left."""
+        paths = self._design.array.conductors()
+        turned = [_moved(path, centre) for path, centre in zip(paths, self._design.array.centres, strict=True)]
+        change = self._change(base, [*paths, *turned])
+        n = len(paths)
+        mean = sum(change[..., i : i + n, j : j + n] for i in (0, n) for j in (0, n)) / 4
+        return respond(self._design, base, inductance_change=np.asarray(mean))
+
+    def levelled(self, base: xr.Dataset) -> xr.Dataset:
+        """Put all coils at the mean height of their copper."""
+        paths = self._design.array.conductors()
+        heights = [float((path.vertices[:, 2].max() + path.vertices[:, 2].min()) / 2) for path in paths]
+        mean = float(np.mean(heights))
+        level = [
+            _placed(path, np.add(path.vertices, [0.0, 0.0, mean - height]))
+            for path, height in zip(paths, heights, strict=True)
+        ]
+        return respond(self._design, base, inductance_change=self._change(base, level))
+
+    def _change(self, base: xr.Dataset, paths: Sequence[Conductor]) -> FloatArray:
+        change = inductance_changes(self._design, paths, base, self._faults)
+        self.tell()
+        return change
+
+
+def _axis(given: Sequence[float], more: float, parts: int) -> FloatArray:
+    """Extend the positions of one axis on both sides and divide its step."""
+    axis = np.asarray(given)
+    if len(axis) < 2:
+        return axis
+    step = (axis[-1] - axis[0]) / (len(axis) - 1)
+    beyond = round(more / step)
+    count = (len(axis) - 1 + 2 * beyond) * parts + 1
+    return np.linspace(axis[0] - beyond * step, axis[-1] + beyond * step, count)
+
+
+def _moved(path: Conductor, centre: FloatArray) -> Conductor:
+    """Turn a path by half a turn about a vertical axis."""
+    return _placed(path, path.vertices * [-1.0, -1.0, 1.0] + [*(2 * centre), 0.0])
+
+
+def _placed(path: Conductor, vertices: FloatArray) -> Conductor:
+    return Conductor(vertices, path.widths, path.thicknesses, path.areas, path.name)
+
+
+def _opened(design: Design, base: xr.Dataset, names: Sequence[str]) -> xr.Dataset:
+    """Open some coils wherever they are not measured."""
+    opened: Passive = "open"
+
+    def state(given: ScanState) -> ScanState:
+        measured = {name for name, _ in given.measured}
+        return replace(given, exceptions={**given.exceptions, **{n: opened for n in names if n not in measured}})
+
+    return respond(design, base, plan=[state(given) for given in design.circuit.plan])
+
+
+def ellipse_curves(response: xr.Dataset, states: Sequence[str], levels: FloatArray) -> EllipseCurves:
+    """Fit the ellipses of a map's first depth and read them at levels of δ.
+
+    Parameters
+    ----------
+    response : xarray.Dataset
+        As `coilarray.response.map.response_map` returns it.
+    states : sequence of str
+        Of the scan.
+    levels : ndarray, shape (n,)
+        Of δ.
+
+    Returns
+    -------
+    EllipseCurves
+        Linear between the steps of the paper's sweep.
+    """
+    fits = fit_ellipses(response, 0, states=states)
+    curves = []
+    for name in ("x0", "A", "B"):
+        rows = []
+        for state in states:
+            of = fits.sel(state=state)
+            kept = np.isfinite(of[name].values) & np.isfinite(of.delta.values)
+            order = np.argsort(of.delta.values[kept])
+            at, value = of.delta.values[kept][order], of[name].values[kept][order]
+            rows.append(np.interp(levels, at, value, left=np.nan, right=np.nan) if len(at) else levels * np.nan)
+        curves.append(np.array(rows))
+    return EllipseCurves(*curves)
+
+
+def _middles(response: xr.Dataset, states: Sequence[str], levels: FloatArray) -> FloatArray:
+    """Middle between the two places on y = 0 where the hill of each state falls to a level, in m."""
+    middles = np.full((len(states), len(levels)), np.nan)
+    for row, state in enumerate(states):
+        fine = refined_map(response.delta.isel(depth=0).sel(state=state))
+        line = fine.sel(y=0.0, method="nearest").values
+        x, top = fine.x.values, int(np.argmax(line))
+        for k, level in enumerate(levels):
+            below = np.flatnonzero(line < level)
+            left, right = below[below < top], below[below > top]
+            if line[top] > level and len(left) and len(right):
+                edges = [
+                    np.interp(level, line[[outer, inner]], x[[outer, inner]])
+                    for outer, inner in ((left[-1], left[-1] + 1), (right[0], right[0] - 1))
+                ]
+                middles[row, k] = sum(edges) / 2
+    return middles
+
+
+def _scatter(base: xr.Dataset, states: Sequence[str], levels: FloatArray) -> FloatArray:
+    """Return the standard deviation of x0 in m under noise of the readings, from a few seeded maps."""
+    runs = []
+    for seed in range(_SEEDS):
+        random = np.random.default_rng(seed)
+        noise = np.sqrt(2) * NOISE * random.standard_normal(base.delta.shape)  # L_peak and L_0 are one reading each
+        runs.append(ellipse_curves(base.assign(delta=base.delta + noise), states, levels).x0)
+    return np.asarray(np.std(runs, axis=0, ddof=1))
+
+
+def _dataset(
+    design: Design,
+    states: Sequence[str],
+    levels: FloatArray,
+    grounded: EllipseCurves,
+    opened: EllipseCurves,
+    effects: dict[str, FloatArray],
+) -> xr.Dataset:
+    setup = design.indentation
+    origin = (0.0, 0.0) if setup is None else setup.origin_point
+    centre = np.array([design.array.centres[design.array.names.index(state)][0] - origin[0] for state in states])
+    dims, metres = ("state", "delta"), {"units": "m"}
+    data: dict[str, object] = {}
+    for name in ("x0", "A", "B"):
+        pair = np.array([getattr(grounded, name), getattr(opened, name)])
+        data[name] = (("neighbours", *dims), pair, metres)
+        data[f"published_{name}"] = (dims, _published(name, states, levels), metres)
+    effect = np.array(list(effects.values()))
+    residual = grounded.x0 - np.asarray(_published("x0", states, levels))
+    data["effect"] = (("cause", *dims), effect, {**metres, "long_name": "what x0 loses without the cause"})
+    data["rms"] = (("cause", "state"), _rms(effect), metres)
+    data["rms_residual"] = ("state", _rms(residual), {**metres, "long_name": "predicted less published x0, rms"})
+    data["centre"] = ("state", centre, {**metres, "long_name": "centre of the coil, x"})
+    return xr.Dataset(
+        data,
+        coords={
+            "neighbours": ["grounded", "open"],
+            "state": list(states),
+            "delta": ("delta", levels, {"units": "1"}),
+            "cause": list(effects),
+        },
+        attrs=provenance(design),
+    )
+
+
+def _published(name: str, states: Sequence[str], levels: FloatArray) -> FloatArray:
+    model = published_model()
+    known = {coil.name: coil for coil in model.coils}
+    return np.array(
+        [np.polyval(getattr(known[state], name), levels) if state in known else levels * np.nan for state in states]
+    )
+
+
+def _rms(values: FloatArray) -> FloatArray:
+    """Root mean square over δ of what is there; NaN where nothing is."""
+    there = np.isfinite(values)
+    count = there.sum(axis=-1)
+    total = np.where(there, values, 0.0) ** 2
+    return np.asarray(np.where(count > 0, np.sqrt(total.sum(axis=-1) / np.maximum(count, 1)), np.nan))

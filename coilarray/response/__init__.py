@@ -1,0 +1,1 @@
+"""The response of the sensor: what an indentation does to every coil."""

@@ -1,0 +1,307 @@
+"""Goal files: what may change in a design, what is wanted, what must hold, and how to search. TOML, ``schema = 1``."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, ValidationError, model_validator
+
+from coilarray.design.tables import first_error
+from coilarray.design.units import Table
+from coilarray.electromagnetics.inductance import Accuracy
+from coilarray.errors import GoalError
+from coilarray.studies.optimize import goals
+from coilarray.studies.quantities import canonical
+
+_POLISH = 60  # evaluations of the local solver where the goal says nothing
+_WHOLE_STEPS = 1e-9  # of a step: what a range may lack of a whole number of them
+_MOST_STEPS = 1e9
+_ROUNDING = 1e-9  # of a bound: less is no violation
+_LONGEST_NAME = 200  # characters shown of a file name
+
+Sampler = Literal["tpe", "nsga2", "nsga3", "random", "qmc", "cmaes"]
+
+
+def _key(asked: Any) -> str:
+    """Return the canonical text of a quantity, given as a text or as a table with options."""
+    try:
+        return canonical(asked)
+    except GoalError as error:
+        raise ValueError(f"cannot be: {str(error).rstrip('.')}") from None
+
+
+QuantityKey = Annotated[str, BeforeValidator(_key)]
+"""A quantity of `coilarray.studies.quantities`, as its canonical text."""
+
+
+class Variable(Table):
+    """``[[variable]]``: an entry of the design that may change, between bounds or among choices."""
+
+    entry: Annotated[str, Field(min_length=1)]
+    low: float | None = None
+    high: float | None = None
+    step: Annotated[float, Field(gt=0)] | None = None
+    log: bool = False
+    choices: Annotated[list[Any], Field(min_length=2)] | None = None
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Variable:
+        if self.choices is not None:
+            if (self.low, self.high, self.step) != (None, None, None) or self.log:
+                raise ValueError("needs either low and high or choices, not both")
+            self._check_choices(self.choices)
+            return self
+        if self.low is None or self.high is None:
+            raise ValueError("needs low and high, or choices")
+        if not self.low < self.high:
+            raise ValueError(f"needs low below high; got {self.low:g} and {self.high:g}")
+        if self.log and self.low <= 0:
+            raise ValueError(f"needs low above 0 where log = true; got {self.low:g}")
+        if self.log and self.step is not None:
+            raise ValueError("may have step or log, not both")
+        if self.step is not None:
+            steps = (self.high - self.low) / self.step
+            if not steps <= _MOST_STEPS:
+                raise ValueError(f"needs at most {_MOST_STEPS:g} steps from low to high; got step = {self.step:g}")
+            if abs(steps - round(steps)) > _WHOLE_STEPS * max(1.0, steps):
+                raise ValueError(f"needs a whole number of steps of {self.step:g} from low to high; got {steps:g}")
+        return self
+
+    @staticmethod
+    def _check_choices(choices: list[Any]) -> None:
+        try:
+            texts = [json.dumps(choice, allow_nan=False) for choice in choices]
+        except (TypeError, ValueError):
+            raise ValueError("needs choices that are numbers, texts, true, false or lists of them") from None
+        if len({json.dumps(_plain(choice)) for choice in choices}) != len(texts):
+            raise ValueError(f"needs choices that differ; got {', '.join(texts)}")
+
+
+def _plain(choice: Any) -> Any:
+    """Return a choice with whole numbers written in one way: 12.0 is 12."""
+    if isinstance(choice, list):
+        return [_plain(part) for part in choice]
+    return int(choice) if isinstance(choice, float) and choice.is_integer() else choice
+
+
+class Objective(Table):
+    """``[[objective]]``: a quantity to make small or large, or to bring to a value."""
+
+    quantity: QuantityKey
+    direction: Literal["minimize", "maximize"] | None = None
+    target: float | None = None
+
+    @model_validator(mode="after")
+    def _one_wish(self) -> Objective:
+        if (self.direction is None) == (self.target is None):
+            raise ValueError('needs exactly one of direction = "minimize" or "maximize" and target = a number')
+        return self
+
+    @property
+    def maximized(self) -> bool:
+        """True where larger scores are better."""
+        return self.direction == "maximize"
+
+    @property
+    def wish(self) -> str:
+        """The wish in words, as in "minimize rms_k"."""
+        if self.target is not None:
+            return f"bring {self.quantity} to {self.target:g}"
+        return f"{self.direction} {self.quantity}"
+
+    def score(self, value: float) -> float:
+        """Return what is made small or large: the quantity, or its distance to the target."""
+        return value if self.target is None else abs(value - self.target)
+
+
+class Constraint(Table):
+    """``[[constraint]]``: bounds that a quantity must keep."""
+
+    quantity: QuantityKey
+    at_least: float | None = None
+    at_most: float | None = None
+
+    @model_validator(mode="after")
+    def _some_bound(self) -> Constraint:
+        if self.at_least is None and self.at_most is None:
+            raise ValueError("needs at_least, at_most or both")
+        if self.at_least is not None and self.at_most is not None and not self.at_least <= self.at_most:
+            raise ValueError(f"needs at_least up to at_most; got {self.at_least:g} and {self.at_most:g}")
+        return self
+
+    @property
+    def wish(self) -> str:
+        """The bounds in words, as in "span_mm ≥ 89.4"."""
+        bounds = [
+            f"{sign} {bound:g}" for sign, bound in (("≥", self.at_least), ("≤", self.at_most)) if bound is not None
+        ]
+        return f"{self.quantity} {' and '.join(bounds)}"
+
+    def violations(self, value: float) -> dict[str, float]:
+        """Return by how much each bound is broken, relative to the bound where that is not zero; kept up to zero."""
+        broken = {}
+        if self.at_least is not None:
+            broken[f"{self.quantity} >= {self.at_least!r}"] = _excess(self.at_least - value, self.at_least)
+        if self.at_most is not None:
+            broken[f"{self.quantity} <= {self.at_most!r}"] = _excess(value - self.at_most, self.at_most)
+        return broken
+
+
+def _excess(difference: float, bound: float) -> float:
+    """Scale a violation, so that those of different units add up; rounding breaks no bound."""
+    scaled = difference / (abs(bound) or 1.0)
+    return 0.0 if abs(scaled) < _ROUNDING else scaled
+
+
+class Search(Table):
+    """``[search]``: how many points, which sampler, what is random about it, and how exact.
+
+    ``accuracy = "screen"`` computes the inductances of the sampler's points faster:
+    `coilarray.electromagnetics.inductance.Accuracy`. The local solver's points and the designs that are chosen are
+    always computed in full.
+    """
+
+    trials: Annotated[int, Field(ge=1, le=1_000_000)] = 200
+    sampler: Sampler | None = None
+    seed: Annotated[int, Field(ge=0, le=2**32 - 1)] = 0
+    batch: Annotated[int, Field(ge=1, le=10_000)] = 8
+    population: Annotated[int, Field(ge=2, le=10_000)] = 24
+    polish: Annotated[int, Field(ge=0, le=100_000)] | None = None
+    accuracy: Accuracy = "full"
+
+
+class Goal(Table):
+    """A goal file; `load_goal` reads one."""
+
+    schema_: Annotated[int, Field(ge=1, le=1)] = Field(alias="schema")
+    title: str = ""
+    variables: list[Variable] = Field(alias="variable", min_length=1)
+    objectives: list[Objective] = Field(alias="objective", min_length=1)
+    constraints: list[Constraint] = Field(alias="constraint", default_factory=list)
+    watch: list[QuantityKey] = Field(default_factory=list)
+    search: Search = Search()
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Goal:
+        for one, other in itertools.permutations([variable.entry for variable in self.variables], 2):
+            if one == other or other.startswith(f"{one}."):
+                raise ValueError(f"names the entry {one} in more than one variable")
+        wanted = [objective.quantity for objective in self.objectives]
+        if len(set(wanted)) != len(wanted):
+            raise ValueError(f"needs objectives of different quantities; got {', '.join(wanted)}")
+        if self.search.sampler == "cmaes":
+            if len(self.objectives) > 1 or self.constraints:
+                raise ValueError("has the sampler cmaes, which takes one objective and no constraints")
+            if all(variable.choices is not None for variable in self.variables):
+                raise ValueError("has the sampler cmaes, which needs a variable with low and high")
+        return self
+
+    @property
+    def sampler(self) -> Sampler:
+        """The sampler: as given, else tpe for one objective and nsga2 for several."""
+        return self.search.sampler or ("tpe" if len(self.objectives) == 1 else "nsga2")
+
+    @property
+    def polish(self) -> int:
+        """Evaluations of the local solver: as given, else some for one objective and none for several."""
+        if self.search.polish is not None:
+            return self.search.polish
+        return _POLISH if len(self.objectives) == 1 else 0
+
+    @property
+    def quantities(self) -> tuple[str, ...]:
+        """Every quantity that is wanted, constrained or watched, each once."""
+        keys = [wish.quantity for wish in self.objectives] + [limit.quantity for limit in self.constraints] + self.watch
+        return tuple(dict.fromkeys(keys))
+
+    @property
+    def directions(self) -> list[Literal["minimize", "maximize"]]:
+        """Direction of every objective's score, as Optuna names it."""
+        return ["maximize" if objective.maximized else "minimize" for objective in self.objectives]
+
+    def scores(self, values: Mapping[str, float]) -> tuple[float, ...]:
+        """Score of every objective, from quantities by name."""
+        return tuple(objective.score(values[objective.quantity]) for objective in self.objectives)
+
+    def violations(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Every bound by how much it is broken, from quantities by name; see `Constraint.violations`."""
+        return {
+            key: excess
+            for constraint in self.constraints
+            for key, excess in constraint.violations(values[constraint.quantity]).items()
+        }
+
+    def searched(self) -> dict[str, Any]:
+        """All that decides which points are tried, as plain tables: without title, trials, polish and watch."""
+        whole = self.model_dump(mode="json", by_alias=True, exclude={"title", "watch"})
+        del whole["search"]["trials"], whole["search"]["polish"]
+        whole["search"]["sampler"] = self.sampler
+        return whole
+
+
+def load_goal(name_or_path: str | Path) -> Goal:
+    """Read a goal.
+
+    Parameters
+    ----------
+    name_or_path : str or Path
+        A TOML file, or the name of a bundled goal.
+
+    Returns
+    -------
+    Goal
+
+    Raises
+    ------
+    GoalError
+        An unreadable file, wrong TOML, an unknown key or a value that is not allowed, in one line.
+
+    Examples
+    --------
+    >>> load_goal("worst_k").objectives[0].wish
+    'minimize worst_k'
+    """
+    given = str(name_or_path)
+    path = Path(given)
+    if given in goals.names() and not path.is_file():
+        return parse_goal(goals.read(given), given)
+    try:
+        text = path.read_text(encoding="utf-8-sig")  # some editors put a byte order mark first
+    except (FileNotFoundError, IsADirectoryError):
+        raise GoalError(
+            f"there is no goal file {given[:_LONGEST_NAME]!r}, nor a bundled goal of that name "
+            f"({', '.join(goals.names())})."
+        ) from None
+    except UnicodeDecodeError:
+        raise GoalError(f"{given} is no text file in UTF-8.") from None
+    except OSError as error:
+        raise GoalError(f"cannot read {given[:_LONGEST_NAME]}: {error.strerror}.") from None
+    except ValueError as error:  # a name with a zero byte
+        raise GoalError(f"cannot read {given!r}: {error}.") from None
+    return parse_goal(text, given)
+
+
+def parse_goal(text: str, origin: str = "goal") -> Goal:
+    """Read a goal from the text of a TOML file; `origin` names it in messages. See `load_goal`."""
+    try:
+        document = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise GoalError(f"{origin}: not valid TOML: {error}.") from None
+    except RecursionError:
+        raise GoalError(f"{origin}: not valid TOML: nested too deeply.") from None
+    return check_goal(document, origin)
+
+
+def check_goal(document: Mapping[str, Any], origin: str = "goal") -> Goal:
+    """Read a goal from tables as TOML gives them. See `load_goal`."""
+    try:
+        return Goal.model_validate(document)
+    except ValidationError as error:
+        message = first_error(error, document).removeprefix("the design")
+        whole = "the goal" if message.startswith(" ") else ""  # a mistake of no single key
+        raise GoalError(f"{origin}: {whole}{message}") from None

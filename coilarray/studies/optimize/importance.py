@@ -1,0 +1,58 @@
+"""Which variables decide: PED-ANOVA over the points of a search.
+
+S. Watanabe, A. Bansal, F. Hutter, PED-ANOVA: Efficiently Quantifying Hyperparameter Importance in Arbitrary Subspaces,
+IJCAI 2023. For each variable, how differently it is distributed among the best tenth of the points than among all of
+them, by the Pearson divergence; the numbers of all variables add up to 1. A variable of no importance may still matter
+beside another one, or outside the region that was searched.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from coilarray.studies.optimize.goal import Goal
+from coilarray.studies.optimize.space import Axis, distributions_of
+from coilarray.studies.optimize.store import quiet
+from coilarray.studies.optimize.trials import Trial
+
+LEAST_POINTS = 30
+"""Feasible points of the search below which nothing is said: the best tenth would be two of them."""
+
+
+def importance(goal: Goal, axes: Sequence[Axis], trials: Sequence[Trial]) -> list[dict[str, float]]:
+    """Part that each variable has in reaching the best tenth.
+
+    Parameters
+    ----------
+    goal : Goal
+        As `load_goal` returns it.
+    axes : sequence of Axis
+        As `axes_of` returns them.
+    trials : sequence of Trial
+        Any; the feasible ones of the search count. Those of the local solver lie in one place, and would say little.
+
+    Returns
+    -------
+    list of dict
+        For each objective the parts by entry, the largest first; empty where there are fewer than `LEAST_POINTS`
+        feasible points, or all alike.
+    """
+    from optuna import create_study
+    from optuna.importance import PedAnovaImportanceEvaluator, get_param_importances
+    from optuna.trial import create_trial
+
+    points = [trial for trial in trials if trial.kind == "search" and trial.feasible]
+    if len(points) < LEAST_POINTS:
+        return [{} for _ in goal.objectives]
+    distributions = distributions_of(axes)
+    parts = []
+    for k, direction in enumerate(goal.directions):
+        with quiet():
+            study = create_study(direction=direction)
+        for point in points:
+            parameters = {axis.entry: axis.parameter(point.changes[axis.entry]) for axis in axes}
+            study.add_trial(create_trial(params=parameters, distributions=distributions, value=point.scores[k]))
+        found = get_param_importances(study, evaluator=PedAnovaImportanceEvaluator())
+        parts.append(found if all(math.isfinite(part) for part in found.values()) else {})
+    return parts

@@ -1,0 +1,164 @@
+"""Polish the best point of a search with a local solver: SciPy's COBYQA, which needs no derivatives.
+
+T. M. Ragonneau, Model-Based Derivative-Free Optimization Methods and Software, PhD thesis, Hong Kong Polytechnic
+University (2022): quadratic models in a trust region, bounds always kept, constraints by sequential quadratic
+programming. Variables are scaled to the unit box, scores by that of the first point; a distance to a target is squared,
+which makes it smooth. Whole numbers, steps and choices stay as they are.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from coilarray.studies.optimize.goal import Goal
+from coilarray.studies.optimize.search import Evaluate, frozen_trial, stored_trial
+from coilarray.studies.optimize.space import Axis
+from coilarray.studies.optimize.store import Store
+from coilarray.studies.optimize.trials import Trial, trial_of
+
+FloatArray = npt.NDArray[np.float64]
+
+_FIRST_RADIUS = 0.05  # of the unit box: the sampler has been everywhere else
+_LAST_RADIUS = 1e-7
+_WORSE = 10.0  # cost of a point that cannot be, in that of the first
+_INSIDE = 1e-7  # of a bound: the solver's own tolerance, so that what it takes for allowed is
+_MOST_EVALUATIONS = 1_000_000
+
+
+def polish_problem(goal: Goal, axes: Sequence[Axis], best: Trial | None) -> str:
+    """Return why there is nothing to polish, in one line; empty where there is."""
+    if len(goal.objectives) > 1:
+        return "a goal with several objectives has no single best point to polish."
+    if not goal.polish:
+        return "the goal asks for none."
+    if best is None:
+        return "no point of the search keeps all constraints."
+    if not any(axis.continuous for axis in axes):
+        return "no variable is continuous."
+    return ""
+
+
+def polish(
+    goal: Goal,
+    axes: Sequence[Axis],
+    best: Trial,
+    store: Store,
+    evaluate: Evaluate,
+    told: Callable[[Trial], None],
+) -> None:
+    """Improve a point; what the store has is not evaluated again, what it has not is added to it.
+
+    Parameters
+    ----------
+    goal : Goal
+        With one objective.
+    axes : sequence of Axis
+        As `axes_of` returns them, one of them continuous at least.
+    best : Trial
+        Where to begin.
+    store : Store
+        Takes every trial, at most as many as the goal says.
+    evaluate : callable
+        See `coilarray.studies.optimize.search.Evaluate`.
+    told : callable
+        Called with each trial as it is known.
+
+    Raises
+    ------
+    OutputError
+        The store cannot be written.
+    """
+    from scipy.optimize import Bounds, NonlinearConstraint, minimize
+
+    local = _Local(goal, axes, best, store, evaluate, told)
+    n = len(local.begin)
+    constraints = [NonlinearConstraint(local.violations, -np.inf, -_INSIDE)] if best.violations else []
+    with suppress(_EnoughError):
+        minimize(
+            local.cost,
+            local.begin,
+            method="COBYQA",
+            bounds=Bounds(np.zeros(n), np.ones(n)),
+            constraints=constraints,
+            options={
+                "maxfev": _MOST_EVALUATIONS,  # we count ourselves
+                "initial_tr_radius": _FIRST_RADIUS,
+                "final_tr_radius": _LAST_RADIUS,
+            },
+        )
+
+
+class _EnoughError(Exception):
+    """As many points are evaluated as the goal says."""
+
+
+class _Local:
+    """The point, cost and violations that the solver asks for, one trial for each point."""
+
+    def __init__(
+        self,
+        goal: Goal,
+        axes: Sequence[Axis],
+        best: Trial,
+        store: Store,
+        evaluate: Evaluate,
+        told: Callable[[Trial], None],
+    ) -> None:
+        self._goal, self._axes, self._best = goal, axes, best
+        self._store, self._evaluate, self._told = store, evaluate, told
+        self._free = [axis for axis in axes if axis.continuous]
+        self.begin = np.array([axis.part(best.changes[axis.entry]) for axis in self._free])
+        self._tried = 0
+        self._seen: dict[bytes, Trial] = {self.begin.tobytes(): best} if goal.search.accuracy == "full" else {}
+        stored = [stored_trial(goal, axes, frozen) for frozen in store.trials()]
+        self._stored = {_text(trial.changes): trial for trial in stored if trial.kind == "polish"}
+        self._objective = goal.objectives[0]
+        self._unit = abs(best.scores[0]) or 1.0
+
+    def cost(self, point: FloatArray) -> float:
+        """Return what the solver makes small; 1 or −1 at the first point."""
+        trial = self._at(point)
+        if trial.reason:
+            return _WORSE
+        score = trial.scores[0] / self._unit
+        if self._objective.target is not None:
+            return score * score
+        return -score if self._objective.maximized else score
+
+    def violations(self, point: FloatArray) -> FloatArray:
+        """Return by how much each bound is broken; a point that cannot be breaks them all."""
+        trial = self._at(point)
+        return np.array([trial.violations.get(key, 1.0) for key in self._best.violations])
+
+    def _at(self, point: FloatArray) -> Trial:
+        """Return the trial at a point of the unit box, whose cost and violations are asked for one after the other."""
+        key = point.tobytes()
+        if key not in self._seen:
+            self._seen[key] = self._try(point)
+        return self._seen[key]
+
+    def _try(self, point: FloatArray) -> Trial:
+        if self._tried >= self._goal.polish:
+            raise _EnoughError
+        changes = dict(self._best.changes)
+        changes |= {axis.entry: axis.at(part) for axis, part in zip(self._free, point.tolist(), strict=True)}
+        trial = self._stored.get(_text(changes))
+        if trial is None:
+            ((_, outcome),) = self._evaluate([changes], "full")
+            trial = trial_of(self._goal, "polish", len(self._stored), changes, outcome)
+            parameters = {axis.entry: axis.parameter(changes[axis.entry]) for axis in self._axes}
+            self._store.add(frozen_trial(self._axes, parameters, trial))
+            self._stored[_text(changes)] = trial
+        self._tried += 1
+        self._told(trial)
+        return trial
+
+
+def _text(changes: Mapping[str, Any]) -> str:
+    return json.dumps(changes)

@@ -1,0 +1,236 @@
+"""Optimise a design: the start, the search, the local solver, and what came of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from coilarray.compute.workers import Pool
+from coilarray.design.model import Design
+from coilarray.design.vary import vary
+from coilarray.electromagnetics.inductance import Accuracy
+from coilarray.errors import CoilarrayError, GoalError
+from coilarray.studies import quantities
+from coilarray.studies.cache import PointCache
+from coilarray.studies.evaluate import evaluate_points
+from coilarray.studies.optimize.goal import Goal
+from coilarray.studies.optimize.polish import polish, polish_problem
+from coilarray.studies.optimize.search import Evaluate, Outcome, search, stored_trial
+from coilarray.studies.optimize.space import Axis, axes_of, start_parameters
+from coilarray.studies.optimize.store import Store, open_store
+from coilarray.studies.optimize.trials import Trial, best_of, front_of, trial_of
+
+Told: TypeAlias = Callable[[int, int, Trial | None], None]
+"""Takes how many points are known, how many there will be at most, and the best for a goal with one objective."""
+
+
+@dataclass(frozen=True, eq=False)
+class Optimization:
+    """What a search found.
+
+    Parameters
+    ----------
+    design : Design
+        As it was.
+    goal : Goal
+        What was wanted. Where an earlier run tried more points, as many trials as it had.
+    axes : tuple of Axis
+        The variables, as `axes_of` returns them.
+    start : Trial
+        The design as it was.
+    start_inside : bool
+        True where that lies within the bounds of the variables, and is a point of the search too.
+    trials : tuple of Trial
+        Of the search, then of the local solver, each in its order; those of earlier runs too.
+    front : tuple of Trial
+        The Pareto front in the order of the first objective, see `front_of`; with one objective the best trial alone.
+        Empty where no trial keeps all bounds.
+    found : int
+        How many of the trials an earlier run had left.
+    polish_problem : str
+        Why there was nothing for the local solver to do; empty where there was.
+    """
+
+    design: Design
+    goal: Goal
+    axes: tuple[Axis, ...]
+    start: Trial
+    start_inside: bool
+    trials: tuple[Trial, ...]
+    front: tuple[Trial, ...]
+    found: int
+    polish_problem: str
+
+    @property
+    def best(self) -> Trial | None:
+        """The best trial of a goal with one objective; None where no trial keeps all bounds, or with several."""
+        return self.front[0] if len(self.goal.objectives) == 1 and self.front else None
+
+    def values(self, trial: Trial) -> Mapping[str, Any]:
+        """Return the variables' values of a trial by entry; None where the start has none."""
+        return {axis.entry: axis.start for axis in self.axes} if trial.kind == "start" else trial.changes
+
+    def designs(self) -> tuple[Design, ...]:
+        """Return the designs of the front, in its order."""
+        return tuple(vary(self.design, trial.changes) for trial in self.front)
+
+
+def optimize_design(
+    design: Design,
+    goal: Goal,
+    folder: str | Path,
+    pool: Pool,
+    cache: PointCache | None = None,
+    told: Told | None = None,
+) -> Optimization:
+    """Search for better designs; a run that was killed is taken up where it was.
+
+    Parameters
+    ----------
+    design : Design
+        Where to start from; its entries that are no variables stay as they are.
+    goal : Goal
+        As `load_goal` returns it.
+    folder : str or Path
+        Keeps the study, ``study.db``.
+    pool : Pool
+        From `coilarray.compute.workers.workers`. The points do not depend on it.
+    cache : PointCache, optional
+        From `coilarray.studies.cache.open_cache`.
+    told : callable, optional
+        See `Told`.
+
+    Returns
+    -------
+    Optimization
+
+    Raises
+    ------
+    GoalError
+        A variable that does not fit the design, see `axes_of`; a quantity that the design as it is has not, say of a
+        coil that is not there.
+    OutputError
+        As `open_store`.
+    MissingDependencyError
+        No Optuna.
+    """
+    require_coils(design, goal)
+
+    def evaluate(changes: Sequence[Mapping[str, Any]], accuracy: Accuracy) -> Iterator[tuple[int, Outcome]]:
+        points = evaluate_points(design, changes, goal.quantities, pool, cache, accuracy=accuracy)
+        for index, outcome in points:
+            if isinstance(outcome, str) and not changes[index]:
+                _require_quantities(design, goal)
+            yield index, outcome
+
+    return optimize_with(design, goal, folder, evaluate, told)
+
+
+def optimize_with(
+    design: Design, goal: Goal, folder: str | Path, evaluate: Evaluate, told: Told | None = None
+) -> Optimization:
+    """Search as `optimize_design` does, with quantities from anywhere.
+
+    Parameters
+    ----------
+    design, goal, folder, told
+        As in `optimize_design`.
+    evaluate : callable
+        See `coilarray.studies.optimize.search.Evaluate`.
+
+    Returns
+    -------
+    Optimization
+
+    Raises
+    ------
+    GoalError, OutputError, MissingDependencyError
+        As `optimize_design`.
+    """
+    axes = axes_of(goal, design)
+    inside = start_parameters(axes) is not None
+    with open_store(Path(folder), design, goal) as store:
+        found = len(store.trials())
+        goal = _with_known(goal, store)
+        ((_, outcome),) = evaluate([{}], "full")
+        start = trial_of(goal, "start", 0, {}, outcome)
+        count = _Count(goal, told)
+        tried = search(goal, axes, outcome, store, evaluate, count)
+        single = len(goal.objectives) == 1
+        best = best_of(tried, goal) if single else None
+        problem = polish_problem(goal, axes, best)
+        if not problem and best is not None:
+            polish(goal, axes, best, store, evaluate, count)
+        tried = _confirmed(goal, tried + _polished(goal, axes, store), evaluate)
+    return Optimization(design, goal, axes, start, inside, tuple(tried), front_of(tried, goal), found, problem)
+
+
+def require_coils(design: Design, goal: Goal) -> None:
+    """Refuse a goal that names a coil which the design has not, before anything is computed: GoalError."""
+    evaluation = quantities.Evaluation(design)
+    for key in goal.quantities:
+        options = quantities.request(key).options
+        for given in (options[name] for name in ("coil", "coils") if name in options):
+            for coil in given if isinstance(given, tuple) else (given,):
+                evaluation.coil(str(coil))
+
+
+def _with_known(goal: Goal, store: Store) -> Goal:
+    """Return the goal with as many trials as the store has at least: no point that is known is left out."""
+    points = [trial.user_attrs["point"] for trial in store.trials()]
+    known = max((point["place"] + 1 for point in points if point["kind"] == "search"), default=0)
+    if known <= goal.search.trials:
+        return goal
+    return goal.model_copy(update={"search": goal.search.model_copy(update={"trials": known})})
+
+
+def _polished(goal: Goal, axes: Sequence[Axis], store: Store) -> list[Trial]:
+    """Return every point of the local solver, those from where an earlier run began too."""
+    stored = [stored_trial(goal, axes, frozen) for frozen in store.trials()]
+    return sorted((trial for trial in stored if trial.kind == "polish"), key=lambda trial: trial.place)
+
+
+def _confirmed(goal: Goal, trials: Sequence[Trial], evaluate: Evaluate) -> list[Trial]:
+    """Compute the front in full where it is not: screened points, and those that lack what is watched only now."""
+    known = {trial.name: trial for trial in trials}
+    full = {
+        trial.name
+        for trial in trials
+        if trial.accuracy == "full" and all(key in trial.quantities for key in goal.quantities)
+    }
+    while waiting := [trial for trial in front_of(list(known.values()), goal) if trial.name not in full]:
+        for index, outcome in evaluate([trial.changes for trial in waiting], "full"):
+            old = waiting[index]
+            known[old.name] = trial_of(goal, old.kind, old.place, old.changes, outcome)
+            full.add(old.name)
+    return list(known.values())
+
+
+def _require_quantities(design: Design, goal: Goal) -> None:
+    """Refuse a goal that speaks of what the start has not: a coil, an indentation; other reasons may go away."""
+    try:
+        quantities.evaluate(design, goal.quantities)
+    except GoalError:
+        raise
+    except CoilarrayError:
+        return
+
+
+class _Count:
+    """Counts the points for a progress bar, and keeps the best."""
+
+    def __init__(self, goal: Goal, told: Told | None) -> None:
+        self._goal, self._told = goal, told
+        self._total = goal.search.trials + (goal.polish if len(goal.objectives) == 1 else 0)
+        self._done = 0
+        self._best: Trial | None = None
+
+    def __call__(self, trial: Trial) -> None:
+        self._done += 1
+        if len(self._goal.objectives) == 1:
+            known = [trial] if self._best is None else [self._best, trial]
+            self._best = best_of(known, self._goal)
+        if self._told is not None:
+            self._told(self._done, self._total, self._best)

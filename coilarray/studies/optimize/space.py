@@ -1,0 +1,219 @@
+"""The variables of a goal as coordinates: entries of a design, parameters of Optuna, and the unit box.
+
+A parameter is named by its entry. That of a choice is the choice as JSON text, which Optuna can store whatever it is;
+that of a number with steps counts the steps.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from pydantic import ValidationError
+
+from coilarray.design.model import Design
+from coilarray.design.tables import Document, first_error
+from coilarray.design.vary import vary_document
+from coilarray.errors import DesignError, GoalError
+from coilarray.studies.optimize.goal import Goal, Variable
+
+if TYPE_CHECKING:
+    from optuna.distributions import BaseDistribution
+
+_DIGITS = 15
+_ON_GRID = 1e-9  # of a step: how near to a step a value must be to stand on it
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One variable with what the design says of it.
+
+    Parameters
+    ----------
+    entry : str
+        Dotted key.
+    choices : tuple of str
+        As JSON texts; empty for a number.
+    low, high : float
+        Bounds of a number, in the unit of the entry.
+    step : float or None
+        Between the values that it may take; None for any.
+    log : bool
+        Searched over its logarithm.
+    whole : bool
+        Takes whole numbers alone.
+    start : object
+        Value in the design; None where it has none.
+    """
+
+    entry: str
+    choices: tuple[str, ...] = ()
+    low: float = 0.0
+    high: float = 1.0
+    step: float | None = None
+    log: bool = False
+    whole: bool = False
+    start: Any = None
+
+    @property
+    def continuous(self) -> bool:
+        """True for a number that may take any value between its bounds."""
+        return not self.choices and not self.whole and self.step is None
+
+    @property
+    def _count(self) -> int:
+        """Values that a variable with steps may take."""
+        return round((self.high - self.low) / (self.step or 1.0)) + 1
+
+    def distribution(self) -> BaseDistribution:
+        """Return the variable as Optuna has it."""
+        from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
+
+        if self.choices:
+            return CategoricalDistribution(self.choices)
+        if self.whole:
+            return IntDistribution(int(self.low), int(self.high), self.log, int(self.step or 1))
+        if self.step is not None:
+            return IntDistribution(0, self._count - 1)
+        return FloatDistribution(self.low, self.high, self.log)
+
+    def parameter(self, value: Any) -> Any:
+        """Return a value of the entry as a parameter; None for one that the variable cannot take."""
+        if self.choices:
+            return next((text for text in self.choices if json.loads(text) == value), None)
+        if not isinstance(value, int | float) or isinstance(value, bool) or not self.low <= value <= self.high:
+            return None
+        if self.step is not None:
+            steps = (value - self.low) / self.step
+            if abs(steps - round(steps)) > _ON_GRID:
+                return None
+            return int(value) if self.whole else round(steps)
+        if self.whole:
+            return int(value) if float(value).is_integer() else None
+        return float(value)
+
+    def value(self, parameter: Any) -> Any:
+        """Return what the entry says for a parameter."""
+        if self.choices:
+            return json.loads(parameter)
+        if self.step is not None and not self.whole:
+            number = float(f"{self.low + parameter * self.step:.{_DIGITS}g}")  # 11.3, not 11.299999999999999
+            return min(max(number, self.low), self.high)
+        return parameter
+
+    def at(self, part: float) -> Any:
+        """Return the parameter at a part, 0 to 1, of the way from the first to the last value."""
+        part = min(max(part, 0.0), 1.0)
+        if self.choices:
+            return self.choices[min(int(part * len(self.choices)), len(self.choices) - 1)]
+        if self.step is not None or self.whole:
+            place = min(int(part * self._count), self._count - 1)
+            return int(self.low + place * (self.step or 1.0)) if self.whole else place
+        if self.log:
+            return min(max(self.low * (self.high / self.low) ** part, self.low), self.high)
+        return self.low + part * (self.high - self.low)
+
+    def part(self, parameter: float) -> float:
+        """Return the inverse of `at` for a continuous variable."""
+        if self.log:
+            return math.log(parameter / self.low) / math.log(self.high / self.low)
+        return (parameter - self.low) / (self.high - self.low)
+
+
+def axes_of(goal: Goal, design: Design) -> tuple[Axis, ...]:
+    """Check the variables of a goal against a design.
+
+    Parameters
+    ----------
+    goal : Goal
+        As `load_goal` returns it.
+    design : Design
+        Whose entries they are.
+
+    Returns
+    -------
+    tuple of Axis
+
+    Raises
+    ------
+    GoalError
+        An entry that there is not, a bound or choice that the design file could not say: which variable, what is
+        allowed, what was given. Whether a geometry is possible is only seen in the search.
+    """
+    return tuple(_axis(variable, f"variable.{k}", design) for k, variable in enumerate(goal.variables))
+
+
+def distributions_of(axes: Sequence[Axis]) -> dict[str, BaseDistribution]:
+    """Return every variable as Optuna has it, by its entry."""
+    return {axis.entry: axis.distribution() for axis in axes}
+
+
+def changes_of(axes: Sequence[Axis], parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the entries that parameters stand for."""
+    return {axis.entry: axis.value(parameters[axis.entry]) for axis in axes}
+
+
+def start_parameters(axes: Sequence[Axis]) -> dict[str, Any] | None:
+    """Return the design as it is in parameters; None where it lies outside the bounds or choices."""
+    parameters = {axis.entry: axis.parameter(axis.start) for axis in axes}
+    return None if None in parameters.values() else parameters
+
+
+def _axis(variable: Variable, key: str, design: Design) -> Axis:
+    start = _value_of(design, variable.entry)
+    if variable.choices is not None:
+        for choice in variable.choices:
+            _check(design, variable.entry, choice, f"{key}.choices")
+        return Axis(variable.entry, tuple(json.dumps(choice) for choice in variable.choices), start=start)
+    low, high = variable.low, variable.high
+    assert low is not None  # the table has seen to it
+    assert high is not None
+    _check(design, variable.entry, low, f"{key}.low")
+    _check(design, variable.entry, high, f"{key}.high")
+    whole = isinstance(start, int) and not isinstance(start, bool)
+    if start is None:  # the entry's type shows by what it refuses
+        whole = low.is_integer() and high.is_integer() and not _allowed(design, variable.entry, _fraction(low, high))
+    step = variable.step
+    if whole:
+        for name, number in (("low", low), ("high", high), ("step", step or 1.0)):
+            if not number.is_integer():
+                raise GoalError(f"{key}.{name} must be a whole number, as {variable.entry} is; got {number:g}.")
+    return Axis(variable.entry, (), low, high, step, variable.log, whole, start)
+
+
+def _value_of(design: Design, entry: str) -> Any:
+    """Value of an entry, of one place of a list too; None where the design says nothing."""
+    if entry in design.values:
+        return design.values[entry]
+    whole, _, place = entry.rpartition(".")
+    values = design.values.get(whole)
+    if isinstance(values, list) and place.isdecimal() and int(place) < len(values):
+        return values[int(place)]
+    return None
+
+
+def _check(design: Design, entry: str, value: Any, key: str) -> None:
+    """Refuse what a design file could not say at this entry."""
+    try:
+        document = vary_document(design.document, {entry: value})
+        Document.model_validate(document)
+    except DesignError as error:
+        raise GoalError(f"{key}: {error}") from None
+    except ValidationError as error:
+        raise GoalError(f"{key}: {first_error(error, document)}") from None
+
+
+def _allowed(design: Design, entry: str, value: Any) -> bool:
+    try:
+        _check(design, entry, value, entry)
+    except GoalError:
+        return False
+    return True
+
+
+def _fraction(low: float, high: float) -> float:
+    """Return a number between two whole ones that is not whole."""
+    return low + 0.5 * min(1.0, high - low)

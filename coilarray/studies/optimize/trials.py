@@ -1,0 +1,114 @@
+"""One evaluated point of a search, and which of several are best."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from coilarray.electromagnetics.inductance import Accuracy
+from coilarray.studies.optimize.goal import Goal
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A point that was tried.
+
+    Parameters
+    ----------
+    kind : {"start", "search", "polish"}
+        The design as it is where that is not within the bounds, a point of the sampler, or one of the local solver.
+    place : int
+        Counts the points of a kind from 0.
+    changes : mapping of str to object
+        Entries of the design, in the units of their keys; none for the start.
+    quantities : mapping of str to float
+        By name, in the unit of the name; empty where the point cannot be.
+    scores : tuple of float
+        One for each objective, as `Goal.scores`; empty where the point cannot be.
+    violations : mapping of str to float
+        As `Goal.violations`.
+    reason : str
+        Why the point cannot be, in one line; empty where it can.
+    accuracy : {"full", "screen"}
+        Of its inductances: `coilarray.electromagnetics.inductance.Accuracy`.
+    """
+
+    kind: Literal["start", "search", "polish"]
+    place: int
+    changes: Mapping[str, Any]
+    quantities: Mapping[str, float]
+    scores: tuple[float, ...]
+    violations: Mapping[str, float]
+    reason: str = ""
+    accuracy: Accuracy = "full"
+
+    @property
+    def feasible(self) -> bool:
+        """True where the point can be and keeps every bound."""
+        return not self.reason and all(violation <= 0 for violation in self.violations.values())
+
+    @property
+    def name(self) -> str:
+        """Kind and place, as in "search 12"."""
+        return self.kind if self.kind == "start" else f"{self.kind} {self.place}"
+
+
+def trial_of(
+    goal: Goal,
+    kind: Literal["start", "search", "polish"],
+    place: int,
+    changes: Mapping[str, Any],
+    outcome: Mapping[str, float] | str,
+    accuracy: Accuracy = "full",
+) -> Trial:
+    """Judge a point by a goal.
+
+    Parameters
+    ----------
+    goal : Goal
+        As `load_goal` returns it.
+    kind, place, changes
+        As in `Trial`.
+    outcome : mapping of str to float, or str
+        Every quantity of the goal, but for those that are watched alone; or the reason why there is none.
+    accuracy
+        As in `Trial`.
+    """
+    if isinstance(outcome, str):
+        return Trial(kind, place, changes, {}, (), {}, outcome, accuracy)
+    values = {key: float(outcome[key]) for key in goal.quantities if key in outcome}
+    return Trial(kind, place, changes, values, goal.scores(values), goal.violations(values), accuracy=accuracy)
+
+
+def best_of(trials: Sequence[Trial], goal: Goal) -> Trial | None:
+    """Return the feasible trial with the best score of a goal with one objective, the first of equals."""
+    sign = -1 if goal.objectives[0].maximized else 1
+    return min((trial for trial in trials if trial.feasible), key=lambda trial: sign * trial.scores[0], default=None)
+
+
+def front_of(trials: Sequence[Trial], goal: Goal) -> tuple[Trial, ...]:
+    """Return the Pareto front: feasible trials that no other one beats, in the order of the first objective.
+
+    Parameters
+    ----------
+    trials : sequence of Trial
+        Any number.
+    goal : Goal
+        Says which scores are to be large.
+
+    Returns
+    -------
+    tuple of Trial
+        One alone of several with equal scores.
+    """
+    signs = [-1 if objective.maximized else 1 for objective in goal.objectives]
+    costs = {
+        k: [s * score for s, score in zip(signs, t.scores, strict=True)] for k, t in enumerate(trials) if t.feasible
+    }
+    front: list[int] = []
+    # sorted by all costs, a point is beaten by none that comes after it
+    for k in sorted(costs, key=lambda k: costs[k]):
+        if not any(all(a <= b for a, b in zip(costs[other], costs[k], strict=True)) for other in front):
+            front.append(k)
+    return tuple(trials[k] for k in front)

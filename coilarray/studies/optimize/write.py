@@ -1,0 +1,175 @@
+"""The files of an optimisation: every trial as CSV, everything as JSON, the chosen designs as design files."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+
+from coilarray.circuit.coupling import provenance
+from coilarray.compute.files import make_folder, write_text
+from coilarray.design.model import Design
+from coilarray.design.vary import vary_document
+from coilarray.studies.optimize.importance import importance
+from coilarray.studies.optimize.run import Optimization
+from coilarray.studies.optimize.trials import Trial
+
+_DESIGN_NAME = re.compile(r"best\.toml|pareto_\d{2,}\.toml")
+
+
+def write_optimization(result: Optimization, folder: str | Path) -> tuple[Path, ...]:
+    """Write all files but the report.
+
+    Parameters
+    ----------
+    result : Optimization
+        As `coilarray.studies.optimize.optimize_design` returns it.
+    folder : str or Path
+        Made where it does not exist. Designs that its ``result.json`` says an earlier search left are removed.
+
+    Returns
+    -------
+    tuple of Path
+        ``trials.csv``, ``result.json`` and the designs: ``best.toml``, or ``pareto_01.toml`` and so on in the order
+        of the first objective.
+
+    Raises
+    ------
+    OutputError
+        A file cannot be written; none is left half-written.
+    """
+    folder = Path(folder)
+    make_folder(folder)
+    names = design_names(result)
+    texts = {
+        "trials.csv": trials_csv(result),
+        "result.json": json.dumps(result_data(result), indent=1, allow_nan=False) + "\n",
+        **{
+            name: design_text(result.design, trial, Path(name).stem)
+            for name, trial in zip(names, result.front, strict=True)
+        },
+    }
+    for old in _written_before(folder) - set(texts):
+        (folder / old).unlink(missing_ok=True)
+    for name, text in texts.items():
+        write_text(folder / name, text)
+    return tuple(folder / name for name in texts)
+
+
+def _written_before(folder: Path) -> set[str]:
+    """Return the names of the designs that an earlier search wrote, as its ``result.json`` lists them."""
+    try:
+        files = [design["file"] for design in json.loads((folder / "result.json").read_text(encoding="utf-8"))["front"]]
+    except (OSError, ValueError, TypeError, KeyError, RecursionError):  # none, or none of ours
+        return set()
+    return {name for name in files if isinstance(name, str) and _DESIGN_NAME.fullmatch(name)}
+
+
+def design_names(result: Optimization) -> tuple[str, ...]:
+    """Names of the design files, in the order of the front."""
+    if len(result.goal.objectives) == 1:
+        return ("best.toml",) * len(result.front)
+    return tuple(f"pareto_{k + 1:02d}.toml" for k in range(len(result.front)))
+
+
+def design_text(design: Design, trial: Trial, label: str) -> str:
+    """Return the design file of a trial.
+
+    Parameters
+    ----------
+    design : Design
+        That was varied.
+    trial : Trial
+        Says what changed.
+    label : str
+        Added to the name of the design.
+
+    Returns
+    -------
+    str
+        TOML that `coilarray.load_design` reads. What was chosen is no longer assumed.
+    """
+    document = vary_document(design.document, trial.changes)
+    document["name"] = f"{design.name}-{label}"
+    document["title"] = f"{design.title} – {label}"
+    assumed = {
+        key: reason
+        for key, reason in document.get("assumed", {}).items()
+        if not any(entry == key or entry.startswith(f"{key}.") for entry in trial.changes)
+    }
+    document["assumed"] = assumed
+    if not assumed:
+        del document["assumed"]
+    found = ", ".join(f"{key} = {value:.6g}" for key, value in trial.quantities.items())
+    return f"# {design.name} as changed by coilarray optimize ({trial.name}): {found}\n\n{tomli_w.dumps(document)}"
+
+
+def trials_csv(result: Optimization) -> str:
+    """Return every trial as CSV: the start first, entries and quantities in the units of their names."""
+    entries = [variable.entry for variable in result.goal.variables]
+    quantities = result.goal.quantities
+    best = {(trial.kind, trial.place) for trial in result.front}
+    buffer = io.StringIO()
+    writer = csv.writer(buffer, lineterminator="\n")
+    writer.writerow(["kind", "place", "accuracy", "feasible", "front", *entries, *quantities, "reason"])
+    for trial in (result.start, *result.trials):
+        values = result.values(trial)
+        writer.writerow(
+            [
+                trial.kind,
+                trial.place,
+                trial.accuracy,
+                trial.feasible,
+                (trial.kind, trial.place) in best,
+                *(_cell(values[entry]) for entry in entries),
+                *(trial.quantities.get(key, "") for key in quantities),
+                trial.reason,
+            ]
+        )
+    return buffer.getvalue()
+
+
+def result_data(result: Optimization) -> dict[str, Any]:
+    """Return what `write_optimization` writes as JSON."""
+    goal = result.goal
+    return {
+        "schema": 1,
+        "provenance": provenance(result.design),
+        "goal": goal.model_dump(mode="json", by_alias=True, exclude_none=True),
+        "sampler": goal.sampler,
+        "trials": len(result.trials),
+        "found": result.found,
+        "polish_problem": result.polish_problem,
+        "start_inside": result.start_inside,
+        "start": _record(result.start, result.values(result.start)),
+        "front": [
+            {"file": name, **_record(trial, trial.changes)}
+            for name, trial in zip(design_names(result), result.front, strict=True)
+        ],
+        "importance": [
+            {"objective": objective.wish, "parts": parts}
+            for objective, parts in zip(goal.objectives, importance(goal, result.axes, result.trials), strict=True)
+        ],
+    }
+
+
+def _record(trial: Trial, values: Mapping[str, Any]) -> dict[str, Any]:
+    return {
+        "trial": trial.name,
+        "accuracy": trial.accuracy,
+        "feasible": trial.feasible,
+        "entries": dict(values),
+        "quantities": dict(trial.quantities),
+        "violations": dict(trial.violations),
+        "reason": trial.reason,
+    }
+
+
+def _cell(value: Any) -> Any:
+    return json.dumps(value) if isinstance(value, list) else value

@@ -1,0 +1,9 @@
+"""Quantities of a design by name: what goals, sweeps and tolerances speak of."""
+
+from __future__ import annotations
+
+from coilarray.studies.quantities.catalogue import QUANTITIES, canonical, evaluate, request
+from coilarray.studies.quantities.evaluation import Evaluation
+from coilarray.studies.quantities.quantity import Option, Quantity, Request
+
+__all__ = ["QUANTITIES", "Evaluation", "Option", "Quantity", "Request", "canonical", "evaluate", "request"]

@@ -1,0 +1,144 @@
+"""All quantities by name, and their values for a design."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Iterable, Mapping
+from types import MappingProxyType
+from typing import Any
+
+from coilarray.design.model import Design
+from coilarray.electromagnetics.inductance import Accuracy
+from coilarray.errors import GoalError
+from coilarray.studies.quantities.couplings import COUPLINGS
+from coilarray.studies.quantities.evaluation import Evaluation
+from coilarray.studies.quantities.layout import LAYOUT
+from coilarray.studies.quantities.positions import POSITIONS
+from coilarray.studies.quantities.quantity import Quantity, Request
+from coilarray.studies.quantities.resonators import RESONATORS
+from coilarray.studies.quantities.responses import RESPONSES
+
+QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
+    {quantity.name: quantity for quantity in (*LAYOUT, *COUPLINGS, *RESONATORS, *RESPONSES, *POSITIONS)}
+)
+"""Every quantity by its name, the cheap ones first."""
+
+_TEXT = re.compile(r"([^\[\]]*)(?:\[([^\[\]]*)\])?")
+
+
+def request(asked: str | Mapping[str, Any]) -> Request:
+    """Read what is asked for.
+
+    Parameters
+    ----------
+    asked : str or mapping
+        A text like ``rms_k``, ``k[coil1,coil2]``, ``position_error_mm[region_mm=-20:20:-5:5,depth_mm=1]``, or a table
+        like ``{"quantity": "k", "coils": ["coil1", "coil2"]}``.
+
+    Returns
+    -------
+    Request
+        Its `key` is the canonical text, which reads back to the same request.
+
+    Raises
+    ------
+    GoalError
+        An unknown quantity or option, a value that is not allowed, or an option that is missing. Whether a design has
+        the coils that are named shows when it is evaluated.
+
+    Examples
+    --------
+    >>> request({"quantity": "k", "coils": ["coil1", "coil2"]}).key
+    'k[coil1,coil2]'
+    >>> request("position_error_mm[noise=0.00001,depth_mm=1.0]").key
+    'position_error_mm[depth_mm=1,noise=1e-05]'
+    """
+    if isinstance(asked, Mapping):
+        options = dict(asked)
+        name = options.pop("quantity", None)
+        return _quantity(name).asked(options)
+    if not isinstance(asked, str) or (found := _TEXT.fullmatch(asked.strip())) is None:
+        raise GoalError(f"a quantity must be a name, with options in brackets as k[coil1,coil2]; got {asked!r}.")
+    quantity = _quantity(found[1].strip())
+    return quantity.asked({} if found[2] is None else _options(quantity, found[2]))
+
+
+def canonical(asked: str | Mapping[str, Any]) -> str:
+    """Return the canonical text of what is asked for, under which `evaluate` returns it; GoalError as `request`.
+
+    Examples
+    --------
+    >>> canonical("k[ coil1, coil2 ]")
+    'k[coil1,coil2]'
+    """
+    return request(asked).key
+
+
+def evaluate(
+    design: Design, asked: Iterable[str | Mapping[str, Any]], *, accuracy: Accuracy = "full"
+) -> dict[str, float]:
+    """Compute quantities of a design.
+
+    Parameters
+    ----------
+    design : Design
+        As `coilarray.load_design` returns it.
+    asked : iterable of str or mapping
+        As `request` reads them. What they need in common is computed once.
+    accuracy : {"full", "screen"}
+        Of the inductances: `coilarray.electromagnetics.inductance.Accuracy`.
+
+    Returns
+    -------
+    dict of str to float
+        By the keys of the requests, in their order; always finite.
+
+    Raises
+    ------
+    GoalError
+        What `request` refuses, before anything is computed; a coil that the design does not have; a quantity that it
+        does not have, for example a response without an indenter.
+    CoilarrayError
+        What keeps the physics from being solved, for example a state without a resonance.
+
+    Examples
+    --------
+    >>> from coilarray import load_design
+    >>> found = evaluate(load_design("gast2020"), ["worst_k", "k[coil1,coil3]", "span_mm"])
+    >>> {key: round(value, 3) for key, value in found.items()}
+    {'worst_k': 0.051, 'k[coil1,coil3]': -0.015, 'span_mm': 86.319}
+    """
+    requests = [request(one) for one in asked]
+    evaluation = Evaluation(design, accuracy)
+    return {one.key: one.value(evaluation) for one in requests}
+
+
+def _quantity(name: object) -> Quantity:
+    if isinstance(name, str) and name in QUANTITIES:
+        return QUANTITIES[name]
+    if not name:
+        raise GoalError(f"the name of a quantity is missing; there are {', '.join(QUANTITIES)}.")
+    close = difflib.get_close_matches(str(name), list(QUANTITIES), n=1)
+    hint = f" did you mean {close[0]}?" if close else ""
+    raise GoalError(f"there is no quantity {name!r};{hint} There are {', '.join(QUANTITIES)}.")
+
+
+def _options(quantity: Quantity, text: str) -> dict[str, Any]:
+    """Split the text in the brackets; parts without a name are the value of the bare option."""
+    options: dict[str, Any] = {}
+    nameless: list[str] = []
+    for part in (part.strip() for part in text.split(",")):
+        name, equals, value = (piece.strip() for piece in part.partition("="))
+        if not equals:
+            nameless.append(part)
+        elif name in options:
+            raise GoalError(f"{quantity.name}: {name} must be given once; got {text!r}.")
+        else:
+            options[name] = value
+    bare = [option.name for option in quantity.options if option.bare]
+    if nameless:
+        if not bare or bare[0] in options:
+            raise GoalError(f"{quantity.name}: options must be given as name=value; got {nameless[0]!r}.")
+        options[bare[0]] = nameless if len(nameless) > 1 else nameless[0]
+    return options

@@ -1,0 +1,142 @@
+"""What the quantities of one design share, computed once and only where one of them asks for it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from coilarray.circuit.coupling import design_inductance
+from coilarray.circuit.impedance import design_network, scan_states
+from coilarray.design.model import Design, Indentation
+from coilarray.electromagnetics.inductance import Accuracy, coupling_matrix
+from coilarray.errors import GoalError
+from coilarray.geometry import Margin, check_rules
+from coilarray.response.map import response_map
+
+FloatArray = npt.NDArray[np.float64]
+Rectangle = tuple[float, float, float, float]
+
+_CONTACT_ENDS = 4.0  # depths above the tip of an indenter, beyond which it never touches (coilarray.elastomer.contact)
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """The intermediate results of a design.
+
+    Parameters
+    ----------
+    design : Design
+        As `coilarray.load_design` returns it.
+    accuracy : {"full", "screen"}
+        Of the inductances: `coilarray.electromagnetics.inductance.Accuracy`.
+    """
+
+    design: Design
+    accuracy: Accuracy = "full"
+    _maps: dict[tuple[tuple[float, ...], ...], xr.Dataset] = field(default_factory=dict, init=False, repr=False)
+
+    @cached_property
+    def margins(self) -> tuple[Margin, ...]:
+        """Of the fabrication rules, as `coilarray.geometry.check_rules` returns them."""
+        return check_rules(self.design.array, self.design.rules)
+
+    @cached_property
+    def inductance(self) -> FloatArray:
+        """Inductance matrix in H under the flat sheets, shape (coils, coils)."""
+        return design_inductance(self.design, accuracy=self.accuracy)[0]
+
+    @cached_property
+    def coupling(self) -> FloatArray:
+        """Coupling coefficients, shape (coils, coils)."""
+        return coupling_matrix(self.inductance)
+
+    @cached_property
+    def scan(self) -> xr.Dataset:
+        """Every state of the scan where the converter oscillates: `coilarray.circuit.impedance.scan_states`."""
+        return scan_states(design_network(self.design, lambda: self.inductance))
+
+    @cached_property
+    def own_states(self) -> dict[str, int]:
+        """Index of the first state of the scan that measures a coil alone, of those coils that have one."""
+        states: dict[str, int] = {}
+        for k, state in enumerate(self.design.circuit.plan):
+            if len(state.measured) == 1:
+                states.setdefault(state.measured[0][0], k)
+        return states
+
+    @property
+    def indentation(self) -> Indentation:
+        """How the design is pressed; GoalError where it says nothing of it."""
+        if self.design.indentation is None:
+            raise GoalError(f"the design {self.design.name} has no [indenter] and [indentation].")
+        return self.design.indentation
+
+    def depth(self, given_mm: float | None) -> float:
+        """Return the given depth or the first one of the design, in m."""
+        return self.indentation.depths[0] if given_mm is None else given_mm * 1e-3
+
+    def response(self, depths: FloatArray, x: FloatArray, y: FloatArray) -> xr.Dataset:
+        """Return the response at depths and places in m, from the map's origin; computed once for equal ones."""
+        key = tuple(tuple(np.atleast_1d(axis).tolist()) for axis in (depths, x, y))
+        if key not in self._maps:
+            self._maps[key] = response_map(self.design, depths=depths, x=x, y=y, inductance=lambda: self.inductance)
+        return self._maps[key]
+
+    def coil(self, name: str) -> int:
+        """Return the index of a coil; GoalError where there is none of that name."""
+        names = self.design.array.names
+        if name not in names:
+            raise GoalError(f"the design {self.design.name} has no coil {name!r}; there are {', '.join(names)}.")
+        return names.index(name)
+
+    def state_of(self, coil: str) -> int:
+        """Return the index of the first state of the scan that measures this coil alone; GoalError where none does."""
+        self.coil(coil)
+        if coil not in self.own_states:
+            raise GoalError(f"the scan of {self.design.name} has no state that measures {coil} alone.")
+        return self.own_states[coil]
+
+    def centre(self, coil: str) -> tuple[float, float]:
+        """Return x and y of a coil's centre in m from the map's origin."""
+        x, y = self.design.array.centres[self.coil(coil)] - self.indentation.origin_point
+        return float(x), float(y)
+
+    def window(self, depth: float, beyond: float = 0.0) -> Rectangle:
+        """Return where the indenter may press: over the coils' outlines and `beyond`, contact inside the sample.
+
+        Parameters
+        ----------
+        depth : float
+            Of the indentation in m.
+        beyond : float
+            Outside the outlines in m.
+
+        Returns
+        -------
+        tuple of float
+            x_min, x_max, y_min, y_max in m from the map's origin.
+
+        Raises
+        ------
+        GoalError
+            A sample too small for the contact.
+        """
+        setup, points = self.indentation, outlines(self.design)
+        low, high = points.min(axis=0) - setup.origin_point, points.max(axis=0) - setup.origin_point
+        low, high = low - beyond, high + beyond
+        if setup.sample_bounds is not None:
+            reach = setup.indenter.radius_at(_CONTACT_ENDS * depth)
+            low = np.maximum(low, np.array(setup.sample_bounds[:2]) + reach)
+            high = np.minimum(high, np.array(setup.sample_bounds[2:]) - reach)
+        if not (low < high).all():
+            raise GoalError(f"the sample of {self.design.name} leaves no room for the indenter over the coils.")
+        return float(low[0]), float(high[0]), float(low[1]), float(high[1])
+
+
+def outlines(design: Design) -> FloatArray:
+    """Corners of all windings' outlines in m on the board, shape (n, 2)."""
+    return np.concatenate([place.to_board(place.coil.outline) for place in design.array.placements])

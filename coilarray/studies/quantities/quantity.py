@@ -1,0 +1,171 @@
+"""What a quantity is, and how it is asked for with options: as a text like ``k[coil1,coil2]`` or as a table."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal, TypeAlias
+
+from coilarray.errors import GoalError
+from coilarray.studies.quantities.evaluation import Evaluation
+
+Value: TypeAlias = str | float | tuple[str, ...] | tuple[float, ...]
+
+Cost: TypeAlias = Literal["geometry", "coupling", "circuit", "response", "table"]
+"""What must be computed: shapes alone; inductances; the circuit of every state; an indentation at some places; at a
+whole table of places and depths."""
+
+
+@dataclass(frozen=True)
+class Option:
+    """One option of a quantity.
+
+    Parameters
+    ----------
+    name : str
+        In tables and texts.
+    must_be : str
+        What is allowed, for messages.
+    read : callable
+        Takes a text or what TOML gives; returns the value, or None where it is not allowed.
+    says : str
+        What it does; the default too.
+    required : bool
+        True where there is no default.
+    bare : bool
+        True where its value stands in a text without its name.
+    """
+
+    name: str
+    must_be: str
+    read: Callable[[Any], Value | None]
+    says: str
+    required: bool = False
+    bare: bool = False
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """Something of a design that can be wanted, limited or tabulated: one number.
+
+    Parameters
+    ----------
+    name : str
+        With its unit at the end; none where it has none.
+    unit : str
+        As shown: "mm", "µH"; "1" for pure numbers.
+    says : str
+        What it is.
+    cost : {"geometry", "coupling", "circuit", "response", "table"}
+        What must be computed for it.
+    compute : callable
+        Takes an `Evaluation` and the given options and returns the number.
+    options : tuple of Option
+        What it takes.
+    """
+
+    name: str
+    unit: str
+    says: str
+    cost: Cost
+    compute: Callable[[Evaluation, Mapping[str, Any]], float]
+    options: tuple[Option, ...] = ()
+
+    def asked(self, given: Mapping[str, Any]) -> Request:
+        """Return the request for this quantity with options; GoalError for those that it does not take."""
+        known = {option.name: option for option in self.options}
+        for name in given:
+            if name not in known:
+                takes = f"it takes {', '.join(known)}" if known else "it takes none"
+                close = difflib.get_close_matches(str(name), known, n=1)
+                hint = f"; did you mean {close[0]}?" if close else f"; {takes}."
+                raise GoalError(f"{self.name} has no option {name!r}{hint}")
+        options: dict[str, Value] = {}
+        for option in self.options:  # in their order, so that equal requests have equal keys
+            if option.name in given:
+                value = option.read(given[option.name])
+                if value is None:
+                    raise GoalError(f"{self.name}: {option.name} must be {option.must_be}; got {given[option.name]!r}.")
+                options[option.name] = value
+            elif option.required:
+                raise GoalError(f"{self.name} needs the option {option.name}, {option.must_be}.")
+        return Request(self, options)
+
+
+@dataclass(frozen=True, eq=False)
+class Request:
+    """A quantity with its options.
+
+    Parameters
+    ----------
+    quantity : Quantity
+        What.
+    options : mapping of str to value
+        Those that were given, in the order of the quantity's.
+    """
+
+    quantity: Quantity
+    options: Mapping[str, Value]
+
+    @property
+    def key(self) -> str:
+        """Canonical text, equal for equal requests: ``k[coil1,coil2]``, ``position_error_mm[depth_mm=1]``."""
+        bare = {option.name for option in self.quantity.options if option.bare}
+        parts = [
+            _text(value) if name in bare else f"{name}={_text(value)}" for name, value in self.options.items()
+        ]  # fmt: skip
+        return f"{self.quantity.name}[{','.join(parts)}]" if parts else self.quantity.name
+
+    def value(self, evaluation: Evaluation) -> float:
+        """Compute the quantity; GoalError where the design has none."""
+        number = float(self.quantity.compute(evaluation, self.options))
+        if not math.isfinite(number):
+            raise GoalError(f"{self.key} of {evaluation.design.name} is not finite: {number}.")
+        return number
+
+
+def _text(value: Value) -> str:
+    if isinstance(value, str):
+        return value
+    if isinstance(value, float):
+        return repr(value).removesuffix(".0")
+    return ("," if isinstance(value[0], str) else ":").join(_text(part) for part in value)
+
+
+def read_name(given: Any) -> str | None:
+    """Read the name of a coil or a rule."""
+    return given if isinstance(given, str) and given else None
+
+
+def read_pair(given: Any) -> tuple[str, ...] | None:
+    """Read two different names."""
+    if not isinstance(given, list | tuple) or len(given) != 2 or given[0] == given[1]:
+        return None
+    return tuple(given) if all(read_name(name) for name in given) else None
+
+
+def read_positive(given: Any) -> float | None:
+    """Read a number above zero."""
+    number = _number(given)
+    return number if number is not None and number > 0 else None
+
+
+def read_rectangle(given: Any) -> tuple[float, ...] | None:
+    """Read x_min, x_max, y_min, y_max from a list or from a text with colons."""
+    parts = given.split(":") if isinstance(given, str) else given
+    if not isinstance(parts, list | tuple) or len(parts) != 4:
+        return None
+    numbers = [number for part in parts if (number := _number(part)) is not None]
+    return tuple(numbers) if len(numbers) == 4 and numbers[0] < numbers[1] and numbers[2] < numbers[3] else None
+
+
+def _number(given: Any) -> float | None:
+    if isinstance(given, bool) or not isinstance(given, str | int | float):
+        return None
+    try:
+        number = float(given)
+    except (ValueError, OverflowError):
+        return None
+    return number if math.isfinite(number) else None

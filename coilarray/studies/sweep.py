@@ -1,0 +1,397 @@
+"""Sweeps: quantities of a design over a grid of entries, or over samples of it, as one dataset."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+import re
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from coilarray.circuit.coupling import provenance
+from coilarray.compute.threads import Progress
+from coilarray.compute.workers import Pool
+from coilarray.design.model import Design
+from coilarray.design.vary import vary
+from coilarray.electromagnetics.inductance import Accuracy
+from coilarray.errors import DesignError, GoalError
+from coilarray.studies.cache import PointCache
+from coilarray.studies.evaluate import evaluate_points
+from coilarray.studies.quantities import Request, request
+
+MOST_POINTS = 100_000
+"""Points of a sweep."""
+_LOOKED_AT = 200  # most points that are built before work begins, at 10 ms each
+_DIGITS = 12  # of the values of a range: steps of 0.1 shall have short names
+_RANGE = re.compile(r"([^:,\[\"']+):([^:,\[\"']+)(?::([^:,\[\"']+))?")
+_UNITS = {
+    "mm": "mm", "um": "µm", "deg": "deg", "pF": "pF", "nH": "nH", "MHz": "MHz", "kPa": "kPa", "ohm": "ohm",
+    "m": "ohm m",  # the resistivity is the one entry in metres
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Axis:
+    """An entry of a design, and what it takes in a sweep.
+
+    Parameters
+    ----------
+    key : str
+        As in `coilarray.design.vary.vary`.
+    values : tuple
+        Different from each other; of an interval its two ends.
+    interval : bool
+        Samples lie anywhere between the two values, on whole numbers for an entry that takes no others.
+
+    Raises
+    ------
+    GoalError
+        No value, one that is there twice or is not finite, or an interval that does not rise.
+    """
+
+    key: str
+    values: tuple[Any, ...]
+    interval: bool = False
+
+    def __post_init__(self) -> None:
+        if not self.values:
+            raise GoalError(f"{self.key} must have at least one value.")
+        for value in self.values:
+            if isinstance(value, float) and not math.isfinite(value):
+                raise GoalError(f"{self.key} must have finite values; got {value}.")
+        seen = set()
+        for text in self.labels:
+            if text in seen:
+                raise GoalError(f"{self.key} must have each value once; got {text} again.")
+            seen.add(text)
+        if self.interval and not (len(self.values) == 2 and self.numeric and self.values[0] < self.values[1]):
+            raise GoalError(f"{self.key} must have an interval from low to high; got {', '.join(self.labels)}.")
+
+    @property
+    def numeric(self) -> bool:
+        """Whether all values are numbers."""
+        return all(isinstance(value, int | float) and not isinstance(value, bool) for value in self.values)
+
+    @property
+    def labels(self) -> list[str]:
+        """The values as texts: a text as it is, anything else as JSON."""
+        return [_label(value) for value in self.values]
+
+    def sample(self, parts: Sequence[float], *, whole: bool) -> list[Any]:
+        """Return the values at parts, from 0 to less than 1, of the way from the first to the last.
+
+        Raises
+        ------
+        GoalError
+            An interval without a whole number for an entry that takes no others.
+        """
+        if not self.interval:
+            return [self.values[int(part * len(self.values))] for part in parts]
+        low, high = self.values
+        if whole:
+            first, last = math.ceil(low), math.floor(high)
+            if last < first:
+                raise GoalError(f"{self.key} takes whole numbers; there is none from {low} to {high}.")
+            return [first + int(part * (last - first + 1)) for part in parts]
+        return [low + part * (high - low) for part in parts]
+
+
+def parse_axis(text: str) -> Axis:
+    """Read an axis as the command line has it.
+
+    Parameters
+    ----------
+    text : str
+        ``KEY=START:STOP:COUNT``, ``KEY=A,B,…`` or, for samples, ``KEY=START:STOP``. Values are as in a design file;
+        texts need no quotes.
+
+    Raises
+    ------
+    GoalError
+        Anything else.
+
+    Examples
+    --------
+    >>> parse_axis("array.pitch_mm=10:15:3").values
+    (10.0, 12.5, 15.0)
+    >>> parse_axis("circuit.terminations.coil2=short,open").values
+    ('short', 'open')
+    >>> parse_axis('array.layers=[["L1","L2"],["L3","L4"]],[["L1","L2"]]').values
+    ([['L1', 'L2'], ['L3', 'L4']], [['L1', 'L2']])
+    """
+    key, equals, values = (part.strip() for part in text.partition("="))
+    if not key or not equals:
+        raise GoalError(f"--vary must be KEY=START:STOP:COUNT or KEY=A,B,…; got {text!r}.")
+    found = _RANGE.fullmatch(values)
+    if found is None:
+        return Axis(key, _listed(values))
+    start, stop, count = found.groups()
+    try:
+        ends = float(start), float(stop)
+        number = None if count is None else int(count)
+    except ValueError:
+        raise GoalError(f"{key} must be a range of numbers, as START:STOP:COUNT; got {values!r}.") from None
+    if number is None:
+        return Axis(key, ends, interval=True)
+    if not 2 <= number <= MOST_POINTS or ends[0] == ends[1] or not all(map(math.isfinite, ends)):
+        raise GoalError(f"{key} must have a range of 2 to {MOST_POINTS} different values; got {values!r}.")
+    if not math.isfinite(ends[1] - ends[0]):
+        raise GoalError(f"{key} must have a range of finite length; got {values!r}.")
+    return Axis(key, tuple(float(f"{value:.{_DIGITS}g}") for value in np.linspace(*ends, number)))
+
+
+@dataclass(frozen=True, eq=False)
+class Sweep:
+    """A sweep that is checked and ready to run; `plan_sweep` makes one.
+
+    Parameters
+    ----------
+    design : Design
+        To be varied.
+    axes : tuple of Axis
+        Its entries.
+    points : tuple of mapping
+        The changes of every point; of a grid with the last axis fastest.
+    requests : tuple of Request
+        The quantities, each once.
+    sampling : str
+        How the points were chosen, "grid" for all.
+    accuracy : {"full", "screen"}
+        Of the inductances: `coilarray.electromagnetics.inductance.Accuracy`.
+    """
+
+    design: Design
+    axes: tuple[Axis, ...]
+    points: tuple[Mapping[str, Any], ...]
+    requests: tuple[Request, ...]
+    sampling: str = "grid"
+    accuracy: Accuracy = "full"
+
+    @property
+    def dims(self) -> tuple[str, ...]:
+        """Dimensions of the result: the entries, or "sample"."""
+        return tuple(axis.key for axis in self.axes) if self.sampling == "grid" else ("sample",)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Points along each dimension."""
+        return tuple(len(axis.values) for axis in self.axes) if self.sampling == "grid" else (len(self.points),)
+
+
+def plan_sweep(
+    design: Design,
+    axes: Sequence[Axis],
+    quantities: Sequence[str | Mapping[str, Any]],
+    samples: int | None = None,
+    seed: int = 0,
+    accuracy: Accuracy = "full",
+) -> Sweep:
+    """Choose the points of a sweep and refuse before the work what would only show after it.
+
+    Parameters
+    ----------
+    design : Design
+        As it is read from a file.
+    axes : sequence of Axis
+        Entries to vary.
+    quantities : sequence of str or mapping
+        As `coilarray.studies.quantities.request` reads them.
+    samples : int, optional
+        How many points cover the axes evenly, by a scrambled Sobol sequence; all combinations by default. More samples
+        begin with the same ones, so that a sweep can be refined.
+    seed : int
+        Of the scrambling.
+    accuracy : {"full", "screen"}
+        Of the inductances. ``screen`` is some ten times as fast; see `coilarray.electromagnetics.inductance.Accuracy`.
+
+    Returns
+    -------
+    Sweep
+
+    Raises
+    ------
+    GoalError
+        No axis or no quantity; an entry twice; an interval without samples; more than `MOST_POINTS`; a quantity that
+        there is not, or of a coil that no design of the sweep has; or no design at all: none of up to 200 points spread
+        over the sweep gives one, because of an unknown entry for example.
+    """
+    keys = [axis.key for axis in axes]
+    if not keys:
+        raise GoalError("a sweep must have at least one entry to vary.")
+    if len(set(keys)) != len(keys):
+        raise GoalError(f"a sweep must vary each entry once; got {', '.join(keys)}.")
+    requests = {one.key: one for one in map(request, quantities)}
+    if not requests:
+        raise GoalError("a sweep must have at least one quantity.")
+    if samples is None:
+        points, sampling = _grid(axes), "grid"
+    else:
+        points = _samples(design, axes, samples, seed)
+        sampling = f"{samples} points of a Sobol sequence, seed {seed}"
+    _check_designs(design, points, tuple(requests.values()))
+    return Sweep(design, tuple(axes), tuple(points), tuple(requests.values()), sampling, accuracy)
+
+
+def run_sweep(
+    sweep: Sweep, pool: Pool, cache: PointCache | None = None, progress: Progress | None = None
+) -> xr.Dataset:
+    """Evaluate all points of a sweep.
+
+    Parameters
+    ----------
+    sweep : Sweep
+        From `plan_sweep`.
+    pool : Pool
+        From `coilarray.compute.workers.workers`.
+    cache : PointCache, optional
+        Where outcomes are kept and found again, so that an interrupted sweep goes on; none by default.
+    progress : callable, optional
+        Called with (done, total).
+
+    Returns
+    -------
+    xarray.Dataset
+        Dimensions are the entries of a grid, or ``sample``; the entries' values are coordinates in the units of their
+        keys, texts where they are no numbers, with the design's own as the attribute ``design_value``. One variable a
+        quantity, by its canonical name and in its unit, NaN where a point has none; ``reason`` says why, and is empty
+        elsewhere. Units and long names in the attributes, ``sampling``, ``accuracy``, and those of
+        `coilarray.circuit.coupling.provenance`.
+
+    Raises
+    ------
+    ClusterError, OutputError
+        As `coilarray.studies.evaluate.evaluate_points`.
+
+    Examples
+    --------
+    >>> from coilarray import load_design
+    >>> from coilarray.compute.workers import workers
+    >>> plan = plan_sweep(load_design("starter"), [Axis("array.pitch_mm", (12, 16))], ["span_mm"])
+    >>> with workers() as pool:
+    ...     wide = run_sweep(plan, pool)
+    >>> dict(wide.sizes), wide.span_mm.attrs["units"], round(float(wide.span_mm.diff("array.pitch_mm")[0]), 6)
+    ({'array.pitch_mm': 2}, 'mm', 8.0)
+    """
+    values = np.full((len(sweep.requests), len(sweep.points)), np.nan)
+    reasons = np.full(len(sweep.points), "", dtype=object)
+    keys = [one.key for one in sweep.requests]
+    for index, outcome in evaluate_points(
+        sweep.design, sweep.points, keys, pool, cache, progress, accuracy=sweep.accuracy
+    ):
+        if isinstance(outcome, str):
+            reasons[index] = outcome
+        else:
+            values[:, index] = [outcome[key] for key in keys]
+    dims, shape = sweep.dims, sweep.shape
+    variables = {
+        one.key: (dims, row.reshape(shape), {"units": one.quantity.unit, "long_name": one.quantity.says})
+        for one, row in zip(sweep.requests, values, strict=True)
+    }
+    reason = (dims, reasons.reshape(shape), {"long_name": "why the point has no quantities"})
+    return xr.Dataset(
+        {**variables, "reason": reason},
+        {axis.key: _coordinate(sweep, axis) for axis in sweep.axes},
+        {**provenance(sweep.design), "sampling": sweep.sampling, "accuracy": sweep.accuracy},
+    )
+
+
+def _coordinate(sweep: Sweep, axis: Axis) -> xr.Variable:
+    """Values of an entry along its dimension, with its unit by the end of the key, and its value in the design."""
+    grid = sweep.sampling == "grid"
+    values = axis.values if grid else [point[axis.key] for point in sweep.points]
+    attributes: dict[str, Any] = {"long_name": axis.key}
+    own = sweep.design.values.get(axis.key)
+    if own is not None:
+        attributes["design_value"] = own if axis.numeric and isinstance(own, int | float) else _label(own)
+    dim = axis.key if grid else "sample"
+    if not axis.numeric:
+        return xr.Variable(dim, np.array([_label(value) for value in values], dtype=object), attributes)
+    last = axis.key.rpartition(".")[2]
+    attributes["units"] = _UNITS.get(last.rpartition("_")[2], "1") if "_" in last else "1"
+    return xr.Variable(dim, np.array(values), attributes)
+
+
+def _grid(axes: Sequence[Axis]) -> list[dict[str, Any]]:
+    for axis in axes:
+        if axis.interval:
+            raise GoalError(f"{axis.key} must have a count of values, as START:STOP:COUNT; only samples need none.")
+    _check_number(math.prod(len(axis.values) for axis in axes))
+    keys = [axis.key for axis in axes]
+    return [dict(zip(keys, values, strict=True)) for values in itertools.product(*(axis.values for axis in axes))]
+
+
+def _samples(design: Design, axes: Sequence[Axis], count: int, seed: int) -> list[dict[str, Any]]:
+    from scipy.stats import qmc
+
+    _check_number(count)
+    if seed < 0:
+        raise GoalError(f"the seed must not be negative; got {seed}.")
+    sequence = qmc.Sobol(len(axes), scramble=True, seed=np.random.default_rng(seed))
+    # whole powers of two are what the sequence is balanced for, and what it gives without a warning
+    parts = sequence.random_base2((count - 1).bit_length())[:count]
+    columns = [
+        axis.sample(column, whole=_is_whole(design.values.get(axis.key)))
+        for axis, column in zip(axes, parts.T.tolist(), strict=True)
+    ]
+    keys = [axis.key for axis in axes]
+    return [dict(zip(keys, values, strict=True)) for values in zip(*columns, strict=True)]
+
+
+def _check_number(points: int) -> None:
+    if not 1 <= points <= MOST_POINTS:
+        raise GoalError(f"a sweep must have 1 to {MOST_POINTS} points; got {points}.")
+
+
+def _check_designs(design: Design, points: Sequence[Mapping[str, Any]], requests: Sequence[Request]) -> None:
+    """Build designs until one is possible and every coil that is asked for is in one."""
+    missing = {name: one.key for one in requests for name in _coils(one)}
+    names: tuple[str, ...] = ()
+    reason = ""
+    for point in points[:: -(-len(points) // _LOOKED_AT)]:  # rounded up, so that there are no more
+        try:
+            names = vary(design, point).array.names
+        except DesignError as error:
+            reason = reason or str(error)
+            continue
+        missing = {name: key for name, key in missing.items() if name not in names}
+        if not missing:
+            return
+    if not names:
+        raise GoalError(f"no point of the sweep gives a design; the first one: {reason}")
+    name, key = next(iter(missing.items()))
+    raise GoalError(f"{key}: no design of the sweep has a coil {name!r}; there are {', '.join(names)}.")
+
+
+def _coils(one: Request) -> list[str]:
+    """Names of the coils that a quantity asks for."""
+    named = [one.options[option] for option in ("coil", "coils") if option in one.options]
+    return [str(name) for value in named for name in ((value,) if isinstance(value, str | float) else value)]
+
+
+def _is_whole(value: object) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool)
+
+
+def _listed(text: str) -> tuple[Any, ...]:
+    """Read values as TOML has them in a list; what is none of its texts, numbers and lists is a text itself."""
+    try:
+        document = tomllib.loads(f"values = [{text}]")
+    except tomllib.TOMLDecodeError:
+        document = {}
+    if list(document) == ["values"] and all(map(_is_plain, document["values"])):
+        return tuple(document["values"])
+    return tuple(part.strip() for part in text.split(",") if part.strip())
+
+
+def _is_plain(value: object) -> bool:
+    return all(map(_is_plain, value)) if isinstance(value, list) else isinstance(value, str | int | float)
+
+
+def _label(value: object) -> str:
+    return value if isinstance(value, str) else json.dumps(value)

@@ -1,0 +1,400 @@
+"""The whole analysis: boards around the design, boards drawn at random, and what both say of the spread."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from coilarray.circuit.coupling import provenance
+from coilarray.compute.memory import require_memory
+from coilarray.compute.threads import Progress
+from coilarray.compute.workers import Pool, workers
+from coilarray.design.model import Design, build_design
+from coilarray.electromagnetics.inductance import Accuracy
+from coilarray.errors import GoalError, LocalizeError
+from coilarray.localize.forward import PARAMETERS, forward_model, table_for, table_grid
+from coilarray.studies.cache import Outcome, PointCache
+from coilarray.studies.evaluate import run_cached
+from coilarray.studies.quantities import QUANTITIES, canonical
+from coilarray.studies.tolerance.outputs import Outputs, default_quantities, evaluate_board, wanted_outputs
+from coilarray.studies.tolerance.position import Shifts, shifts_at
+from coilarray.studies.tolerance.sampling import Sampling, draw, errors_of
+from coilarray.studies.tolerance.sensitivity import Sensitivity, difference_points, error_steps, sensitivity
+from coilarray.studies.tolerance.statistics import CENTRAL, LEAST_SAMPLES, deviation_error, kept, yield_of
+from coilarray.studies.tolerance.tolerances import UNITS, Contributor, Limit, Tolerances, contributors
+
+FloatArray = npt.NDArray[np.float64]
+
+_UNTOLD = 0.5  # of the thickness of all sheets: over such a length δ changes much
+_LINEAR_SAMPLES = 1 << 16  # of the linear model, for its yield: errs by less than 1e-3
+
+
+def analyse(
+    design: Design,
+    tolerances: Tolerances,
+    *,
+    quantities: Sequence[str] = (),
+    samples: int = 64,
+    seed: int = 0,
+    sampling: Sampling = "sobol",
+    accuracy: Accuracy = "screen",
+    table: xr.Dataset | None = None,
+    pool: Pool | None = None,
+    cache: PointCache | None = None,
+    progress: Progress | None = None,
+) -> xr.Dataset:
+    """Spread of a design's quantities over the boards that a fabricator makes of it.
+
+    Parameters
+    ----------
+    design : Design
+        As `coilarray.load_design` returns it.
+    tolerances : Tolerances
+        Distributions of the errors, positions and limits.
+    quantities : sequence of str, optional
+        Names as in `coilarray.studies.quantities`. By default those of the tolerances, and where they name none,
+        `default_quantities`. What the limits name comes on top.
+    samples : int
+        Boards to draw; 0 leaves it at the linearised spread, else at least 8.
+    seed, sampling
+        As in `coilarray.studies.tolerance.sampling.draw`.
+    accuracy : {"full", "screen"}
+        Of the inductances. ``screen`` shifts values by 1e-4 of L and 5e-5 in k, the same for all boards, so that their
+        spread is right to 1 % (tests/studies/test_tolerance_analysis.py).
+    table : xarray.Dataset, optional
+        What `coilarray.localize.forward.table_for` says of the design, for the located positions; computed here by
+        default.
+    pool : Pool, optional
+        Where boards are computed; in this process by default.
+    cache : PointCache, optional
+        Where boards are kept, so that an interrupted analysis goes on from there.
+    progress : callable, optional
+        Called with (done, total) boards.
+
+    Returns
+    -------
+    xarray.Dataset
+        Outputs by ``output``: quantities in the units of their names, δ by place and state, and shifts of the located
+        position in mm. ``nominal``, ``linear_deviation``, ``step_change`` (see `Sensitivity`); ``effect``,
+        ``wide_effect`` and ``share`` (contributor, output); of each contributor its ``deviation``, ``unit``, ``table``,
+        ``part``, ``distribution`` and, where it is assumed, the reason.
+
+        With samples: ``error`` (sample, contributor) and ``value`` (sample, output), NaN where the ``failure`` (sample)
+        says why a board has none or a reading has no position; the ``sample_mean``, ``sample_deviation`` with its
+        standard error, their ``ratio`` to the linear deviation with its own (NaN where that is zero), and the
+        ``percentiles``. With limits, by ``limit`` and for all together last: ``linear_yield`` and, with samples,
+        ``sample_yield`` with its interval (see `coilarray.studies.tolerance.statistics.Yield`). A board that cannot be
+        made keeps no limit; the linear model has none of these.
+
+    Raises
+    ------
+    GoalError
+        What `check_analysis` refuses, or a board next to the nominal one that cannot be.
+    CoilarrayError
+        What keeps the nominal board from being solved.
+    ValueError
+        A design that is not what its document says.
+
+    Examples
+    --------
+    >>> from coilarray import load_design
+    >>> from coilarray.studies.tolerance import Spread, Tolerances
+    >>> thickness = Tolerances({"dielectric": Spread(board=0.02)})
+    >>> result = analyse(load_design("gast_fem"), thickness, samples=0)
+    >>> result.output.item(), round(float(result.linear_deviation[0] / result.nominal[0]), 5)
+    ('inductance_uH[coil1]', 0.00051)
+    """
+    asked = _asked(design, tolerances, quantities, samples, seed, sampling, accuracy)
+    found, outputs, limits, drawn = asked.found, asked.outputs, asked.limits, asked.drawn
+    if table is None:
+        _check_places(design, outputs)
+    shifts = _shifts(design, outputs, table)
+    names = (*outputs.names(design), *(() if shifts is None else shifts.names(outputs.places())))
+    _check_limits(limits, names)
+
+    steps = error_steps(found)
+    around = difference_points(steps)
+    boards = [{}, *around, *(errors_of(found, row) for row in drawn)]
+    with ExitStack() as stack:
+        used = pool or stack.enter_context(workers())
+        outcomes = _evaluated(design, outputs, boards, used, cache, progress)
+    near, taken = outcomes[: 1 + len(around)], outcomes[1 + len(around) :]
+    values = _near_values(near, boards, outputs.names(design))
+    nominal, linear = values[0], sensitivity(found, steps, values[1:])
+    sampled = np.array([[np.nan] * len(nominal) if isinstance(o, str) else list(o.values()) for o in taken])
+    sampled = sampled.reshape(samples, len(nominal))
+    told: dict[str, str] = {}
+    if shifts is not None:
+        nominal, linear, sampled, told = _with_shifts(shifts, outputs, nominal, linear, sampled)
+    result = _linear_part(names, found, tolerances, nominal, linear)
+    if samples:
+        failures = [outcome if isinstance(outcome, str) else "" for outcome in taken]
+        result = result.merge(_sampled_part(names, linear, drawn, sampled, failures))
+    if limits:
+        result = result.merge(_yields(limits, names, found, nominal, linear, sampled))
+    about = {"seed": seed, "sampling": sampling, "accuracy": accuracy, "boards": len(boards)}
+    return result.assign_attrs({**provenance(design), **about, **told})
+
+
+def check_analysis(
+    design: Design,
+    tolerances: Tolerances,
+    *,
+    quantities: Sequence[str] = (),
+    samples: int = 64,
+    seed: int = 0,
+    sampling: Sampling = "sobol",
+    accuracy: Accuracy = "screen",
+    with_table: bool = False,
+) -> None:
+    """Refuse what `analyse` would, as far as it shows without a table and without a board: in milliseconds.
+
+    Parameters
+    ----------
+    design, tolerances, quantities, samples, seed, sampling, accuracy
+        As in `analyse`.
+    with_table : bool
+        Whether there is a table already. Without, positions must lie in the one that is to be computed.
+
+    Raises
+    ------
+    GoalError
+        An unknown quantity or coil, a limit that names no output, samples or a seed that are not allowed, or no error
+        with a spread.
+    LocalizeError
+        A position outside the table that is to be computed, or fewer states than unknowns.
+    ValueError
+        A design that is not what its document says.
+
+    Examples
+    --------
+    >>> from coilarray import load_design
+    >>> from coilarray.studies.tolerance import load_tolerances
+    >>> check_analysis(load_design("starter"), load_tolerances(), samples=8)
+    """
+    asked = _asked(design, tolerances, quantities, samples, seed, sampling, accuracy)
+    places = asked.outputs.places()
+    shifts = [f"shift_{parameter}_mm[{place}]" for place in places for parameter in PARAMETERS]
+    _check_limits(asked.limits, (*asked.outputs.names(design), *shifts))
+    if not with_table:
+        _check_places(design, asked.outputs)
+
+
+@dataclass(frozen=True, eq=False)
+class _Asked:
+    """What an analysis is to compute, checked as far as it can be without computing."""
+
+    found: Sequence[Contributor]
+    outputs: Outputs
+    limits: tuple[Limit, ...]
+    drawn: FloatArray
+
+
+def _asked(
+    design: Design,
+    tolerances: Tolerances,
+    quantities: Sequence[str],
+    samples: int,
+    seed: int,
+    sampling: Sampling,
+    accuracy: Accuracy,
+) -> _Asked:
+    if build_design(design.document, design.name).digest != design.digest:
+        raise ValueError(f"the design {design.name} must be as its document says.")
+    if 0 < samples < LEAST_SAMPLES:
+        raise GoalError(f"samples must be 0 or at least {LEAST_SAMPLES}; got {samples}.")
+    found = contributors(design, tolerances)
+    asked = tuple(quantities) or tolerances.quantities or default_quantities(design)
+    limits = tuple(_canonical(limit) for limit in tolerances.limits)
+    by_name = [limit.quantity for limit in limits if limit.quantity.partition("[")[0] in QUANTITIES]
+    outputs = wanted_outputs(design, [*asked, *by_name], tolerances.positions, accuracy)
+    if tolerances.positions is not None:
+        states, places = len(design.circuit.plan), len(tolerances.positions.x) * len(tolerances.positions.y)
+        needed = 8.0 * len(PARAMETERS) * states * places**2  # of `Shifts.matrix`
+        require_memory(needed, f"the matrix of shifts at {places} positions", "take fewer")
+    return _Asked(found, outputs, limits, draw(found, samples, seed, sampling))
+
+
+def _check_limits(limits: Sequence[Limit], names: Sequence[str]) -> None:
+    for limit in limits:
+        if limit.quantity not in names:
+            raise GoalError(f"the limit {limit.text} names no output; there are {', '.join(names)}.")
+
+
+def _check_places(design: Design, outputs: Outputs) -> None:
+    """Refuse positions that do not lie in the table that is to be computed, and too few states for it."""
+    at = outputs.positions
+    if at is None:
+        return
+    depths, x, y = table_grid(design)
+    for name, values, grid in (("x", at.x, x), ("y", at.y, y), ("depth", (at.depth,), depths)):
+        low, high = grid[0] * 1e3, grid[-1] * 1e3
+        for value in values:
+            if not grid[0] <= value <= grid[-1]:
+                raise LocalizeError(
+                    f"{name} must be {low:g} to {high:g} mm, in the table of {design.name}; got {value * 1e3:g}."
+                )
+    states = [state.name for state in design.circuit.plan]
+    if len(states) < len(PARAMETERS):
+        raise LocalizeError(
+            f"{len(PARAMETERS)} unknowns need at least as many states; the scan has {', '.join(states)}."
+        )
+
+
+def _canonical(limit: Limit) -> Limit:
+    """Write the quantity of a limit as outputs are named; names of δ and shifts stay."""
+    if limit.quantity.partition("[")[0].strip() not in QUANTITIES:
+        return limit
+    return Limit(canonical(limit.quantity), limit.at_least, limit.at_most)
+
+
+def _shifts(design: Design, outputs: Outputs, table: xr.Dataset | None) -> Shifts | None:
+    if outputs.positions is None:
+        return None
+    model = forward_model(table_for(design) if table is None else table)
+    thickness = sum(sheet.thickness for sheet in design.sheets)
+    return shifts_at(model, outputs.positions, _UNTOLD * thickness)
+
+
+def _evaluated(
+    design: Design,
+    outputs: Outputs,
+    boards: Sequence[Mapping[str, float]],
+    pool: Pool,
+    cache: PointCache | None,
+    progress: Progress | None,
+) -> list[Outcome]:
+    """Outcomes in the order of the boards."""
+    items = (outputs.item(design, errors) for errors in boards)
+    outcomes: list[Outcome] = [""] * len(boards)
+    for k, outcome in run_cached(evaluate_board, items, pool, cache, progress, len(boards)):
+        if k == 0 and isinstance(outcome, str):
+            raise GoalError(outcome)  # no board at all
+        outcomes[k] = outcome
+    return outcomes
+
+
+def _near_values(
+    outcomes: Sequence[Outcome], boards: Sequence[Mapping[str, float]], names: Sequence[str]
+) -> FloatArray:
+    """Return the outputs of the nominal board and of those next to it, shape (boards, outputs)."""
+    rows = []
+    for outcome, errors in zip(outcomes, boards, strict=False):
+        if isinstance(outcome, str):
+            ((name, value),) = errors.items()
+            raise GoalError(f"the board with {name} {value:+.3g}, one standard deviation or less, cannot be: {outcome}")
+        rows.append([outcome[name] for name in names])
+    return np.array(rows)
+
+
+def _with_shifts(
+    shifts: Shifts, outputs: Outputs, nominal: FloatArray, linear: Sensitivity, sampled: FloatArray
+) -> tuple[FloatArray, Sensitivity, FloatArray, dict[str, str]]:
+    """Put the shifts of the located positions behind the outputs; also what is to be told of them."""
+    first, by_delta = len(outputs.quantities), shifts.matrix()
+    matrix = np.hstack((np.zeros((len(by_delta), first)), by_delta))
+    good = np.isfinite(sampled).all(axis=1)
+    located = np.full((len(sampled), len(by_delta)), np.nan)
+    located[good], found = shifts.located(sampled[good, first:] - nominal[first:])
+    told = {
+        "found": f"{int(found.sum())} of {int(good.sum()) * len(shifts.points)} readings",
+        "untold": "; ".join(shifts.untold(outputs.places())),
+    }
+    none = np.zeros(len(by_delta))
+    return np.append(nominal, none), linear.joined(linear.through(matrix)), np.hstack((sampled, located)), told
+
+
+def _linear_part(
+    names: Sequence[str],
+    found: Sequence[Contributor],
+    tolerances: Tolerances,
+    nominal: FloatArray,
+    linear: Sensitivity,
+) -> xr.Dataset:
+    both, single, of_error = ("contributor", "output"), ("output",), ("contributor",)
+    return xr.Dataset(
+        {
+            "nominal": (single, nominal, {"long_name": "without errors, in the unit of the name"}),
+            "linear_deviation": (single, linear.deviation, {"long_name": "linearised standard deviation"}),
+            "step_change": (
+                single, linear.step_change, {"units": "1", "long_name": "by twice the step, in standard deviations"}
+            ),
+            "effect": (both, linear.effects, {"long_name": "of one standard deviation"}),
+            "wide_effect": (both, linear.wide_effects, {"long_name": "of one standard deviation, twice the step"}),
+            "share": (both, linear.shares, {"units": "1", "long_name": "of the linearised variance"}),
+            "deviation": (of_error, [one.deviation for one in found], {"long_name": "standard deviation"}),
+            "unit": (of_error, [UNITS[one.table] for one in found]),
+            "table": (of_error, [one.table for one in found]),
+            "part": (of_error, [one.part for one in found]),
+            "distribution": (of_error, [one.distribution for one in found]),
+            "assumed": (of_error, [tolerances.assumed.get(one.table, "") for one in found]),
+        },
+        coords={"output": list(names), "contributor": [one.name for one in found]},
+    )  # fmt: skip
+
+
+def _sampled_part(
+    names: Sequence[str], linear: Sensitivity, drawn: FloatArray, values: FloatArray, failures: Sequence[str]
+) -> xr.Dataset:
+    single = ("output",)
+    # a board without a position has its other outputs all the same
+    columns = [column[np.isfinite(column)] for column in values.T]
+    short = [name for name, column in zip(names, columns, strict=True) if len(column) < LEAST_SAMPLES]
+    if short:
+        reason = next((failure for failure in failures if failure), "no reading gives a position")
+        raise GoalError(f"fewer than {LEAST_SAMPLES} of {len(values)} boards have {short[0]}: {reason}")
+    deviation = np.array([column.std(ddof=1) for column in columns])
+    error = np.array([float(deviation_error(column)) for column in columns])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio, ratio_error = (
+            np.where(linear.deviation > 0, of / linear.deviation, np.nan) for of in (deviation, error)
+        )
+    return xr.Dataset(
+        {
+            "error": (("sample", "contributor"), drawn, {"long_name": "drawn errors in SI"}),
+            "value": (("sample", "output"), values),
+            "failure": ("sample", np.array(failures, dtype=object)),
+            "sample_mean": (single, [column.mean() for column in columns]),
+            "sample_deviation": (single, deviation),
+            "sample_deviation_error": (single, error, {"long_name": "standard error"}),
+            "ratio": (single, ratio, {"units": "1", "long_name": "sampled over linearised standard deviation"}),
+            "ratio_error": (single, ratio_error, {"units": "1", "long_name": "standard error"}),
+            "percentiles": (("percentile", "output"), np.array([np.percentile(c, CENTRAL) for c in columns]).T),
+        },
+        coords={"percentile": list(CENTRAL)},
+    )
+
+
+def _yields(
+    limits: Sequence[Limit],
+    names: Sequence[str],
+    found: Sequence[Contributor],
+    nominal: FloatArray,
+    linear: Sensitivity,
+    values: FloatArray,
+) -> xr.Dataset:
+    """Share of good boards by limit and, last, of those that keep all."""
+    units = draw(found, _LINEAR_SAMPLES) / [one.deviation for one in found]
+    columns = [names.index(limit.quantity) for limit in limits]
+    picked = [limit.quantity for limit in limits]
+    in_linear = kept(limits, picked, nominal[columns] + units @ linear.effects[:, columns])
+    variables: dict[str, tuple[str, Any]] = {
+        "limited": ("limit", [*picked, ""]),
+        "at_least": ("limit", [*(limit.at_least for limit in limits), -np.inf]),
+        "at_most": ("limit", [*(limit.at_most for limit in limits), np.inf]),
+        "linear_yield": ("limit", [*in_linear.mean(axis=0), in_linear.all(axis=1).mean()]),
+    }
+    if len(values):
+        good = kept(limits, names, values)
+        counts = [*good.sum(axis=0).tolist(), int(good.all(axis=1).sum())]
+        shares = [yield_of(count, len(values)) for count in counts]
+        variables["sample_yield"] = ("limit", [one.share for one in shares])
+        variables["sample_yield_low"] = ("limit", [one.low for one in shares])
+        variables["sample_yield_high"] = ("limit", [one.high for one in shares])
+    return xr.Dataset(variables, coords={"limit": [*(limit.text for limit in limits), "all limits"]})

@@ -1,0 +1,234 @@
+"""Tolerance files: TOML with units in the key names, read into SI."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Mapping
+from functools import cache
+from importlib import resources
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, ValidationError, model_validator
+
+from coilarray.design.tables import first_error
+from coilarray.design.units import Millimetres, Position, Table
+from coilarray.errors import GoalError
+from coilarray.studies.tolerance.tolerances import KINDS, Distribution, Limit, Positions, Spread, Tolerances
+
+SCHEMA = 1
+"""Version of the tolerance file format."""
+
+_LONGEST_NAME = 200  # characters shown of a file name
+
+
+def load_tolerances(path: str | Path | None = None) -> Tolerances:
+    """Read a tolerance file.
+
+    Parameters
+    ----------
+    path : str or Path, optional
+        A TOML file; typical values of board houses by default.
+
+    Returns
+    -------
+    Tolerances
+        Tables that the file does not give have typical values and are marked as assumed, unless it says
+        ``others = "none"``.
+
+    Raises
+    ------
+    GoalError
+        An unreadable file, wrong TOML, an unknown key or a value that is not allowed: one line that names the file, the
+        key, what was given and what is allowed.
+
+    Examples
+    --------
+    >>> load_tolerances().spreads["etch"].board
+    4.7e-06
+    """
+    if path is None:
+        return _typical()
+    shown = str(path)[:_LONGEST_NAME]
+    try:
+        text = Path(path).read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        raise GoalError(f"there is no tolerance file {shown}.") from None
+    except UnicodeDecodeError:
+        raise GoalError(f"{shown} is no text file in UTF-8.") from None
+    except OSError as error:
+        raise GoalError(f"cannot read {shown}: {error.strerror}.") from None
+    except ValueError as error:  # a name with a zero byte
+        raise GoalError(f"cannot read {shown!r}: {error}.") from None
+    return parse_tolerances(text, shown)
+
+
+def parse_tolerances(text: str, origin: str = "tolerances") -> Tolerances:
+    """Read tolerances from the text of a TOML file; `origin` names it in messages. See `load_tolerances`."""
+    file = _read(text, origin)
+    given = file.spreads()
+    for key in file.assumed:
+        if key not in given:
+            raise GoalError(f"{origin}: assumed.{key} names no table of errors of the file.")
+    if file.others == "none":
+        return file.build(given, file.assumed)
+    assumed = {key: reason for key, reason in _typical().assumed.items() if key not in given}
+    return file.build({**_typical().spreads, **given}, {**assumed, **file.assumed})
+
+
+def typical_text() -> str:
+    """Text of the bundled tolerance file, to be changed."""
+    return resources.files("coilarray.studies.tolerance").joinpath("typical.toml").read_text(encoding="utf-8")
+
+
+def _read(text: str, origin: str) -> _File:
+    try:
+        document = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise GoalError(f"{origin}: not valid TOML: {error}.") from None
+    except RecursionError:
+        raise GoalError(f"{origin}: not valid TOML: nested too deeply.") from None
+    try:
+        return _File.model_validate(document)
+    except ValidationError as error:
+        raise GoalError(f"{origin}: {first_error(error, document)}") from None
+
+
+# bounds far beyond any board, so that a typo is refused where it stands
+_Micrometres = Annotated[float, Field(ge=0, le=10_000)]
+_Millimetres = Annotated[float, Field(ge=0, le=100)]
+_Milliradians = Annotated[float, Field(ge=0, le=100)]
+_Percent = Annotated[float, Field(ge=0, le=100)]
+
+
+class _Errors(Table):
+    """What all tables of errors share; the numbers are standard deviations or, where uniform, half widths."""
+
+    distribution: Distribution = "normal"
+
+    def spread(self) -> Spread:
+        """Return the table in SI."""
+        values = self.model_dump(exclude={"distribution"})
+        scale = 1.0 if self.distribution == "normal" else 1 / math.sqrt(3)  # half width to standard deviation
+        parts = {key.partition("_"): value for key, value in values.items()}
+        in_si = {part: value * _SCALES[unit] * scale for (part, _, unit), value in parts.items()}
+        return Spread(self.distribution, in_si["board"], in_si.get("layer", 0.0))
+
+
+_SCALES = {"um": 1e-6, "mm": 1e-3, "mrad": 1e-3, "percent": 1e-2}
+
+
+class _LayerMicrometres(_Errors):
+    board_um: _Micrometres = 0.0
+    layer_um: _Micrometres = 0.0
+
+
+class _LayerMilliradians(_Errors):
+    board_mrad: _Milliradians = 0.0
+    layer_mrad: _Milliradians = 0.0
+
+
+class _LayerPercent(_Errors):
+    board_percent: _Percent = 0.0
+    layer_percent: _Percent = 0.0
+
+
+class _LayerMillimetres(_Errors):
+    board_mm: _Millimetres = 0.0
+    layer_mm: _Millimetres = 0.0
+
+
+class _BoardMillimetres(_Errors):
+    board_mm: _Millimetres
+
+
+class _BoardPercent(_Errors):
+    board_percent: _Percent
+
+
+class _PositionsTable(Table):
+    """``[positions]``: where the indenter presses."""
+
+    x_mm: list[Position] = Field(min_length=1, max_length=100)
+    y_mm: list[Position] = Field(min_length=1, max_length=100)
+    depth_mm: Millimetres
+    noise: Annotated[float, Field(gt=0, le=1)] = 1e-5
+
+    @model_validator(mode="after")
+    def _rising(self) -> _PositionsTable:
+        for key, values in (("x_mm", self.x_mm), ("y_mm", self.y_mm)):
+            if not all(low < high for low, high in pairwise(values)):
+                raise ValueError(f"needs {key} that rise from each to the next; got {values}")
+        return self
+
+    def build(self) -> Positions:
+        """Return the positions in SI; divided, so that −26 mm is −0.026 m."""
+        x, y = (tuple(value / 1e3 for value in values) for values in (self.x_mm, self.y_mm))
+        return Positions(x, y, self.depth_mm / 1e3, self.noise)
+
+
+class _LimitTable(Table):
+    """``[[limit]]``: what a good board keeps."""
+
+    quantity: str
+    at_least: float | None = None
+    at_most: float | None = None
+
+    @model_validator(mode="after")
+    def _some_room(self) -> _LimitTable:
+        if self.at_least is None and self.at_most is None:
+            raise ValueError("needs at_least, at_most or both")
+        if self.at_least is not None and self.at_most is not None and self.at_least > self.at_most:
+            raise ValueError(f"needs at_least below at_most; got {self.at_least:g} and {self.at_most:g}")
+        return self
+
+    def build(self) -> Limit:
+        """Return the limit."""
+        return Limit(
+            self.quantity,
+            -math.inf if self.at_least is None else self.at_least,
+            math.inf if self.at_most is None else self.at_most,
+        )
+
+
+class _File(Table):
+    """The whole file."""
+
+    schema_: Annotated[int, Field(ge=SCHEMA, le=SCHEMA)] = Field(alias="schema")
+    others: Literal["typical", "none"] = "typical"
+    quantities: list[str] = Field(default_factory=list)
+    etch: _LayerMicrometres | None = None
+    registration: _LayerMicrometres | None = None
+    rotation: _LayerMilliradians | None = None
+    dielectric: _LayerPercent | None = None
+    copper: _LayerPercent | None = None
+    placement: _BoardMillimetres | None = None
+    permeability: _BoardPercent | None = None
+    elastomer: _LayerMillimetres | None = None
+    capacitance: _BoardPercent | None = None
+    positions: _PositionsTable | None = None
+    limit: list[_LimitTable] = Field(default_factory=list)
+    assumed: dict[str, str] = Field(default_factory=dict)
+
+    def spreads(self) -> dict[str, Spread]:
+        """Return the tables that the file gives."""
+        tables: dict[str, _Errors | None] = {name: getattr(self, name) for name in KINDS}
+        return {name: table.spread() for name, table in tables.items() if table is not None}
+
+    def build(self, spreads: Mapping[str, Spread], assumed: Mapping[str, str]) -> Tolerances:
+        """Return the file with these errors."""
+        return Tolerances(
+            dict(spreads),
+            dict(assumed),
+            tuple(self.quantities),
+            None if self.positions is None else self.positions.build(),
+            tuple(limit.build() for limit in self.limit),
+        )
+
+
+@cache
+def _typical() -> Tolerances:
+    file = _read(typical_text(), "typical.toml")
+    return file.build(file.spreads(), file.assumed)

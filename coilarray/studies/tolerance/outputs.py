@@ -1,0 +1,153 @@
+"""What is asked of every board: quantities by name, and δ of every state where the indenter presses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations, product
+from typing import Any
+
+import numpy as np
+
+from coilarray.design.model import Design, build_design
+from coilarray.electromagnetics.inductance import Accuracy
+from coilarray.errors import GoalError
+from coilarray.studies.quantities import Evaluation, Request, request
+from coilarray.studies.tolerance.perturb import perturb
+from coilarray.studies.tolerance.tolerances import Positions
+
+
+def default_quantities(design: Design) -> tuple[str, ...]:
+    """Names of the self-inductances and the coupling of all pairs: what costs little.
+
+    Examples
+    --------
+    >>> from coilarray import load_design
+    >>> default_quantities(load_design("gast_fem"))
+    ('inductance_uH[coil1]',)
+    """
+    coils = design.array.names
+    pairs = tuple(f"k[{a},{b}]" for a, b in combinations(coils, 2))
+    return (*(("worst_k", "rms_k") if pairs else ()), *(f"inductance_uH[{coil}]" for coil in coils), *pairs)
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """What is computed of every board.
+
+    Parameters
+    ----------
+    quantities : tuple of str
+        Canonical names of `coilarray.studies.quantities`.
+    positions : Positions or None
+        Where δ is computed.
+    accuracy : {"full", "screen"}
+        Of the inductances: `coilarray.electromagnetics.inductance.Accuracy`.
+    """
+
+    quantities: tuple[str, ...]
+    positions: Positions | None = None
+    accuracy: Accuracy = "screen"
+
+    def names(self, design: Design) -> tuple[str, ...]:
+        """Names of all outputs of a board of this design, quantities first, then δ by place and state."""
+        states = [state.name for state in design.circuit.plan]
+        deltas = [f"delta[{state},{place}]" for place in self.places() for state in states]
+        return (*self.quantities, *deltas)
+
+    def places(self) -> tuple[str, ...]:
+        """Positions as they stand in names of outputs."""
+        at = self.positions
+        if at is None:
+            return ()
+        return tuple(f"x_mm={_mm(x)},y_mm={_mm(y)},depth_mm={_mm(at.depth)}" for y, x in product(at.y, at.x))
+
+    def item(self, design: Design, errors: Mapping[str, float]) -> dict[str, Any]:
+        """Return one board as plain data, for `evaluate_board` in another process."""
+        at = self.positions
+        return {
+            "document": design.document,
+            "errors": dict(errors),
+            "quantities": list(self.quantities),
+            "positions": None if at is None else {"x": list(at.x), "y": list(at.y), "depth": at.depth},
+            "accuracy": self.accuracy,
+        }
+
+
+def wanted_outputs(
+    design: Design,
+    quantities: Sequence[str],
+    positions: Positions | None,
+    accuracy: Accuracy = "screen",
+) -> Outputs:
+    """Check what is asked for.
+
+    Parameters
+    ----------
+    design : Design
+        Of the boards.
+    quantities : sequence of str
+        As `coilarray.studies.quantities.request` reads them; the same one may stand there twice.
+    positions : Positions, optional
+        Where δ is wanted.
+    accuracy : {"full", "screen"}
+        Of the inductances.
+
+    Raises
+    ------
+    GoalError
+        A quantity or its coil that there is not, or positions of a design that says nothing of an indentation.
+    """
+    if positions is not None and design.indentation is None:
+        raise GoalError(f"positions need [indenter] and [indentation], which the design {design.name} does not have.")
+    requests = {one.key: one for one in map(request, quantities)}
+    if not requests and positions is None:
+        raise GoalError("at least one quantity or position must be asked for.")
+    nominal = Evaluation(design, accuracy)
+    for coil in (coil for one in requests.values() for coil in _coils(one)):
+        nominal.coil(coil)
+    return Outputs(tuple(requests), positions, accuracy)
+
+
+def evaluate_board(item: Mapping[str, Any]) -> dict[str, float]:
+    """Compute the outputs of one board; this is what workers run.
+
+    Parameters
+    ----------
+    item : mapping
+        As `Outputs.item` returns it.
+
+    Returns
+    -------
+    dict of str to float
+        By the names of `Outputs.names`.
+
+    Raises
+    ------
+    GoalError
+        Errors that leave no board, or a quantity that the board does not have.
+    CoilarrayError
+        What keeps the physics from being solved.
+    """
+    document = item["document"]
+    board = perturb(build_design(document, document["name"]), item["errors"])
+    evaluation = Evaluation(board, item["accuracy"])
+    values = {name: request(name).value(evaluation) for name in item["quantities"]}
+    at = item["positions"]
+    if at is None:
+        return values
+    positions = Positions(tuple(at["x"]), tuple(at["y"]), at["depth"])
+    response = evaluation.response(np.array([positions.depth]), np.array(positions.x), np.array(positions.y))
+    names = Outputs((), positions).names(board)
+    return {**values, **dict(zip(names, response.delta.values[0].ravel().tolist(), strict=True))}
+
+
+def _coils(one: Request) -> list[str]:
+    """Names of the coils that a quantity asks for."""
+    named = [one.options[option] for option in ("coil", "coils") if option in one.options]
+    return [str(name) for value in named for name in ((value,) if isinstance(value, str | float) else value)]
+
+
+def _mm(length: float) -> str:
+    """Write a length in mm, to the nanometre."""
+    return f"{round(length * 1e3, 6):g}"

@@ -1,0 +1,223 @@
+"""Fabrication errors of a board, and the design as it comes out with them.
+
+An error is named ``kind.part``: ``etch.L1``, ``registration_x.L3``, ``dielectric.L1-L2``, ``elastomer.base``; kinds
+without parts have the name alone: ``placement_x``, ``permeability``, ``capacitance``. Values are in SI.
+
+==================  ==================  =====  ================================================================
+kind                part                unit   what a positive error does
+==================  ==================  =====  ================================================================
+etch                copper layer        m      widens every trace, on both sides alike: the centre line stays
+registration_x, _y  copper layer        m      shifts the copper against the drilled holes
+rotation            copper layer        rad    turns the copper about the middle of the board, counterclockwise
+dielectric          upper-lower layer   1      thickens the dielectric; all layers below sink
+copper              copper layer        1      thickens the copper; all layers below sink
+placement_x, _y     none                m      true less believed position of the elastomer and its indenter
+permeability        none                1      raises μr of all magnetic sheets
+elastomer           sheet               m      thickens the sheet
+capacitance         none                1      raises the capacitance of the tank
+==================  ==================  =====  ================================================================
+
+The ends of every line stay at the drilled holes that join them. Pads, holes and the outline of the board have no error.
+"""
+
+from __future__ import annotations
+
+import difflib
+import hashlib
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+from coilarray.design.model import Design, Indentation
+from coilarray.errors import GeometryError, GoalError
+from coilarray.geometry import Coil, CoilArray, Placement, Sheet, Stackup
+
+FloatArray = npt.NDArray[np.float64]
+
+
+def error_names(design: Design) -> tuple[str, ...]:
+    """Names of all errors that a design can have.
+
+    Parameters
+    ----------
+    design : Design
+        Layers that carry no copper of a coil have neither etch nor registration; a design without an indentation has
+        no placement, one without magnetic sheets no permeability.
+
+    Examples
+    --------
+    >>> from coilarray import load_design
+    >>> [name for name in error_names(load_design("gast_fem")) if name.startswith(("etch", "diel", "elast"))]
+    ['etch.L1', 'etch.L2', 'dielectric.L1-L2', 'elastomer.base', 'elastomer.magnetic']
+    """
+    layers = design.array.stackup.names
+    used = {layer for place in design.array.placements for layer in place.layers}
+    names = [
+        f"{kind}.{layer}"
+        for kind in ("etch", "registration_x", "registration_y", "rotation")
+        for layer in layers
+        if layer in used
+    ]
+    names += [f"dielectric.{upper}-{lower}" for upper, lower in pairwise(layers)]
+    names += [f"copper.{layer}" for layer in layers]
+    if design.indentation is not None:
+        names += ["placement_x", "placement_y"]
+    if any(sheet.relative_permeability > 1 for sheet in design.sheets):
+        names.append("permeability")
+    return (*names, *(f"elastomer.{sheet.name}" for sheet in design.sheets), "capacitance")
+
+
+def perturb(design: Design, errors: Mapping[str, float]) -> Design:
+    """Return a design as it comes out of fabrication.
+
+    Parameters
+    ----------
+    design : Design
+        As it is meant.
+    errors : mapping of str to float
+        By the names of `error_names`, in SI; the others are zero.
+
+    Returns
+    -------
+    Design
+        With another digest; the design itself where all errors are zero. `Design.values` and `Design.document` stay
+        those of the file.
+
+    Raises
+    ------
+    GoalError
+        A name that the design does not have, a value that is not finite, or an error that leaves nothing of a trace,
+        gap or layer.
+
+    Examples
+    --------
+    >>> from coilarray import load_design
+    >>> narrow = perturb(load_design("gast2020"), {"etch.L1": -10e-6})
+    >>> [round(float(widths[0]) * 1e6, 6) for widths in narrow.array.placements[0].coil.widths]
+    [90.0, 100.0]
+    """
+    known = error_names(design)
+    for name, value in errors.items():
+        if name not in known:
+            close = difflib.get_close_matches(name, known, n=1)
+            hint = f"; did you mean {close[0]}?" if close else f"; it has {', '.join(known)}."
+            raise GoalError(f"{design.name} has no error {name!r}{hint}")
+        if not math.isfinite(value):
+            raise GoalError(f"the error {name} must be finite; got {value}.")
+    nonzero = {name: float(errors[name]) for name in known if errors.get(name, 0.0) != 0.0}
+    if not nonzero:
+        return design
+    try:
+        return replace(
+            design,
+            array=_array(design.array, nonzero),
+            sheets=tuple(_sheet(sheet, nonzero) for sheet in design.sheets),
+            indentation=_indentation(design.indentation, nonzero),
+            circuit=replace(
+                design.circuit,
+                capacitance=_scaled(design.circuit.capacitance, nonzero, "capacitance"),
+                switches=replace(
+                    design.circuit.switches,
+                    tank_capacitance=_scaled(design.circuit.switches.tank_capacitance, nonzero, "capacitance"),
+                ),
+            ),
+            digest=hashlib.sha256(json.dumps([design.digest, nonzero], sort_keys=True).encode()).hexdigest(),
+        )
+    except GeometryError as error:
+        raise GoalError(f"these errors leave no board: {error}") from None
+
+
+def _scaled(value: float, errors: Mapping[str, float], name: str) -> float:
+    scaled = value * (1 + errors.get(name, 0.0))
+    if scaled <= 0:
+        raise GoalError(f"the error {name} must be above −1; got {errors[name]:g}.")
+    return scaled
+
+
+def _sheet(sheet: Sheet, errors: Mapping[str, float]) -> Sheet:
+    magnetic = sheet.relative_permeability > 1
+    return replace(
+        sheet,
+        thickness=sheet.thickness + errors.get(f"elastomer.{sheet.name}", 0.0),
+        relative_permeability=_scaled(sheet.relative_permeability, errors, "permeability") if magnetic else 1.0,
+    )
+
+
+def _indentation(setup: Indentation | None, errors: Mapping[str, float]) -> Indentation | None:
+    if setup is None:
+        return None
+    x, y = setup.origin_point
+    return replace(setup, origin_point=(x + errors.get("placement_x", 0.0), y + errors.get("placement_y", 0.0)))
+
+
+def _array(array: CoilArray, errors: Mapping[str, float]) -> CoilArray:
+    stackup = _stackup(array.stackup, errors)
+    x_min, y_min, x_max, y_max = array.bounds
+    middle = np.array([x_min + x_max, y_min + y_max]) / 2
+    made: dict[tuple[object, ...], Coil] = {}
+    placements = []
+    for place in array.placements:
+        # coils that come out alike stay one, so that their inductance is computed once
+        turned = any(f"rotation.{layer}" in errors for layer in place.layers)
+        key = (id(place.coil), place.layers, place.rotation, (place.x, place.y) if turned else None)
+        if key not in made:
+            made[key] = _coil(place, errors, middle)
+        placements.append(replace(place, coil=made[key]))
+    return replace(array, stackup=stackup, placements=tuple(placements))
+
+
+def _stackup(stackup: Stackup, errors: Mapping[str, float]) -> Stackup:
+    below = [f"{upper}-{lower}" for upper, lower in pairwise(stackup.names)]
+    return replace(
+        stackup,
+        copper_thickness=tuple(
+            thickness * (1 + errors.get(f"copper.{name}", 0.0))
+            for name, thickness in zip(stackup.names, stackup.copper_thickness, strict=True)
+        ),
+        dielectric_thickness=tuple(
+            thickness * (1 + errors.get(f"dielectric.{name}", 0.0))
+            for name, thickness in zip(below, stackup.dielectric_thickness, strict=True)
+        ),
+    )
+
+
+def _coil(place: Placement, errors: Mapping[str, float], middle: FloatArray) -> Coil:
+    """Return the coil of a placement as it comes out there, in its own frame."""
+    coil = place.coil
+    wider = [errors.get(f"etch.{layer}", 0.0) for layer in place.layers]
+    return replace(
+        coil,
+        lines=tuple(
+            _moved(place, line, layer, errors, middle) for line, layer in zip(coil.lines, place.layers, strict=True)
+        ),
+        widths=tuple(widths + change for widths, change in zip(coil.widths, wider, strict=True)),
+        # one gap a coil: the pitch of its turns stays, on the mean over its layers
+        gap=coil.gap - sum(wider) / len(wider),
+    )
+
+
+def _moved(
+    place: Placement, line: FloatArray, layer: str, errors: Mapping[str, float], middle: FloatArray
+) -> FloatArray:
+    """Shift and turn a line with its layer, but for its ends, which are at holes."""
+    shift = np.array([errors.get(f"registration_{axis}.{layer}", 0.0) for axis in "xy"])
+    angle = errors.get(f"rotation.{layer}", 0.0)
+    if not (shift.any() or angle):
+        return line
+    if angle:
+        away = place.to_board(line) - middle
+        shift = shift + away @ (_turn(angle) - np.eye(2)).T
+    moved = line.copy()
+    moved[1:-1] += np.broadcast_to(shift @ _turn(place.rotation), line.shape)[1:-1]  # v @ R(φ) turns v back by φ
+    return moved
+
+
+def _turn(angle: float) -> FloatArray:
+    """Matrix that turns a column by an angle in rad."""
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[c, -s], [s, c]])

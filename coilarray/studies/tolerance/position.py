@@ -1,0 +1,146 @@
+"""How far from the truth a board with errors locates the indenter, when it uses the table of the board without.
+
+The board reads δ + Δδ. Near the truth the likelihood of the table is that of a linear model with J = ∂δ/∂(x, y, depth),
+and with equal noise in all states its maximum is moved by (JᵀJ)⁻¹ Jᵀ Δδ. Unknowns of which the reading tells next to
+nothing are left out of J, that is taken as known: on the middle line of a board that is symmetric in y, y itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+import numpy.typing as npt
+
+from coilarray.errors import LocalizeError
+from coilarray.localize.forward import PARAMETERS, ForwardModel
+from coilarray.localize.identifiability import covariance_of, fisher_information
+from coilarray.localize.inverse import locate_all
+from coilarray.studies.tolerance.tolerances import Positions
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.intp]
+
+
+@dataclass(frozen=True, eq=False)
+class Shifts:
+    """What moves located positions.
+
+    Parameters
+    ----------
+    model : ForwardModel
+        Of the board without errors.
+    points : ndarray, shape (places, 3)
+        True x, y and depth in m.
+    noise : float
+        Standard deviation of δ.
+    told : tuple of tuple of int
+        At each place, which of x, y and depth a reading tells.
+    """
+
+    model: ForwardModel
+    points: FloatArray
+    noise: float
+    told: tuple[tuple[int, ...], ...]
+
+    def names(self, places: Sequence[str]) -> tuple[str, ...]:
+        """Names of the outputs, place by place, from the places' own names."""
+        return tuple(
+            f"shift_{PARAMETERS[axis]}_mm[{place}]"
+            for place, axes in zip(places, self.told, strict=True)
+            for axis in axes
+        )
+
+    def untold(self, places: Sequence[str]) -> tuple[str, ...]:
+        """Tell what no reading tells, one text a place: ``y at x_mm=0,y_mm=0,depth_mm=1``."""
+        texts = []
+        for place, axes in zip(places, self.told, strict=True):
+            missing = [PARAMETERS[axis] for axis in range(self.model.unknowns) if axis not in axes]
+            if missing:
+                texts.append(f"{', '.join(missing)} at {place}")
+        return tuple(texts)
+
+    def matrix(self) -> FloatArray:
+        """Shifts in mm per change of δ, shape (shifts, places · states), zero between different places."""
+        states = len(self.model.states)
+        rows = []
+        for k, (point, axes) in enumerate(zip(self.points, self.told, strict=True)):
+            inverse = np.linalg.pinv(self.model.jacobian(point)[:, list(axes)])
+            for row in inverse * 1e3:
+                rows.append(np.zeros(len(self.points) * states))
+                rows[-1][k * states : (k + 1) * states] = row
+        return np.array(rows).reshape(-1, len(self.points) * states)
+
+    def located(self, changes: FloatArray) -> tuple[FloatArray, IntArray]:
+        """Locate readings with the real solver.
+
+        Parameters
+        ----------
+        changes : ndarray, shape (n, places · states)
+            Δδ of n boards against the board without errors, finite.
+
+        Returns
+        -------
+        shifts : ndarray, shape (n, shifts)
+            Located less true in mm, of the mode next to the truth; NaN where a reading has no mode.
+        found : ndarray of int, shape (n,)
+            At how many places each board has its position ``"found"``; elsewhere it is on the border of the table, or
+            the residuals are beyond noise.
+        """
+        states = len(self.model.states)
+        shifts, found = [], np.zeros(len(changes), dtype=np.intp)
+        for k, (point, axes) in enumerate(zip(self.points, self.told, strict=True)):
+            readings = self.model.delta(point) + changes[:, k * states : (k + 1) * states]
+            locations = locate_all(self.model, readings, noise=self.noise)
+            found += np.array([location.verdict == "found" for location in locations], dtype=bool)
+            there = np.full((len(changes), len(axes)), np.nan)
+            for row, location in zip(there, locations, strict=True):
+                if location.modes:
+                    away = np.array([[mode.x, mode.y, mode.depth] for mode in location.modes]) - point
+                    nearest = away[np.argmin(np.hypot(away[:, 0], away[:, 1]))]
+                    row[:] = nearest[list(axes)] * 1e3
+            shifts.append(there)
+        return np.hstack(shifts), found
+
+
+def shifts_at(model: ForwardModel, positions: Positions, largest: float) -> Shifts:
+    """Prepare to locate readings at positions.
+
+    Parameters
+    ----------
+    model : ForwardModel
+        Of the board without errors.
+    positions : Positions
+        In the table, with the noise of readings.
+    largest : float
+        Standard deviation in m by noise alone beyond which an unknown counts as not told: a length over which δ
+        changes much, beyond which nothing is linear.
+
+    Raises
+    ------
+    LocalizeError
+        A position outside the table, or fewer states than unknowns.
+    """
+    points = np.array([(x, y, positions.depth) for y, x in product(positions.y, positions.x)])
+    if len(model.states) < model.unknowns:
+        raise LocalizeError(
+            f"{model.unknowns} unknowns need at least as many states; the scan has {', '.join(model.states)}."
+        )
+    information = fisher_information(model, points, positions.noise)
+    return Shifts(model, points, positions.noise, tuple(_told(one, largest) for one in information))
+
+
+def _told(information: FloatArray, largest: float) -> tuple[int, ...]:
+    """Leave out the least known unknown until the others are known well enough."""
+    axes = list(range(len(information)))
+    while axes:
+        among = information[np.ix_(axes, axes)]
+        deviations = np.sqrt(np.diag(covariance_of(among)))
+        if deviations.max() <= largest:
+            break
+        # where the information is singular, all deviations are infinite: then the unknown that alone would be worst
+        known = np.isfinite(deviations).all()
+        del axes[int(np.argmax(deviations) if known else np.argmin(np.diag(among)))]
+    return tuple(axes)

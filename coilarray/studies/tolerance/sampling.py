@@ -1,0 +1,100 @@
+"""Draw the errors of boards from their distributions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import ndtri
+from scipy.stats import qmc
+
+from coilarray.errors import GoalError
+from coilarray.studies.tolerance.tolerances import Contributor
+
+FloatArray = npt.NDArray[np.float64]
+
+Sampling = Literal["sobol", "random"]
+"""Scrambled Sobol points, which fill the space evenly, or independent ones."""
+
+MOST_SAMPLES = 1_000_000
+_LEAST_TAIL = 2.0**-40  # a probability of 0 or 1 would lie at infinity
+
+
+def draw(contributors: Sequence[Contributor], count: int, seed: int = 0, sampling: Sampling = "sobol") -> FloatArray:
+    """Draw the errors of boards.
+
+    Parameters
+    ----------
+    contributors : sequence of Contributor
+        Independent of each other.
+    count : int
+        Number of boards; a power of 2 suits Sobol points best.
+    seed : int
+        Of the sequence; equal seeds give equal boards, and the first of many boards are those of few.
+    sampling : {"sobol", "random"}
+        Kind of points.
+
+    Returns
+    -------
+    ndarray, shape (count, contributors)
+        In SI.
+
+    Raises
+    ------
+    GoalError
+        A count that is not 0 to 1 000 000, a negative seed, more contributors than Sobol points have dimensions.
+
+    Examples
+    --------
+    >>> one = Contributor("etch, board", "etch", "board", ("etch.L1",), "uniform", 1e-6)
+    >>> boards = draw([one], 1024)
+    >>> bool(abs(boards).max() < 3**0.5 * 1e-6), round(float(boards.std()) * 1e6, 3)
+    (True, 1.0)
+    """
+    if not 0 <= count <= MOST_SAMPLES:
+        raise GoalError(f"samples must be 0 to {MOST_SAMPLES}; got {count}.")
+    if seed < 0:
+        raise GoalError(f"seed must not be negative; got {seed}.")
+    if sampling == "sobol":
+        dimensions = len(contributors)
+        if dimensions > qmc.Sobol.MAXDIM:
+            raise GoalError(f"Sobol points have at most {qmc.Sobol.MAXDIM} dimensions; got {dimensions} errors.")
+        sequence = qmc.Sobol(dimensions, scramble=True, seed=np.random.default_rng(seed))
+        quantiles = sequence.random_base2(max(count - 1, 0).bit_length())[:count]
+    else:
+        quantiles = np.random.default_rng(seed).random((count, len(contributors)))
+    quantiles = np.clip(quantiles, _LEAST_TAIL, 1 - _LEAST_TAIL)
+    uniform = np.array([one.distribution == "uniform" for one in contributors])
+    unit = np.where(uniform, np.sqrt(3) * (2 * quantiles - 1), ndtri(quantiles))
+    return np.asarray(unit * [one.deviation for one in contributors])
+
+
+def errors_of(contributors: Sequence[Contributor], values: npt.ArrayLike) -> dict[str, float]:
+    """Add up what the contributors do to every error of one board.
+
+    Parameters
+    ----------
+    contributors : sequence of Contributor
+        Of the board.
+    values : array_like, shape (contributors,)
+        In SI.
+
+    Returns
+    -------
+    dict of str to float
+        For `coilarray.studies.tolerance.perturb.perturb`.
+
+    Examples
+    --------
+    >>> board = Contributor("etch, board", "etch", "board", ("etch.L1", "etch.L2"), "normal", 1e-6)
+    >>> layer = Contributor("etch, layer L2", "etch", "layer", ("etch.L2",), "normal", 1e-6)
+    >>> errors_of([board, layer], [2.0, 0.5])
+    {'etch.L1': 2.0, 'etch.L2': 2.5}
+    """
+    errors: dict[str, float] = {}
+    for one, value in zip(contributors, np.asarray(values, dtype=np.float64).tolist(), strict=True):
+        for target in one.targets:
+            errors[target] = errors.get(target, 0.0) + value
+    return errors

@@ -1,0 +1,107 @@
+"""Linearised spread: derivatives by central differences, and what every error contributes to the variance.
+
+With the outputs q, the errors e of the board and independent contributors c that move the errors alike,
+
+    q ≈ q₀ + Σ_c J_c c,   J_c = Σ_(e moved by c) ∂q/∂e,   var q = Σ_c (J_c σ_c)².
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from coilarray.studies.tolerance.tolerances import Contributor
+
+FloatArray = npt.NDArray[np.float64]
+
+STEPS = (1.0, 0.5)
+"""Half widths of the central differences in standard deviations: the second gives the derivative, both its check."""
+
+
+def error_steps(contributors: Sequence[Contributor]) -> dict[str, float]:
+    """Return the standard deviation in SI of every error that the contributors move, in their order."""
+    variances: dict[str, float] = {}
+    for one in contributors:
+        for target in one.targets:
+            variances[target] = variances.get(target, 0.0) + one.deviation**2
+    return {target: math.sqrt(variance) for target, variance in variances.items()}
+
+
+def difference_points(steps: dict[str, float]) -> list[dict[str, float]]:
+    """Errors of the boards that `Sensitivity` needs: for each error and each of `STEPS` one above and one below."""
+    return [{name: sign * part * step} for name, step in steps.items() for part in STEPS for sign in (1.0, -1.0)]
+
+
+@dataclass(frozen=True, eq=False)
+class Sensitivity:
+    """Effects of one standard deviation of every contributor.
+
+    Parameters
+    ----------
+    effects : ndarray, shape (contributors, outputs)
+        J_c σ_c in the units of the outputs, from the smaller step.
+    wide_effects : ndarray, shape (contributors, outputs)
+        The same from the larger step. Where the two differ by much, the output is not linear over the errors.
+    """
+
+    effects: FloatArray
+    wide_effects: FloatArray
+
+    @property
+    def deviation(self) -> FloatArray:
+        """Standard deviation of every output, shape (outputs,)."""
+        return np.asarray(np.sqrt((self.effects**2).sum(axis=0)))
+
+    @property
+    def shares(self) -> FloatArray:
+        """Share of every contributor in the variance of every output, shape (contributors, outputs).
+
+        Zero where an output has no variance.
+        """
+        variance = (self.effects**2).sum(axis=0)
+        return np.asarray(np.divide(self.effects**2, variance, out=np.zeros_like(self.effects), where=variance > 0))
+
+    @property
+    def step_change(self) -> FloatArray:
+        """Largest change of an effect by the larger step, in standard deviations of the output, shape (outputs,)."""
+        change = np.abs(self.wide_effects - self.effects).max(axis=0)
+        deviation = self.deviation
+        return np.asarray(np.divide(change, deviation, out=np.zeros_like(change), where=deviation > 0))
+
+    def joined(self, other: Sensitivity) -> Sensitivity:
+        """Return these outputs and then those of another sensitivity to the same contributors."""
+        return Sensitivity(np.hstack((self.effects, other.effects)), np.hstack((self.wide_effects, other.wide_effects)))
+
+    def through(self, matrix: FloatArray) -> Sensitivity:
+        """Return the sensitivity of other outputs, linear in these by a matrix of shape (others, outputs)."""
+        return Sensitivity(self.effects @ matrix.T, self.wide_effects @ matrix.T)
+
+
+def sensitivity(contributors: Sequence[Contributor], steps: dict[str, float], values: FloatArray) -> Sensitivity:
+    """Put the outputs at all `difference_points` together.
+
+    Parameters
+    ----------
+    contributors : sequence of Contributor
+        Of the boards.
+    steps : dict of str to float
+        As `error_steps` returns them.
+    values : ndarray, shape (points, outputs)
+        In the order of `difference_points`.
+
+    Returns
+    -------
+    Sensitivity
+    """
+    names = list(steps)
+    pairs = values.reshape(len(names), len(STEPS), 2, -1)
+    spans = 2 * np.outer(list(steps.values()), STEPS)[..., None]
+    wide, narrow = np.moveaxis((pairs[:, :, 0] - pairs[:, :, 1]) / spans, 1, 0)
+    moved = np.zeros((len(contributors), len(names)))
+    for k, one in enumerate(contributors):
+        moved[k, [names.index(target) for target in one.targets]] = one.deviation
+    return Sensitivity(moved @ narrow, moved @ wide)

@@ -1,0 +1,103 @@
+"""What drawn boards tell of a spread, and how sure they are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.stats import binomtest
+
+from coilarray.studies.tolerance.tolerances import Limit
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+
+LEAST_SAMPLES = 8
+"""Boards below which no spread is told."""
+CENTRAL = (2.5, 97.5)
+"""Percentiles between which 95 % of the boards lie."""
+
+
+def deviation_error(values: FloatArray) -> FloatArray:
+    """Estimate the standard error of the standard deviation of drawn values.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n, …)
+        n independent draws.
+
+    Returns
+    -------
+    ndarray, shape (…,)
+        In the unit of the values. For Sobol points it is too large rather than too small.
+
+    Notes
+    -----
+    var(s²) = (μ₄ − s⁴ (n − 3)/(n − 1))/n for any distribution with fourth central moment μ₄, and ds = ds²/2s; a normal
+    one has s/√(2(n − 1)) (Kendall & Stuart, The Advanced Theory of Statistics, vol. 1, ch. 10).
+    """
+    n = len(values)
+    variance = values.var(axis=0, ddof=1)
+    fourth = ((values - values.mean(axis=0)) ** 4).mean(axis=0)
+    of_variance = np.sqrt(np.maximum(fourth - variance**2 * (n - 3) / (n - 1), 0.0) / n)
+    deviation = np.sqrt(variance)
+    return np.asarray(np.divide(of_variance, 2 * deviation, out=np.zeros_like(deviation), where=deviation > 0))
+
+
+def kept(limits: Sequence[Limit], names: Sequence[str], values: FloatArray) -> BoolArray:
+    """Tell which boards keep which limits.
+
+    Parameters
+    ----------
+    limits : sequence of Limit
+        Of named outputs.
+    names : sequence of str
+        Of the outputs.
+    values : ndarray, shape (n, outputs)
+        One row a board.
+
+    Returns
+    -------
+    ndarray of bool, shape (n, limits)
+        False where a value is missing.
+    """
+    columns = values[:, [names.index(limit.quantity) for limit in limits]]
+    low, high = np.array([limit.at_least for limit in limits]), np.array([limit.at_most for limit in limits])
+    return np.asarray((columns >= low) & (columns <= high))
+
+
+@dataclass(frozen=True)
+class Yield:
+    """Share of boards that are good; one that cannot be made is not.
+
+    Parameters
+    ----------
+    share : float
+        Of the drawn boards.
+    low, high : float
+        Wilson's interval. Of independent boards it holds the true share with 95 %; boards of Sobol points are not
+        independent, and come only near that.
+    """
+
+    share: float
+    low: float
+    high: float
+
+
+def yield_of(good: int, count: int) -> Yield:
+    """Share of good boards among drawn ones.
+
+    Parameters
+    ----------
+    good, count : int
+        Good boards and all boards, at least one.
+
+    Examples
+    --------
+    >>> yield_of(64, 64).low > 0.94
+    True
+    """
+    interval = binomtest(good, count).proportion_ci(0.95, method="wilson")
+    return Yield(good / count, float(interval.low), float(interval.high))

@@ -1,0 +1,209 @@
+"""Distributions of fabrication errors, and what is asked of the boards that they make."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+from coilarray.design.model import Design
+from coilarray.errors import GoalError
+from coilarray.studies.tolerance.perturb import error_names
+
+Distribution = Literal["normal", "uniform"]
+
+KINDS: Mapping[str, tuple[str, ...]] = {
+    "etch": ("etch",),
+    "registration": ("registration_x", "registration_y"),
+    "rotation": ("rotation",),
+    "dielectric": ("dielectric",),
+    "copper": ("copper",),
+    "placement": ("placement_x", "placement_y"),
+    "permeability": ("permeability",),
+    "elastomer": ("elastomer",),
+    "capacitance": ("capacitance",),
+}
+"""Errors of `coilarray.studies.tolerance.perturb` by the tables of a file."""
+
+UNITS: Mapping[str, str] = {
+    "etch": "m",
+    "registration": "m",
+    "rotation": "rad",
+    "dielectric": "1",
+    "copper": "1",
+    "placement": "m",
+    "permeability": "1",
+    "elastomer": "m",
+    "capacitance": "1",
+}
+"""SI units of the errors by table."""
+
+
+@dataclass(frozen=True)
+class Spread:
+    """How far one kind of error scatters.
+
+    Parameters
+    ----------
+    distribution : {"normal", "uniform"}
+        Of each part.
+    board, layer : float
+        Standard deviation of the part that all layers of a board share, and of the part of each layer, in SI; the
+        parts are independent and add up.
+    """
+
+    distribution: Distribution = "normal"
+    board: float = 0.0
+    layer: float = 0.0
+
+
+@dataclass(frozen=True)
+class Positions:
+    """Where the indenter presses when the response is asked for.
+
+    Parameters
+    ----------
+    x, y : tuple of float
+        Rising, in m from the map's origin; every x with every y.
+    depth : float
+        In m.
+    noise : float
+        Standard deviation of δ, with which readings are weighted when they are located.
+    """
+
+    x: tuple[float, ...]
+    y: tuple[float, ...]
+    depth: float
+    noise: float = 1e-5
+
+
+@dataclass(frozen=True)
+class Limit:
+    """What a good board keeps.
+
+    Parameters
+    ----------
+    quantity : str
+        Name of an output.
+    at_least, at_most : float
+        In the unit of the name; infinite where there is none.
+    """
+
+    quantity: str
+    at_least: float = -math.inf
+    at_most: float = math.inf
+
+    @property
+    def text(self) -> str:
+        """The limit in one line."""
+        low = "" if math.isinf(self.at_least) else f"{self.at_least:g} ≤ "
+        high = "" if math.isinf(self.at_most) else f" ≤ {self.at_most:g}"
+        return f"{low}{self.quantity}{high}"
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """A tolerance file, read and checked.
+
+    Parameters
+    ----------
+    spreads : mapping of str to Spread
+        By table; tables that are not there have no error.
+    assumed : mapping of str to str
+        Tables that no one gave, with the reason for their values.
+    quantities : tuple of str
+        Names of outputs that the file asks for; empty where it asks for none.
+    positions : Positions or None
+        Where the response is asked for.
+    limits : tuple of Limit
+        Of the outputs.
+    """
+
+    spreads: Mapping[str, Spread]
+    assumed: Mapping[str, str] = field(default_factory=dict)
+    quantities: tuple[str, ...] = ()
+    positions: Positions | None = None
+    limits: tuple[Limit, ...] = ()
+
+
+@dataclass(frozen=True)
+class Contributor:
+    """One independent error: a part of one kind of error that moves one or more errors of the board alike.
+
+    Parameters
+    ----------
+    name : str
+        For people: ``etch, board``, ``dielectric, layer L1-L2``.
+    table : str
+        Table of the file that it comes from.
+    part : {"board", "layer"}
+        Whether it is common to all layers of a board.
+    targets : tuple of str
+        Errors of `coilarray.studies.tolerance.perturb.perturb` to which it is added.
+    distribution : {"normal", "uniform"}
+        With mean zero.
+    deviation : float
+        Standard deviation in SI.
+    """
+
+    name: str
+    table: str
+    part: Literal["board", "layer"]
+    targets: tuple[str, ...]
+    distribution: Distribution
+    deviation: float
+
+
+def contributors(design: Design, tolerances: Tolerances) -> tuple[Contributor, ...]:
+    """Independent errors of a design's boards.
+
+    Parameters
+    ----------
+    design : Design
+        Says which layers and sheets there are.
+    tolerances : Tolerances
+        As `load_tolerances` returns them.
+
+    Returns
+    -------
+    tuple of Contributor
+        Without those that have no spread. Where a kind has one layer or sheet alone, board and layer part stay apart.
+
+    Raises
+    ------
+    GoalError
+        No error has a spread.
+
+    Examples
+    --------
+    >>> from coilarray import load_design
+    >>> alone = Tolerances({"dielectric": Spread(board=0.02, layer=0.03)})
+    >>> [one.name for one in contributors(load_design("gast_fem"), alone)]
+    ['dielectric, board', 'dielectric, layer L1-L2']
+    """
+    names = error_names(design)
+    found = []
+    for table, kinds in KINDS.items():
+        spread = tolerances.spreads.get(table, Spread())
+        for kind in kinds:
+            targets = tuple(name for name in names if name == kind or name.startswith(f"{kind}."))
+            if not targets:
+                continue
+            if spread.board > 0:
+                found.append(Contributor(f"{kind}, board", table, "board", targets, spread.distribution, spread.board))
+            if spread.layer > 0:
+                found += [
+                    Contributor(
+                        f"{kind}, layer {target.removeprefix(f'{kind}.')}",
+                        table,
+                        "layer",
+                        (target,),
+                        spread.distribution,
+                        spread.layer,
+                    )
+                    for target in targets
+                ]
+    if not found:
+        raise GoalError(f"no error of {design.name} has a spread; at least one must be above 0.")
+    return tuple(found)

@@ -1,0 +1,218 @@
+"""A board of any kind, opened by the name of its port, and at rest again whichever way the block is left."""
+
+from __future__ import annotations
+
+import atexit
+from contextlib import ExitStack
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self
+
+from coilarray.hardware.board.direct import DirectReader
+from coilarray.hardware.chips.ldc1614_registers import DEVICE, MANUFACTURER
+from coilarray.hardware.scan.reader import Identity, Reader
+from coilarray.hardware.scan.wiring import Wiring, load_wiring, one_device_a_coil
+from coilarray.hardware.wire.buses import ComputerClock
+from coilarray.hardware.wire.ports import EMULATOR, EmulatorPort, FtdiPort, LinuxPort, Port, SerialPort, parse_port
+from coilarray.hardware.wire.signals import held_signals, orderly_termination
+
+if TYPE_CHECKING:
+    from coilarray.design.model import Design
+    from coilarray.hardware.emulator import EmulatedBoard
+    from coilarray.hardware.wire.link import LinkTimes
+
+
+class Board:
+    """An open board; `open_board` makes one. Leaving its block grounds all coils and puts the converter to sleep.
+
+    That holds for every way out: the end, an exception, Ctrl-C, SIGTERM, and a program that ends without leaving the
+    block. Against a program that is killed at once no computer helps; a microcontroller then ends its stream by itself,
+    and chips on the computer's own buses are put to rest when the board is opened again.
+
+    Parameters
+    ----------
+    reader : Reader
+        What measures.
+    port : str
+        As it was opened by.
+    wiring : Wiring
+        Of its switches.
+    emulator : EmulatedBoard, optional
+        What plays its fate, where it is not there.
+    """
+
+    def __init__(self, reader: Reader, port: str, wiring: Wiring, emulator: EmulatedBoard | None = None) -> None:
+        self.reader, self.port, self.wiring, self.emulator = reader, port, wiring, emulator
+        self._ways_out = ExitStack()
+        atexit.register(self.close)
+
+    @property
+    def identity(self) -> Identity:
+        """What answers."""
+        return self.reader.identity
+
+    @property
+    def emulated(self) -> bool:
+        """Whether no real board is behind it."""
+        return self.identity.emulated
+
+    @property
+    def line(self) -> str:
+        """Who answers, in one line for people."""
+        identity = self.identity
+        ids = f"{identity.manufacturer:04X}/{identity.device:04X}"
+        if (identity.manufacturer, identity.device) == (MANUFACTURER, DEVICE):
+            converter = f"LDC1614 ({ids})"
+        elif (identity.manufacturer, identity.device) == (0, 0):
+            converter = "no converter answers"
+        else:
+            converter = f"another chip than the LDC1614 ({ids})"
+        return f"{self.port}: {identity.kind}; {converter}; wiring {self.wiring.name}; session {identity.boot:08X}"
+
+    def check_chain(self) -> str | None:
+        """Ask a microcontroller whether the chain of switches returns what it is sent.
+
+        Returns
+        -------
+        str or None
+            "same", "differ", or "none" where the end of the chain is not wired back; None for chips that this computer
+            drives itself.
+        """
+        from coilarray.hardware.board.microcontroller import MicrocontrollerReader
+
+        return self.reader.check_chain() if isinstance(self.reader, MicrocontrollerReader) else None
+
+    def close(self) -> None:
+        """Rest and let go of the port. Never raises; may be called again."""
+        with held_signals():
+            self.reader.close()
+        atexit.unregister(self.close)
+
+    def __enter__(self) -> Self:
+        self._ways_out.enter_context(orderly_termination())
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        try:
+            self.close()
+        finally:
+            self._ways_out.close()
+
+
+def open_board(
+    port: str = EMULATOR,
+    *,
+    design: Design | None = None,
+    wiring: Wiring | None = None,
+    times: LinkTimes | None = None,
+    **emulation: Any,
+) -> Board:
+    """Open a board; its coils are grounded and its converter sleeps.
+
+    Parameters
+    ----------
+    port : str
+        As `coilarray.hardware.wire.ports.parse_port` reads it; the emulator by default.
+    design : Design, optional
+        Of the emulated coils; the reference design by default.
+    wiring : Wiring, optional
+        Of the switches; by default as `wiring_of_board` says.
+    times : LinkTimes, optional
+        How long a microcontroller may take.
+    **emulation
+        Options of `coilarray.hardware.emulator.emulated_board`; a real board takes no notice of them.
+
+    Returns
+    -------
+    Board
+        To be used in a ``with`` block.
+
+    Raises
+    ------
+    HardwareError
+        Not the name of a port, or one that cannot be opened: which, why, and what there is.
+    MissingDependencyError
+        The library that this kind of port needs is not installed.
+
+    Examples
+    --------
+    >>> with open_board() as board:  # doctest: +SKIP
+    ...     board.reader.configure(scan_settings(board.wiring))
+    ...     scan = board.reader.scan()
+    """
+    place = parse_port(port)
+    wired = wiring or wiring_of_board(place, design)
+    emulator = None
+    reader: Reader
+    match place:
+        case EmulatorPort():
+            emulator = _emulator(design, wired, emulation)
+            reader = DirectReader(
+                emulator.bus, emulator.switches, emulator.clock, wired.safe_words, kind=EMULATOR, emulated=True
+            )
+        case SerialPort(name, bauds):
+            from coilarray.hardware.board.microcontroller import open_microcontroller
+
+            reader = open_microcontroller(name, bauds=bauds, times=times)
+        case LinuxPort():
+            reader = _on_linux(place, wired)
+        case FtdiPort():
+            reader = _on_ft232h(place, wired)
+    return Board(reader, port, wired, emulator)
+
+
+def wiring_of_board(port: Port, design: Design | None = None, name: str | None = None) -> Wiring:
+    """Return the wiring of the board at a port.
+
+    Parameters
+    ----------
+    port : Port
+        As `coilarray.hardware.wire.ports.parse_port` returns it.
+    design : Design, optional
+        Of the emulator's coils.
+    name : str, optional
+        Of the wiring, as `load_wiring` takes it. By default six coils with one device each; for the emulator, whose
+        switches nobody has soldered, coils of the design's names with one device each.
+
+    Raises
+    ------
+    HardwareError
+        As `load_wiring` and `one_device_a_coil`.
+    """
+    bundled = load_wiring(name)
+    if name is not None or design is None or not isinstance(port, EmulatorPort):
+        return bundled
+    return bundled if set(design.array.names) == set(bundled.coils) else one_device_a_coil(design.array.names)
+
+
+def _emulator(design: Design | None, wiring: Wiring, emulation: dict[str, Any]) -> EmulatedBoard:
+    from coilarray.design.model import load_design
+    from coilarray.hardware.emulator import emulated_board
+
+    return emulated_board(design or load_design(), wiring, **emulation)
+
+
+def _on_linux(port: LinuxPort, wiring: Wiring) -> DirectReader:
+    from coilarray.hardware.wire.linux_host import LinuxRegisterBus, SpiSwitchChain
+
+    with ExitStack() as opened:
+        bus = LinuxRegisterBus(port.bus, port.address)
+        opened.callback(bus.close)
+        switches = SpiSwitchChain(port.spi_bus, port.spi_device, port.shift)
+        opened.callback(switches.close)
+        kind = f"I²C bus {port.bus} and SPI {port.spi_bus}.{port.spi_device} of this computer"
+        reader = DirectReader(bus, switches, ComputerClock(), wiring.safe_words, kind=kind)
+        opened.pop_all()
+    return reader
+
+
+def _on_ft232h(port: FtdiPort, wiring: Wiring) -> DirectReader:
+    from coilarray.hardware.wire.ft232h import open_ft232h
+
+    with ExitStack() as opened:
+        bus, switches = open_ft232h(port.url, port.address, pins=port.pins, settings=port.shift)
+        opened.callback(bus.close)
+        reader = DirectReader(bus, switches, ComputerClock(), wiring.safe_words, kind="FT232H")
+        opened.pop_all()
+    return reader

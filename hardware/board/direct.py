@@ -1,0 +1,280 @@
+"""A board whose chips hang on buses of this computer: the scan itself, as the firmware does it for a microcontroller.
+
+The order of the steps is that of `hardware/firmware/PROTOCOL.md`, "Rules of the board". Between two states, and
+whenever anything goes wrong, the converter is asleep and every coil is grounded.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import secrets
+import time
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+from coilarray.errors import HardwareError
+from coilarray.hardware.board.chips import ATTEMPTS, BUS_FAULTS, Chips, Orders, no_sample
+from coilarray.hardware.chips.ldc1614_registers import DEVICE, MANUFACTURER
+from coilarray.hardware.scan.legal_switching import check_switching
+from coilarray.hardware.scan.reader import Identity
+from coilarray.hardware.scan.scans import RawSample, RawScan, SampleFault
+from coilarray.hardware.scan.settings import ScanSettings
+from coilarray.hardware.wire.buses import Clock, RegisterBus, SwitchChain
+from coilarray.hardware.wire.faults import BoardRestarted, BusFault, BusTimeout, SwitchFault
+from coilarray.hardware.wire.signals import held_signals
+
+_FAULTY_SCANS = 3  # running, with the same kind of fault in the same state, before the stream ends
+
+
+class DirectReader:
+    """A `Reader` that drives the chips itself. One thread may use it.
+
+    Parameters
+    ----------
+    bus : RegisterBus
+        To the converter.
+    switches : SwitchChain
+        To the switches.
+    clock : Clock
+        By which it waits, and the time of its scans.
+    safe_words : bytes
+        Ground every end of every coil; the switches get them before anything else happens.
+    kind : str
+        For people, as in `Identity`.
+    emulated : bool
+        As in `Identity`.
+
+    Raises
+    ------
+    DeviceLost, SwitchFault
+        A port that is gone, or switches that cannot be reached. A converter that does not answer is told by `identity`.
+    """
+
+    def __init__(
+        self,
+        bus: RegisterBus,
+        switches: SwitchChain,
+        clock: Clock,
+        safe_words: bytes,
+        *,
+        kind: str,
+        emulated: bool = False,
+    ) -> None:
+        self._chips, self._clock = Chips(bus, switches, clock), clock
+        self._safe_words = safe_words
+        self._orders: Orders | None = None
+        self._failure: HardwareError | None = None
+        self._faulty: Counter[int] = Counter()  # scans running, by state, with a fault of the bus
+        self._differing: Counter[int] = Counter()  # the same, of the chain of switches
+        self._closed = False
+        found = (0, 0)
+        with held_signals():
+            self._chips.switch(safe_words)
+            with contextlib.suppress(BusFault):
+                self._chips.sleep()
+                found = self._chips.identity()
+        self._identity = Identity(kind, emulated, *found, secrets.randbits(32))
+
+    @property
+    def identity(self) -> Identity:
+        """What answers; the two registers are 0 where the converter does not."""
+        return self._identity
+
+    def configure(self, settings: ScanSettings) -> None:
+        """Write settings and read every register back.
+
+        Raises
+        ------
+        HardwareError
+            Settings that could join what must not be joined, or that are for another chain of switches.
+        BusFault
+            A converter that does not answer, is another chip or reads back something else, after three attempts.
+        """
+        self._orders, self._failure = None, None
+        self._faulty.clear()
+        self._differing.clear()
+        if self._closed:
+            raise HardwareError("the board is closed; open it again.")
+        check_switching(settings)
+        orders = Orders.of(settings)
+        if len(settings.safe_words) != len(self._safe_words):
+            raise HardwareError(
+                f"the settings are for {len(settings.safe_words)} switches in a chain; "
+                f"the board was opened with {len(self._safe_words)}."
+            )
+        self._safe_words = settings.safe_words
+        with self._resting_on_failure():
+            self.rest()
+            self._chips.configure(orders)
+        self._identity = replace(self._identity, manufacturer=MANUFACTURER, device=DEVICE)
+        self._orders = orders
+
+    def scan(self) -> RawScan:
+        """Measure every state once.
+
+        Raises
+        ------
+        BoardRestarted
+            The converter lost its settings while it was measuring.
+        BusFault, SwitchFault
+            What was wrong with the scan before this one; `configure` begins anew.
+        HardwareError
+            A board that is not configured.
+        """
+        scan = self._scan(0)
+        if isinstance(self._failure, BoardRestarted):
+            raise self._failure
+        return scan
+
+    def scans(self, interval: float = 0.0) -> Iterator[RawScan]:
+        """Scan without end, one each `interval` in s or as fast as it goes; closing the iterator stops the board.
+
+        A scan that ends the stream is still returned; the next one raises the reason.
+
+        Raises
+        ------
+        HardwareError
+            As `scan`, or an interval that is negative or not finite.
+        """
+        if not (math.isfinite(interval) and interval >= 0):
+            raise HardwareError(f"the interval must be finite and not negative; got {interval} s.")
+        return self._stream(interval)
+
+    def peek(self, address: int) -> int:
+        """Read a register of the converter.
+
+        Raises
+        ------
+        BusFault
+            It does not answer.
+        """
+        return self._chips.bus.read(address)
+
+    def rest(self) -> None:
+        """Put the converter to sleep and ground all coils; the second is done whatever becomes of the first.
+
+        Raises
+        ------
+        BusFault, SwitchFault, DeviceLost
+            One of them could not be done.
+        """
+        with held_signals():
+            try:
+                self._chips.sleep()
+            finally:
+                self._chips.switch(self._safe_words)
+
+    def close(self) -> None:
+        """Rest, as far as the chips answer, and let go of both buses. Never raises; may be called again."""
+        if self._closed:
+            return
+        self._orders = None
+        for _ in range(ATTEMPTS):
+            try:
+                self.rest()
+                break
+            except Exception:  # whatever it is, nothing but another attempt is left
+                continue
+        self._closed = True
+        self._chips.close()
+
+    def _stream(self, interval: float) -> Iterator[RawScan]:
+        start, sequence, turn = self._clock.now(), 0, 0
+        try:
+            while True:
+                yield self._scan(sequence)
+                sequence += 1
+                if interval > 0:
+                    passed = self._clock.now() - start
+                    turn = max(turn + 1, math.ceil(passed / interval))  # turns that were missed are left out
+                    self._clock.sleep(turn * interval - passed)
+        except GeneratorExit:
+            if not self._closed:  # a stream that nobody closed goes when its last name does
+                self.rest()
+            raise
+
+    def _scan(self, sequence: int) -> RawScan:
+        if self._failure is not None:
+            raise self._failure
+        orders = self._orders
+        if orders is None:
+            raise HardwareError("the board must be open and configured before a scan.")
+        start = self._clock.now()
+        with self._resting_on_failure():
+            samples = [self._sample(orders, k) for k in range(len(orders.words))]
+            samples = self._verified(orders, samples)
+        return RawScan(sequence, start, time.time(), orders.hash, self._identity.boot, tuple(samples))
+
+    def _sample(self, orders: Orders, k: int) -> RawSample:
+        """Measure a state; asleep and grounded before and, whatever the converter does, after."""
+        chips, same = self._chips, True
+        try:
+            if not chips.asleep:
+                chips.sleep()
+            same &= chips.switch(bytes(len(orders.words[k])))
+            same &= chips.switch(orders.words[k])
+            chips.wake(orders, orders.drives[k])
+            sample = chips.result(orders)
+            chips.sleep(attempts=1)
+        except BusTimeout:
+            sample = no_sample(SampleFault.BUS_TIMEOUT)
+        except BusFault:
+            sample = no_sample(SampleFault.NOT_ACKNOWLEDGED)
+        if not chips.asleep:
+            with contextlib.suppress(BusFault):  # the next state tries again before it closes a switch
+                chips.sleep()
+        same &= chips.switch(self._safe_words)
+        return sample if same else no_sample(SampleFault.SWITCHES_DIFFER)
+
+    def _verified(self, orders: Orders, samples: list[RawSample]) -> list[RawSample]:
+        """Return the samples of a scan after a look at what the converter still holds; set what ends the stream."""
+        faults = [sample.fault for sample in samples]
+        try:
+            kept = self._chips.hold(orders, thoroughly=any(fault in BUS_FAULTS for fault in faults))
+        except BusFault:  # what is not confirmed is no measurement
+            faults = [fault or SampleFault.NOT_ACKNOWLEDGED for fault in faults]
+        else:
+            if not kept:
+                faults = [SampleFault.CONVERTER_RESET] * len(faults)
+        self._judge(orders, faults)
+        return [no_sample(fault) if fault else sample for fault, sample in zip(faults, samples, strict=True)]
+
+    def _judge(self, orders: Orders, faults: Sequence[SampleFault]) -> None:
+        """End the stream where these faults of a scan are reason to: rest, and let the next scan raise the reason."""
+        for k, fault in enumerate(faults):
+            self._faulty[k] = self._faulty[k] + 1 if fault in BUS_FAULTS else 0
+            self._differing[k] = self._differing[k] + 1 if fault == SampleFault.SWITCHES_DIFFER else 0
+        reasons = (self._reason(orders.names[k], k, fault) for k, fault in enumerate(faults))
+        self._failure = next((reason for reason in reasons if reason is not None), None)
+        if self._failure is None:
+            return
+        self._orders = None
+        with contextlib.suppress(HardwareError):
+            if isinstance(self._failure, BusFault):
+                self._chips.bus.clear()
+            self.rest()
+
+    def _reason(self, state: str, k: int, fault: SampleFault) -> HardwareError | None:
+        """Say why the stream ends with a state that has this fault in the last scan; None where it does not."""
+        if fault == SampleFault.CONVERTER_RESET:
+            return BoardRestarted("the converter lost its settings while it was measuring.")
+        if self._differing[k] >= _FAULTY_SCANS:
+            return SwitchFault(
+                f"state {state}: the chain of switches returned other words than it was sent in {_FAULTY_SCANS} scans "
+                "running."
+            )
+        if self._faulty[k] >= _FAULTY_SCANS:
+            return BusFault(f"state {state}: the converter did not answer in {_FAULTY_SCANS} scans running.")
+        return None
+
+    @contextlib.contextmanager
+    def _resting_on_failure(self) -> Iterator[None]:
+        """Rest where the block is left by any exception, the user's interrupt included."""
+        try:
+            yield
+        except BaseException:
+            with contextlib.suppress(HardwareError):  # the first failure is the one to tell
+                self.rest()
+            raise

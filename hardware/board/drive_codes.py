@@ -1,0 +1,114 @@
+"""Drive current of every coil, found by the converter itself and checked by its amplitude flags."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+
+from coilarray.errors import HardwareError
+from coilarray.hardware.chips.ldc1614_registers import register
+from coilarray.hardware.scan.ldc1614_result import Reason, judge
+from coilarray.hardware.scan.reader import Reader
+from coilarray.hardware.scan.settings import ScanSettings, StateSettings
+
+_CONFIG, _DRIVE_CURRENT = register("CONFIG"), register("DRIVE_CURRENT0")
+_BY_ITSELF = _CONFIG.field("RP_OVERRIDE_EN").mask | _CONFIG.field("AUTO_AMP_DIS").mask
+_INIT = _DRIVE_CURRENT.field("INIT_IDRIVE0")
+_LARGEST = _DRIVE_CURRENT.field("IDRIVE0").largest
+_RCOUNT = 0x1000  # conversions of 3 ms
+
+
+@dataclass(frozen=True)
+class FoundDrive:
+    """Drive current of a coil.
+
+    Parameters
+    ----------
+    code : int
+        IDRIVE, 0 to 31.
+    proposed : int
+        What the converter itself found, INIT_IDRIVE.
+    reasons : tuple of Reason
+        What is not good about the amplitude even so.
+    """
+
+    code: int
+    proposed: int
+    reasons: tuple[Reason, ...]
+
+
+def find_drives(reader: Reader, settings: ScanSettings) -> Mapping[str, FoundDrive]:
+    """Find the drive current of every state.
+
+    The sensor must be free: nothing near it that will not be there later.
+
+    Parameters
+    ----------
+    reader : Reader
+        Of the board. Its configuration is gone afterwards, its coils are grounded.
+    settings : ScanSettings
+        With the states.
+
+    Returns
+    -------
+    mapping of str to FoundDrive
+        By the name of the state.
+
+    Raises
+    ------
+    HardwareError
+        A state whose coil does not oscillate with any current.
+
+    Notes
+    -----
+    The procedure of the data sheet: wake with the automatic amplitude and read INIT_IDRIVE. That the register still
+    holds it asleep is not verified, so that a fixed current is tried from there on, one code up or down, until the
+    converter warns neither of a low nor of a high amplitude; where no code is without a warning, the largest that is
+    not too high is taken.
+    """
+    found = {state.name: _find(reader, settings, state) for state in settings.states}
+    reader.rest()
+    return found
+
+
+def _find(reader: Reader, settings: ScanSettings, state: StateSettings) -> FoundDrive:
+    proposed = _proposal(reader, settings, state)
+    code, reasons = proposed, _reasons(reader, settings, state, proposed)
+    if Reason.AMPLITUDE_HIGH in reasons:
+        while Reason.AMPLITUDE_HIGH in reasons and code > 0:
+            code -= 1
+            reasons = _reasons(reader, settings, state, code)
+    else:
+        while reasons and code < _LARGEST:
+            higher = _reasons(reader, settings, state, code + 1)
+            if Reason.AMPLITUDE_HIGH in higher:
+                break
+            code, reasons = code + 1, higher
+    if not set(reasons) <= {Reason.AMPLITUDE_LOW, Reason.AMPLITUDE_HIGH}:
+        raise HardwareError(f"{state.name} does not oscillate with any drive current: {', '.join(reasons)}.")
+    return FoundDrive(code, proposed, reasons)
+
+
+def _proposal(reader: Reader, settings: ScanSettings, state: StateSettings) -> int:
+    """Let the converter find the current."""
+    given = {field.name: getattr(settings, field.name) for field in fields(ScanSettings)}
+    reader.configure(_OwnAmplitude(**(given | {"states": (replace(state, drive=0),), "rcount": _RCOUNT})))
+    reader.scan()
+    return (reader.peek(_DRIVE_CURRENT.address) & _INIT.mask) >> _INIT.lsb
+
+
+def _reasons(reader: Reader, settings: ScanSettings, state: StateSettings, code: int) -> tuple[Reason, ...]:
+    """Reasons not to trust a result with a fixed current."""
+    reader.configure(replace(settings, states=(replace(state, drive=code),), rcount=_RCOUNT))
+    return judge(reader.scan().samples[0], offset=settings.offset)[1]
+
+
+class _OwnAmplitude(ScanSettings):
+    """Settings with which the converter finds the drive current itself."""
+
+    @property
+    def registers(self) -> tuple[tuple[int, int], ...]:
+        return tuple(
+            (address, value & ~_BY_ITSELF if address == _CONFIG.address else value)
+            for address, value in super().registers
+        )

@@ -1,0 +1,479 @@
+"""Reader of a board whose microcontroller speaks the protocol of `hardware/firmware/PROTOCOL.md` over a serial port."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import nullcontext, suppress
+from dataclasses import dataclass
+
+from coilarray.errors import HardwareError
+from coilarray.hardware.board.session import Session, read_nothing
+from coilarray.hardware.scan.legal_switching import check_switching
+from coilarray.hardware.scan.reader import Identity
+from coilarray.hardware.scan.scans import RawScan, SampleFault
+from coilarray.hardware.scan.settings import ScanSettings
+from coilarray.hardware.wire.buses import Clock
+from coilarray.hardware.wire.faults import (
+    BoardRestarted,
+    BusFault,
+    CommandRefused,
+    NoAnswer,
+    NotABoard,
+    SwitchFault,
+    VersionMismatch,
+)
+from coilarray.hardware.wire.link import LinkCounts, LinkTimes, Wait
+from coilarray.hardware.wire.protocol.commands import draft_commands
+from coilarray.hardware.wire.protocol.messages import (
+    Answer,
+    Heartbeat,
+    Message,
+    MessageError,
+    Mode,
+    ScanMessage,
+    StreamEnd,
+    StreamEndReason,
+    hexadecimal,
+    read_scan,
+)
+from coilarray.hardware.wire.protocol.replies import Greeting, read_pong
+from coilarray.hardware.wire.protocol.scan_gate import GateCounts, ScanGate
+from coilarray.hardware.wire.serial_ports import BAUD, BytePort, PortInfo, choose_serial_port, open_serial_port
+
+LONGEST_INTERVAL = 2147.0
+"""Between two scans of a stream in s: half a wrap of the board's clock."""
+_LOOK_AGAIN = 0.1  # s between two looks for a port that is not back yet
+_MOST_UNSEEN = 1024  # messages after a deadline until a stream that sends anything but scans is given up
+
+_ENDS: dict[StreamEndReason, tuple[type[HardwareError], str]] = {
+    StreamEndReason.LEASE: (NoAnswer, "it heard nothing of this computer in time"),
+    StreamEndReason.CONVERTER_RESET: (BoardRestarted, "the converter was reset; configure it again"),
+    StreamEndReason.BUS_FAULT: (BusFault, "the converter does not answer; configure it again"),
+    StreamEndReason.SWITCHES_DIFFER: (SwitchFault, "the switches do not hold what they were sent; configure it again"),
+}
+_SIGNS = {
+    SampleFault.CONVERTER_RESET: StreamEndReason.CONVERTER_RESET,
+    SampleFault.SWITCHES_DIFFER: StreamEndReason.SWITCHES_DIFFER,
+    SampleFault.NOT_ACKNOWLEDGED: StreamEndReason.BUS_FAULT,
+    SampleFault.BUS_TIMEOUT: StreamEndReason.BUS_FAULT,
+}
+
+
+@dataclass(frozen=True)
+class ReaderCounts:
+    """What a session met so far.
+
+    Parameters
+    ----------
+    link : LinkCounts
+        Lines and messages.
+    scans : GateCounts
+        Scans, single ones and those of all streams.
+    dropped_by_board : int
+        Lines of this computer that the board dropped, as it said last.
+    """
+
+    link: LinkCounts
+    scans: GateCounts
+    dropped_by_board: int
+
+
+def open_microcontroller(
+    port: str | None = None, *, bauds: Sequence[int] = (BAUD,), times: LinkTimes | None = None
+) -> MicrocontrollerReader:
+    """Open a board and stop whatever it does.
+
+    Parameters
+    ----------
+    port : str, optional
+        "/dev/ttyACM0", "COM5" or "usb:SERIALNUMBER"; the only port of a known board by default.
+    bauds : sequence of int
+        Rates to try in turn; `coilarray.hardware.wire.serial_ports.PROBED_BAUDS` where the board's is not known.
+    times : LinkTimes, optional
+        How long to wait for what.
+
+    Returns
+    -------
+    MicrocontrollerReader
+        A new session, not configured.
+
+    Raises
+    ------
+    NoAnswer, NotABoard, VersionMismatch
+        Nothing came; bytes came, but no intact line; the board speaks another version of the protocol.
+    HardwareError
+        The port cannot be opened, or the choice is not clear.
+    """
+    chosen = choose_serial_port(port)
+    met: list[HardwareError] = []
+    for baud in bauds:
+        opened = open_serial_port(chosen.name, baud=baud)
+        try:
+            return MicrocontrollerReader(opened, times=times, reopen=lambda: _open_again(chosen, bauds, times))
+        except (NoAnswer, NotABoard) as fault:
+            opened.close()
+            met.append(fault)
+        except BaseException:
+            opened.close()
+            raise
+    told = next((fault for fault in met if isinstance(fault, NotABoard)), met[-1])
+    raise type(told)(f"{str(told).rstrip('.')}; tried {', '.join(map(str, bauds))} baud.")
+
+
+def _open_again(before: PortInfo, bauds: Sequence[int], times: LinkTimes | None) -> MicrocontrollerReader:
+    """Open the same device, which may have another name by now."""
+    name = f"usb:{before.serial_number}" if before.serial_number else before.name
+    return open_microcontroller(name, bauds=bauds, times=times)
+
+
+class MicrocontrollerReader:
+    """A board over a serial port, for one session.
+
+    A board that restarts, or a port that comes back, is another session: `reconnect` opens it, and its scans are never
+    mixed with those of this one. The board keeps a stream only while it is fetched: who takes no scan for ten seconds
+    loses the stream (NoAnswer).
+
+    Parameters
+    ----------
+    port : BytePort
+        Open; the reader closes it.
+    times : LinkTimes, optional
+    clock : Clock, optional
+        Of all deadlines; the computer's by default.
+    reopen : callable, optional
+        Opens a new session with the same device.
+
+    Raises
+    ------
+    NoAnswer, NotABoard, VersionMismatch, DeviceLost
+        As `open_microcontroller`; then the port is left open.
+    """
+
+    def __init__(
+        self,
+        port: BytePort,
+        *,
+        times: LinkTimes | None = None,
+        clock: Clock | None = None,
+        reopen: Callable[[], MicrocontrollerReader] | None = None,
+    ) -> None:
+        self._session = Session(port, times=times or LinkTimes(), clock=clock)
+        self._reopen = reopen
+        self._settings: ScanSettings | None = None
+        self._hash = 0  # of the settings
+        self._stream = 0  # number of the stream that runs; 0 where none does
+        self._streams = 0
+        self._silent = False  # whether it gave no answer when it was told to stop
+        self._unsure = False  # whether the board may be measuring unasked: it must be told to stop first
+        self._faults: frozenset[SampleFault] = frozenset()  # of the last scan of the stream
+        self._gates = GateCounts()  # of all scans before those of the stream
+        self._gate: ScanGate | None = None  # of the stream
+
+    @property
+    def identity(self) -> Identity:
+        """What answers."""
+        greeting = self._session.greeting
+        return Identity(
+            kind=f"{greeting.firmware}, protocol {greeting.version[0]}.{greeting.version[1]}",
+            emulated=False,
+            manufacturer=greeting.manufacturer,
+            device=greeting.device,
+            boot=greeting.boot,
+        )
+
+    @property
+    def greeting(self) -> Greeting:
+        """What the board said of itself."""
+        return self._session.greeting
+
+    @property
+    def counts(self) -> ReaderCounts:
+        """What the session met so far."""
+        scans = self._gates if self._gate is None else self._gates + self._gate.counts
+        return ReaderCounts(self._session.counts, scans, self._session.dropped_by_board)
+
+    def configure(self, settings: ScanSettings) -> None:
+        """Tell the board its settings; it checks them, writes them to its chips and reads them back.
+
+        Raises
+        ------
+        HardwareError
+            Settings that could join what must not be joined, or more states or devices than the board takes: nothing is
+            sent.
+        CommandRefused, BusFault
+            The board refuses them, or a chip does not take them; then it has no settings.
+        """
+        check_switching(settings)
+        greeting = self._session.greeting
+        for what, count, most in (
+            ("states", len(settings.states), greeting.most_states),
+            ("devices", len(settings.safe_words), greeting.most_devices),
+        ):
+            if count > most:
+                raise HardwareError(f"settings for this board must have at most {most} {what}; got {count}.")
+        self._prepare()
+        self._settings = None
+        *draft, commit = draft_commands(settings)
+        for command in draft:
+            self._session.ask(read_nothing, *command)
+        held = self._session.ask(_word, *commit, patience=_longest_scan(settings))
+        if held != settings.hash:
+            raise BusFault(f"the board holds the settings {held:04X}, not {settings.hash:04X}; configure it again.")
+        self._settings, self._hash = settings, held
+
+    def scan(self) -> RawScan:
+        """Measure every state once."""
+        settings = self._configured()
+        gate = ScanGate(configuration=self._hash, states=len(settings.states), start=self._session.newest)
+        try:
+            scan = self._passed(gate, self._session.ask(read_scan, "SCAN", patience=_longest_scan(settings)))
+        except CommandRefused as refusal:
+            raise self._refused(refusal) from None
+        except (NoAnswer, NotABoard):
+            self._unsure = True  # it may still come to measure
+            raise
+        finally:
+            self._gates += gate.counts
+        if scan is None:
+            raise NoAnswer(f"the board at {self._session.name} answered SCAN with a scan that was not asked for.")
+        self._faults = frozenset(sample.fault for sample in scan.samples)
+        if _was_reset(scan):
+            raise self._ended(StreamEndReason.CONVERTER_RESET)
+        return scan
+
+    def scans(self, interval: float = 0.0) -> Iterator[RawScan]:
+        """Scan without end, one each `interval` in s or as fast as it goes; closing the iterator stops the board."""
+        if not 0 <= interval <= LONGEST_INTERVAL:
+            raise HardwareError(f"interval must be 0 to {LONGEST_INTERVAL:g} s; got {interval:g}.")
+        return self._run(self._configured(), round(interval * 1e6))
+
+    def rest(self) -> None:
+        """Ground all coils and put the converter to sleep."""
+        self._session.check()
+        self._stream = 0
+        self._unsure = True
+        try:
+            self._session.ask(read_nothing, "STOP", patience=_longest_scan(self._settings))
+        except (BusFault, CommandRefused):  # it has heard and grounded the coils, only the converter did not obey
+            self._unsure = self._silent = False
+            raise
+        except (NoAnswer, NotABoard):
+            self._silent = True
+            raise
+        self._unsure = self._silent = False
+
+    def check_chain(self) -> str:
+        """Send the safe words twice through the chain of switches and compare what comes back.
+
+        Returns
+        -------
+        str
+            "same", "differ", or "none" where the end of the chain is not wired back.
+        """
+        self._prepare()
+        return self._session.ask(_chain, "CHAIN")
+
+    def peek(self, address: int) -> int:
+        """Read a register of the converter, 0 to 0xFF."""
+        if not 0 <= address <= 0xFF:
+            raise HardwareError(f"address must be 0 to 0xFF; got {address:#x}.")
+        self._prepare()
+        return self._session.ask(_word, "PEEK", f"{address:02X}")
+
+    def close(self) -> None:
+        """Rest, as far as the board still answers, and let go of the port. Never raises; may be called again.
+
+        A board that gave no answer when it was told to stop is told once more, and not waited for again.
+        """
+        try:
+            with suppress(Exception):
+                if self._silent:
+                    self._session.post_stop()
+                else:
+                    self.rest()
+        finally:
+            self._session.close()
+
+    def reconnect(self, patience: float = 0.0) -> MicrocontrollerReader:
+        """Close this session and open another with the same device, found again by its USB serial number.
+
+        Parameters
+        ----------
+        patience : float
+            Time in s in which the port may come back.
+
+        Returns
+        -------
+        MicrocontrollerReader
+            A new session, not configured.
+        """
+        self.close()
+        if self._reopen is None:
+            raise HardwareError(f"{self._session.name} cannot be opened again by this reader.")
+        clock = self._session.clock
+        end = clock.now() + patience
+        while True:
+            try:
+                return self._reopen()
+            except VersionMismatch:
+                raise
+            except HardwareError:
+                if clock.now() >= end:
+                    raise
+            clock.sleep(_LOOK_AGAIN)
+
+    def _prepare(self) -> None:
+        """Check that the session goes on, and that no stream runs."""
+        self._session.check()
+        if self._stream:
+            raise HardwareError("a stream runs; close its iterator first.")
+        if self._unsure:
+            self.rest()
+
+    def _configured(self) -> ScanSettings:
+        self._prepare()
+        if self._settings is None:
+            raise HardwareError("the board must be configured before it can scan.")
+        return self._settings
+
+    def _passed(self, gate: ScanGate, message: ScanMessage) -> RawScan | None:
+        self._session.check_boot(message.boot)
+        microseconds = self._session.unwrap(message.time)
+        try:
+            if not gate.passes(message, microseconds):
+                return None
+        except BoardRestarted:
+            self._settings = None
+            raise
+        return RawScan(
+            sequence=message.sequence,
+            time=microseconds * 1e-6,
+            received=time.time(),
+            configuration=message.configuration,
+            boot=message.boot,
+            samples=message.samples,
+        )
+
+    def _run(self, settings: ScanSettings, interval: int) -> Iterator[RawScan]:
+        if self._configured() is not settings:
+            raise HardwareError("the board was configured again since the scans were asked for; ask again.")
+        longest = _longest_scan(settings)
+        self._session.ping(longest)  # scans of this stream are not older than this
+        gate = ScanGate(configuration=self._hash, states=len(settings.states), start=self._session.newest)
+        self._streams += 1
+        mine = self._stream = self._streams
+        self._unsure, self._faults, self._gate = True, frozenset(), gate
+        failed = True
+        try:
+            self._session.ask(read_nothing, "START", f"{interval:08X}", patience=longest)
+            self._session.recall_early()
+            yield from self._fetch(mine, gate, max(interval * 1e-6, settings.period), longest)
+            failed = False
+        except GeneratorExit:
+            failed = False
+            raise
+        except CommandRefused as refusal:
+            raise self._refused(refusal) from None
+        finally:
+            self._gates += gate.counts
+            if self._gate is gate:
+                self._gate = None
+            if self._stream == mine:
+                with suppress(HardwareError) if failed else nullcontext():
+                    self.rest()
+                self._stream = 0
+
+    def _fetch(self, mine: int, gate: ScanGate, period: float, longest: float) -> Iterator[RawScan]:
+        """Yield the scans of the stream until `rest`; every way in which they stop coming is a fault."""
+        now, times = self._session.clock.now, self._session.times
+        gap, silence = max(times.gap * period, times.least_gap + longest), times.heartbeat + longest
+        scan_due, line_due, ping_due = now() + gap, now() + silence, now() + times.ping
+        unseen = 0
+        while self._stream == mine:
+            if now() >= ping_due:
+                ping_due = now() + times.ping
+                self._session.post_ping()
+            message = self._session.receive(Wait(min(scan_due, line_due, ping_due)))
+            scan = self._passed(gate, message) if isinstance(message, ScanMessage) else None
+            if scan is not None:
+                self._faults = frozenset(sample.fault for sample in scan.samples)
+                yield scan
+                if _was_reset(scan):
+                    raise self._ended(StreamEndReason.CONVERTER_RESET)
+                scan_due, line_due, unseen = now() + gap, now() + silence, 0
+                continue
+            if message is not None:
+                self._heed(message)
+                line_due = now() + silence
+            if now() >= min(scan_due, line_due):
+                unseen += 1
+                if message is None or unseen > _MOST_UNSEEN:
+                    raise self._end_unheard() or self._session.silence_fault(
+                        f"no scan came from {self._session.name} in time."
+                    )
+
+    def _heed(self, message: Message) -> None:
+        """Raise the fault that a message in a stream tells of."""
+        if isinstance(message, StreamEnd):
+            raise self._ended(message.reason, message.text)
+        if isinstance(message, Answer):
+            with suppress(MessageError):
+                self._heed_mode(self._session.told(read_pong(message.fields)).mode)
+        elif isinstance(message, Heartbeat) and self._session.present(message.time):  # not one from before the stream
+            self._heed_mode(message.mode)
+
+    def _heed_mode(self, mode: Mode) -> None:
+        if mode is Mode.STREAMING:
+            return
+        fault = self._end_unheard()
+        if fault is None and mode is Mode.UNCONFIGURED:
+            self._settings = None
+            fault = BoardRestarted(f"the board at {self._session.name} has lost its settings; configure it again.")
+        raise fault or NoAnswer(f"the board at {self._session.name} has ended the scans, and its reason was lost.")
+
+    def _refused(self, refusal: CommandRefused) -> HardwareError:
+        """Fault of a board that does not measure any more; the last scan may tell why."""
+        self._settings = None
+        return self._end_unheard() or refusal
+
+    def _end_unheard(self) -> HardwareError | None:
+        """Fault of scans that have stopped without a word, where the last scan tells it."""
+        reason = next((_SIGNS[fault] for fault in sorted(self._faults) if fault in _SIGNS), None)
+        return None if reason is None else self._ended(reason)
+
+    def _ended(self, reason: StreamEndReason, text: str = "") -> HardwareError:
+        """Fault of scans that the board ended."""
+        if reason is not StreamEndReason.LEASE:
+            self._settings = None
+        kind, meaning = _ENDS[reason]
+        said = f" ({text})" if text else ""
+        return kind(f"the board at {self._session.name} has ended the scans: {meaning}{said}.")
+
+
+def _longest_scan(settings: ScanSettings | None) -> float:
+    """Time of a scan in s in which no state ever has a result."""
+    if settings is None:
+        return 0.0
+    state = settings.state_time
+    return len(settings.states) * (settings.timeout_us * 1e-6 + state.total - state.until_ready)
+
+
+def _was_reset(scan: RawScan) -> bool:
+    return any(sample.fault is SampleFault.CONVERTER_RESET for sample in scan.samples)
+
+
+def _word(fields: tuple[str, ...]) -> int:
+    return hexadecimal(_first(fields), 4)
+
+
+def _chain(fields: tuple[str, ...]) -> str:
+    if _first(fields) not in ("same", "differ", "none"):
+        raise MessageError(f"a reply to CHAIN must be same, differ or none; got {fields[0]!r}.")
+    return fields[0]
+
+
+def _first(fields: tuple[str, ...]) -> str:
+    if not fields:
+        raise MessageError("the reply must have a field.")
+    return fields[0]

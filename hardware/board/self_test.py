@@ -1,0 +1,262 @@
+"""Closure self-test: whether the switches of a board do what the wiring says, and whether every coil is there.
+
+It needs no more than scans. The bit map of the switches is assumed until it has passed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence, Set
+from dataclasses import dataclass, replace
+
+from coilarray.compute.threads import Progress
+from coilarray.hardware.board.chips import BUS_FAULTS
+from coilarray.hardware.scan.closure import Fault, Sight, Trial, faults, trials
+from coilarray.hardware.scan.reader import Reader
+from coilarray.hardware.scan.readings import read_scan
+from coilarray.hardware.scan.scans import SampleFault
+from coilarray.hardware.scan.settings import ScanSettings, StateSettings
+from coilarray.hardware.scan.wiring import Wiring
+from coilarray.hardware.wire.faults import BusFault, SwitchFault
+
+RCOUNT = 0x4000
+"""Conversions of 12 ms: a frequency to less than a millionth."""
+NOTICEABLE = 2e-5
+"""Relative rise of a frequency from which on a coil counts as shorted; the neighbours of the reference board have
+1.5e-3, its next but one 1.2e-4, and what one grounded end does by its capacitance is below 1e-6."""
+_MOST_STATES = 16  # at a time: as many as every board takes
+_ATTEMPTS = 3
+_ANY_CAPACITANCE = 120e-12  # F; only frequencies are used
+
+
+@dataclass(frozen=True)
+class CoilCheck:
+    """What was seen of a coil.
+
+    Parameters
+    ----------
+    coil : str
+        Its name.
+    frequency, turned : float or None
+        In Hz, all others grounded, and with its ends exchanged; None where nothing oscillates, or, of `turned`, where
+        the wiring cannot do it.
+    felt_by : str or None
+        The coil whose frequency changes most when this one is grounded; None where no other oscillates.
+    rises : mapping of str to float
+        Relative rise of that frequency when "both" ends of this coil are grounded, only "a" or only "b".
+    """
+
+    coil: str
+    frequency: float | None
+    turned: float | None
+    felt_by: str | None
+    rises: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class SelfTest:
+    """Result of a self-test.
+
+    Parameters
+    ----------
+    coils : tuple of CoilCheck
+        In the order of the wiring.
+    symptoms : tuple of str
+        What was seen that a good board does not show; none where the test has passed.
+    findings : tuple of str
+        Faults that each alone explain all that was seen, and that the switches cannot tell apart; none where the test
+        has passed, or where there is more than one fault.
+    untested : tuple of str
+        Where it has passed: faults that the board could have all the same.
+    """
+
+    coils: tuple[CoilCheck, ...]
+    symptoms: tuple[str, ...]
+    findings: tuple[str, ...]
+    untested: tuple[str, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether the board is as the wiring says, as far as can be seen."""
+        return not self.symptoms
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """A trial and what it showed: frequency in Hz, and its relative change against the coil with all others open."""
+
+    trial: Trial
+    frequency: float | None
+    reference: Trial | None = None
+    change: float | None = None
+
+
+def self_test(reader: Reader, wiring: Wiring, settings: ScanSettings, *, progress: Progress | None = None) -> SelfTest:
+    """Try every switch of a board.
+
+    Parameters
+    ----------
+    reader : Reader
+        Of the board. Its configuration is gone afterwards, its coils are grounded.
+    wiring : Wiring
+        As assumed.
+    settings : ScanSettings
+        Of the board's coils: clock, dividers and drive currents are taken from it.
+    progress : callable, optional
+        Called with (done, total) as groups of states are measured.
+
+    Returns
+    -------
+    SelfTest
+
+    Raises
+    ------
+    BusFault, SwitchFault
+        The converter did not answer three times; the end of the chain of switches returns other words than were sent.
+    HardwareError
+        As `Reader.configure` and `Reader.scan`.
+
+    Notes
+    -----
+    Six coils take 110 states, about 2 s. One fault is looked for; of several at once only symptoms are told. Two
+    neighbours must feel each other: `NOTICEABLE` says how much.
+    """
+    groups = [part for group in trials(wiring) for part in _parts(group)]
+    seen: list[_Seen] = []
+    for k, group in enumerate(groups):
+        seen += _measured(reader, settings, group)
+        if progress is not None:
+            progress(k + 1, len(groups))
+    reader.rest()
+    checks = tuple(_check(coil, seen) for coil in wiring.coils)
+    return _judged(checks, seen, faults(wiring))
+
+
+def _parts(group: Sequence[Trial]) -> list[tuple[Trial, ...]]:
+    """Divide a group so that a board takes it; pairs keep the coil alone with them."""
+    head = group[:1] if group[-1].other is not None else ()
+    rest, size = group[len(head) :], _MOST_STATES - len(head)
+    return [(*head, *rest[k : k + size]) for k in range(0, len(rest), size)]
+
+
+def _measured(reader: Reader, settings: ScanSettings, group: Sequence[Trial]) -> list[_Seen]:
+    drives = {state.name: state.drive for state in settings.states}
+    states = tuple(
+        StateSettings(f"trial {k}", trial.words, drives.get(trial.coil or "", settings.states[0].drive))
+        for k, trial in enumerate(group)
+    )
+    trying = replace(settings, states=states, rcount=RCOUNT)
+    reader.configure(trying)
+    for _ in range(_ATTEMPTS):
+        scan = reader.scan()
+        if not any(sample.fault in BUS_FAULTS for sample in scan.samples):
+            break
+    else:
+        raise BusFault(f"the converter did not answer in {_ATTEMPTS} scans; no switch could be tried.")
+    if any(sample.fault == SampleFault.SWITCHES_DIFFER for sample in scan.samples):
+        raise SwitchFault("the chain of switches returns other words than it was sent; no switch could be tried.")
+    frequencies = [state.frequency for state in read_scan(scan, trying, _ANY_CAPACITANCE).states]
+    seen = [_Seen(trial, frequency) for trial, frequency in zip(group, frequencies, strict=True)]
+    return _compared(seen) if group[-1].other is not None else seen
+
+
+def _compared(seen: Sequence[_Seen]) -> list[_Seen]:
+    """Add the change against the first, which is the coil alone."""
+    first = seen[0]
+    return [
+        replace(
+            one,
+            reference=first.trial,
+            change=None if one.frequency is None or first.frequency is None else one.frequency / first.frequency - 1,
+        )
+        for one in seen
+    ]
+
+
+def _check(coil: str, seen: Sequence[_Seen]) -> CoilCheck:
+    scan = {one.trial.turned: one.frequency for one in seen if one.trial.coil == coil and one.trial.rest == "ground"}
+    changes = [(one.trial, one.change) for one in seen if one.trial.other == coil and one.change is not None]
+    felt_by = max(changes, key=lambda pair: abs(pair[1]), default=(None, 0.0))[0]
+    return CoilCheck(
+        coil,
+        scan.get(False),
+        scan.get(True),
+        None if felt_by is None else felt_by.coil,
+        {
+            str(trial.grounded): change
+            for trial, change in changes
+            if felt_by is not None and trial.coil == felt_by.coil
+        },
+    )
+
+
+def _judged(checks: tuple[CoilCheck, ...], seen: Sequence[_Seen], suspects: Sequence[Fault]) -> SelfTest:
+    """Compare what was seen with what every fault would show."""
+    judged = _with_rises(seen, {check.coil: check for check in checks})
+    good, *faulty = suspects
+    symptoms = tuple(_symptom(one, rise) for one, rise in _differences(good, judged))
+    fitting = [fault for fault in faulty if next(_differences(fault, judged), None) is None]
+    if symptoms:
+        return SelfTest(checks, symptoms, tuple(fault.text for fault in fitting), ())
+    words = {one.trial.words for one in seen}
+    return SelfTest(checks, (), (), tuple(fault.text for fault in fitting if not _harmless(fault, good, words)))
+
+
+def _harmless(fault: Fault, good: Fault, words: Set[bytes]) -> bool:
+    """Whether a map is another one without any effect: the two ends of every coil may be exchanged."""
+    same_parts = not (fault.stuck or fault.missing or fault.shorted)
+    return same_parts and all(fault.sight(one) == good.sight(one) for one in words)
+
+
+def _symptom(one: _Seen, rise: int | None) -> str:
+    trial, does = one.trial, "oscillates" if one.frequency is not None else "does not oscillate"
+    if trial.coil is None:
+        return f"with all coils {'grounded' if trial.rest == 'ground' else 'open'} the converter {does}"
+    if trial.other is None:
+        others = "all others grounded" if trial.rest == "ground" else "all others open"
+        return f"{trial.coil}{', turned round,' if trial.turned else ''} {does} with {others}"
+    what = "both ends" if trial.grounded == "both" else f"end {trial.grounded} alone"
+    shown = {None: does, 1: "feels a short", 0: "feels no short", -1: "feels a short taken away"}[rise]
+    return f"{trial.coil} {shown} where {what} of {trial.other} {'are' if trial.grounded == 'both' else 'is'} grounded"
+
+
+def _differences(fault: Fault, judged: Sequence[tuple[_Seen, int | None]]) -> Iterator[tuple[_Seen, int | None]]:
+    """Yield what was seen that the fault would not show; with its rise where that is what differs."""
+    sights: dict[bytes, Sight] = {}
+
+    def sight(words: bytes) -> Sight:
+        if words not in sights:
+            sights[words] = fault.sight(words)
+        return sights[words]
+
+    for one, rise in judged:
+        predicted = sight(one.trial.words)
+        if predicted.oscillates is not None and predicted.oscillates != (one.frequency is not None):
+            yield one, None
+        elif rise is not None and one.reference is not None:
+            expected = _expected(predicted, sight(one.reference.words))
+            if expected is not None and expected != rise:
+                yield one, rise
+
+
+def _expected(predicted: Sight, reference: Sight) -> int | None:
+    """Whether a frequency rises (1), stays (0) or falls (−1); None where more than one coil changes."""
+    gained, lost = len(predicted.shorted - reference.shorted), len(reference.shorted - predicted.shorted)
+    return gained - lost if gained + lost <= 1 else None
+
+
+def _with_rises(seen: Sequence[_Seen], checks: Mapping[str, CoilCheck]) -> list[tuple[_Seen, int | None]]:
+    """Add to everything seen whether a frequency rose, stayed or fell; None where that says nothing."""
+    alone = {one.trial.coil for one in seen if one.reference is one.trial and one.frequency is not None}
+    return [(one, _rise(one, checks, alone)) for one in seen]
+
+
+def _rise(one: _Seen, checks: Mapping[str, CoilCheck], alone: Set[str | None]) -> int | None:
+    check = None if one.trial.other is None else checks[one.trial.other]
+    if check is None or one.change is None or one.trial.coil != check.felt_by:
+        return None
+    largest = max(map(abs, check.rises.values()))
+    if largest < NOTICEABLE:  # the neighbour that would feel it may be one of those that do not oscillate
+        return 0 if alone >= checks.keys() - {check.coil} else None
+    if abs(one.change) < largest / 2:
+        return 0
+    return 1 if one.change > 0 else -1

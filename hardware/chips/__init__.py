@@ -1,0 +1,1 @@
+"""The chips: registers, codes and timing, without any input or output."""

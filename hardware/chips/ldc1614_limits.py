@@ -1,0 +1,347 @@
+"""Can an LDC1614 drive this coil, and run on this clock? Its limits.
+
+Texas Instruments SNOSCY9A: table 42 (drive current), table 43 (clocks, counts), section 8.1.5 (amplitude, equation 12).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from coilarray.hardware.chips.ldc1614_timing import EXTERNAL_CLOCK_RANGE, INTERNAL_CLOCK, INTERNAL_CLOCK_RANGE
+
+REFERENCE = INTERNAL_CLOCK / 2
+"""Reference frequency in Hz: the internal oscillator's typical 43.4 MHz by the divider 2 that one channel needs."""
+AMPLITUDE = (1.2, 1.8)
+"""Allowed peak voltage of the sensor in V: below it measures poorly, above it the input clamps act."""
+DRIVE_WINDOW = "R_p (Ω)"
+"""Name of the limit of `check_channel` that holds the parallel resistance to the window of table 42."""
+SENSOR_FREQUENCY = (1e3, 10e6)
+"""Allowed frequency of a sensor in Hz."""
+_AMPLITUDE_ROUNDING = 0.01  # the rows of the table are rounded to three digits
+_LARGEST_REFERENCE = 35e6  # Hz, with one channel
+_LEAST_RCOUNT = 5
+_INPUT_FILTERS = ((1e6, 1), (3.3e6, 4), (10e6, 5), (33e6, 7))  # Hz and code of DEGLITCH
+_DIVIDED_FROM = 8.75e6  # Hz; FIN_DIVIDER must be at least 2 from here
+_LARGEST_SHARE_OF_REFERENCE = 0.25
+_LARGEST_SHARE_OF_SELF_RESONANCE = 0.8
+_SMALLEST_QUALITY = 1.0
+_LARGEST_INPUT_DIVIDER = 15
+
+# IDRIVE codes 0 to 31: current in µA, smallest and largest R_p in kΩ
+_DRIVE = (
+    (16, 60.0, 90.0), (18, 51.8, 77.6), (20, 44.6, 66.9), (23, 38.4, 57.6), (28, 33.7, 49.7), (32, 29.5, 42.8),
+    (40, 23.6, 36.9), (46, 20.5, 31.8), (52, 18.1, 27.4), (59, 16.1, 23.6), (72, 13.1, 20.4), (82, 11.5, 17.6),
+    (95, 9.92, 15.1), (110, 8.57, 13.0), (127, 7.42, 11.2), (146, 6.46, 9.69), (169, 5.58, 8.35), (195, 4.83, 7.20),
+    (212, 4.45, 6.21), (244, 3.86, 5.35), (297, 3.17, 4.61), (342, 2.76, 3.97), (424, 2.22, 3.42), (489, 1.93, 2.95),
+    (551, 1.71, 2.54), (635, 1.48, 2.19), (763, 1.24, 1.89), (880, 1.07, 1.63), (1017, 0.93, 1.40),
+    (1173, 0.80, 1.21), (1355, 0.70, 1.05), (1563, 0.60, 0.90),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Drive:
+    """A setting of the sensor drive.
+
+    Parameters
+    ----------
+    code : int
+        IDRIVE, 0 to 31.
+    current : float
+        In A.
+    amplitude : float
+        Peak voltage of the sensor in V, 4 R_p I/π.
+    """
+
+    code: int
+    current: float
+    amplitude: float
+
+
+@dataclass(frozen=True)
+class Limit:
+    """One limit of the converter.
+
+    Parameters
+    ----------
+    name : str
+        What is limited, with its unit.
+    value, low, high : float
+        The value and the range it must be in.
+    """
+
+    name: str
+    value: float
+    low: float
+    high: float
+
+    @property
+    def kept(self) -> bool:
+        """True where the value is in the range."""
+        return self.low <= self.value <= self.high
+
+
+def drive_for(parallel_resistance: float) -> Drive | None:
+    """Drive setting for a parallel resistance at resonance.
+
+    Parameters
+    ----------
+    parallel_resistance : float
+        R_p in Ω.
+
+    Returns
+    -------
+    Drive or None
+        The largest current whose row of table 42 holds R_p and whose amplitude stays below the clamps; None where
+        no row holds R_p.
+
+    Raises
+    ------
+    ValueError
+        A resistance that is not positive.
+
+    Examples
+    --------
+    >>> drive_for(33e3).code
+    6
+    >>> drive_for(100.0) is None
+    True
+    """
+    if not parallel_resistance > 0:
+        raise ValueError(f"parallel_resistance must be positive; got {parallel_resistance} Ω.")
+    fitting = [
+        drive_of(code, parallel_resistance)
+        for code, (_, low, high) in enumerate(_DRIVE)
+        if low * 1e3 <= parallel_resistance <= high * 1e3
+    ]
+    # some rows of the table reach past the clamps by a few percent; their neighbours below do not
+    below_the_clamps = [drive for drive in fitting if drive.amplitude <= AMPLITUDE[1]]
+    return max(below_the_clamps or fitting, key=lambda drive: drive.current, default=None)
+
+
+def drive_of(code: int, parallel_resistance: float) -> Drive:
+    """Return the current of an IDRIVE code and the amplitude that it gives a parallel resistance in Ω (equation 12).
+
+    Raises
+    ------
+    ValueError
+        A code outside 0 to 31, or a resistance that is not positive.
+
+    Examples
+    --------
+    >>> round(drive_of(6, 33e3).amplitude, 2)
+    1.68
+    """
+    if not 0 <= code < len(_DRIVE):
+        raise ValueError(f"code must be 0 to {len(_DRIVE) - 1}; got {code}.")
+    if not parallel_resistance > 0:
+        raise ValueError(f"parallel_resistance must be positive; got {parallel_resistance} Ω.")
+    current = _DRIVE[code][0] * 1e-6
+    return Drive(code, current, 4 * parallel_resistance * current / math.pi)
+
+
+def check_channel(
+    frequency: float,
+    parallel_resistance: float,
+    quality_factor: float,
+    self_resonance: float = math.inf,
+    *,
+    reference: float = REFERENCE,
+    divider: int = 1,
+) -> tuple[Limit, ...]:
+    """Check every limit of one channel.
+
+    Parameters
+    ----------
+    frequency : float
+        Of the sensor in Hz.
+    parallel_resistance : float
+        R_p of the sensor at resonance in Ω.
+    quality_factor : float
+        Of the sensor.
+    self_resonance : float
+        Of the coil in Hz.
+    reference : float
+        f_ref in Hz.
+    divider : int
+        FIN_DIVIDER, 1 to 15.
+
+    Returns
+    -------
+    tuple of Limit
+        R_p by the drive currents of table 42; channel 0 alone can be driven harder, down to 250 Ω (HIGH_CURRENT_DRV).
+        The reference is typical: an uncalibrated internal oscillator may be a fifth lower.
+
+    Raises
+    ------
+    ValueError
+        A value that is not positive.
+
+    Examples
+    --------
+    >>> all(limit.kept for limit in check_channel(1.9e6, 33e3, 48.0, 8e6))
+    True
+    >>> [limit.name for limit in check_channel(6e6, 33e3, 48.0) if not limit.kept]
+    ['sensor frequency by divider over reference']
+    """
+    given = {"frequency": frequency, "quality_factor": quality_factor, "self_resonance": self_resonance,
+             "reference": reference, "divider": divider}  # fmt: skip
+    for name, value in given.items():
+        if not value > 0:
+            raise ValueError(f"{name} must be positive; got {value}.")
+    drive = drive_for(parallel_resistance)
+    share = frequency / divider / reference
+    limits = [
+        Limit("sensor frequency (Hz)", frequency, *SENSOR_FREQUENCY),
+        Limit("sensor frequency by divider over reference", share, 0, _LARGEST_SHARE_OF_REFERENCE),
+        Limit("frequency over self-resonance", frequency / self_resonance, 0, _LARGEST_SHARE_OF_SELF_RESONANCE),
+        Limit(DRIVE_WINDOW, parallel_resistance, _DRIVE[-1][1] * 1e3, _DRIVE[0][2] * 1e3),
+        Limit("quality factor", quality_factor, _SMALLEST_QUALITY, math.inf),
+        Limit("reference frequency (Hz)", reference, 0, _LARGEST_REFERENCE),
+        Limit("FIN_DIVIDER", divider, 2 if frequency >= _DIVIDED_FROM else 1, 15),
+    ]  # fmt: skip
+    if drive is not None:
+        low, high = AMPLITUDE
+        limits.append(
+            Limit(
+                "amplitude (V peak)",
+                drive.amplitude,
+                low * (1 - _AMPLITUDE_ROUNDING),
+                high * (1 + 2 * _AMPLITUDE_ROUNDING),
+            )
+        )
+    return tuple(limits)
+
+
+def settle_count(frequency: float, quality_factor: float, reference: float = REFERENCE) -> int:
+    """Least SETTLECOUNT, ⌈Q f_ref/(16 f)⌉ and at least 4.
+
+    Raises
+    ------
+    ValueError
+        A value that is not positive.
+
+    Examples
+    --------
+    >>> settle_count(2e6, 20, 21.7e6)
+    14
+    """
+    for name, value in (("frequency", frequency), ("quality_factor", quality_factor), ("reference", reference)):
+        if not value > 0:
+            raise ValueError(f"{name} must be positive; got {value}.")
+    return max(4, math.ceil(quality_factor * reference / (16 * frequency)))
+
+
+def check_clock(
+    clock: float,
+    divider: int,
+    *,
+    external: bool = False,
+    rcount: int = 0xFFFF,
+    settle_count: int = 0xFFFF,
+) -> tuple[Limit, ...]:
+    """Check the limits of the clock and the counts of a converter that uses one of its channels, as our boards do.
+
+    Parameters
+    ----------
+    clock : float
+        In Hz; of the internal oscillator its typical or its calibrated frequency.
+    divider : int
+        FREF_DIVIDER, 1 to 1023.
+    external : bool
+        Whether the clock comes from the pin CLKIN.
+    rcount, settle_count : int
+        Registers.
+
+    Returns
+    -------
+    tuple of Limit
+        With the internal oscillator the divider must be at least 2, whatever this unit's frequency.
+
+    Raises
+    ------
+    ValueError
+        A clock or divider that is not positive.
+
+    Examples
+    --------
+    >>> all(limit.kept for limit in check_clock(43.4e6, 2))
+    True
+    >>> [limit.name for limit in check_clock(40e6, 1, external=True) if not limit.kept]
+    ['reference frequency (Hz)']
+    """
+    for name, value in (("clock", clock), ("divider", divider)):
+        if not value > 0:
+            raise ValueError(f"{name} must be positive; got {value}.")
+    return (
+        Limit("clock (Hz)", clock, *(EXTERNAL_CLOCK_RANGE if external else INTERNAL_CLOCK_RANGE)),
+        Limit("FREF_DIVIDER", divider, 1 if external else 2, 0x3FF),
+        Limit("reference frequency (Hz)", clock / divider, 0, _LARGEST_REFERENCE),
+        Limit("RCOUNT", rcount, _LEAST_RCOUNT, 0xFFFF),
+        Limit("SETTLECOUNT", settle_count, 0, 0xFFFF),
+    )
+
+
+def reference_divider(clock: float, *, external: bool = False) -> int:
+    """Least FREF_DIVIDER with one channel, for the largest reference gives the best resolution.
+
+    Raises
+    ------
+    ValueError
+        A clock that is not positive.
+
+    Examples
+    --------
+    >>> reference_divider(43.4e6), reference_divider(32e6, external=True)
+    (2, 1)
+    """
+    if not clock > 0:
+        raise ValueError(f"clock must be positive; got {clock}.")
+    return max(1 if external else 2, math.ceil(clock / _LARGEST_REFERENCE))
+
+
+def input_divider(frequency: float, reference: float) -> int:
+    """Least FIN_DIVIDER for a sensor's frequency: the input below a quarter of the reference, 2 from 8.75 MHz.
+
+    Parameters
+    ----------
+    frequency, reference : float
+        In Hz.
+
+    Raises
+    ------
+    ValueError
+        A value that is not positive, or a frequency that no divider brings below.
+
+    Examples
+    --------
+    >>> input_divider(2e6, 21.7e6), input_divider(6e6, 21.7e6)
+    (1, 2)
+    """
+    for name, value in (("frequency", frequency), ("reference", reference)):
+        if not value > 0:
+            raise ValueError(f"{name} must be positive; got {value}.")
+    least = math.floor(4 * frequency / reference) + 1  # below a quarter, not at it
+    divider = max(least, 2 if frequency >= _DIVIDED_FROM else 1)
+    if divider > _LARGEST_INPUT_DIVIDER:
+        raise ValueError(f"frequency {frequency} Hz must be below {_LARGEST_INPUT_DIVIDER}/4 of {reference} Hz.")
+    return divider
+
+
+def deglitch_for(frequency: float) -> int:
+    """Code of DEGLITCH: the lowest input filter above a sensor's frequency in Hz.
+
+    Raises
+    ------
+    ValueError
+        A frequency outside the converter's range, 1 kHz to 10 MHz.
+
+    Examples
+    --------
+    >>> deglitch_for(2e6)
+    4
+    """
+    low, high = SENSOR_FREQUENCY
+    if not low <= frequency <= high:
+        raise ValueError(f"frequency must be {low:g} to {high:g} Hz; got {frequency} Hz.")
+    return next(code for edge, code in _INPUT_FILTERS if frequency < edge)

@@ -1,0 +1,267 @@
+"""Registers of the LDC1614 as a table of fields: masks, resets, what may be written.
+
+The table is `ldc1614_registers.csv` beside this file, read from the data sheet, Texas Instruments SNOSCY9A. Where the
+data sheet contradicts itself the table says so, in the field's meaning.
+"""
+
+from __future__ import annotations
+
+import csv
+import functools
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import resources
+from types import MappingProxyType
+
+from coilarray.errors import HardwareError
+
+MANUFACTURER = 0x5449
+"""Register MANUFACTURER_ID."""
+DEVICE = 0x3055
+"""Register DEVICE_ID; the LDC1612 and the FDC2212/2214 have the same."""
+ASLEEP = 0x2000
+"""SLEEP_MODE_EN in the register CONFIG."""
+_WORD = 0xFFFF
+
+# values that the data sheet allows of the bits of a field, by its name less the number of the channel
+_ALLOWED: Mapping[str, tuple[range | tuple[int, ...], str]] = MappingProxyType({
+    "RCOUNT": (range(5, 0x10000), "5 to 65535"),
+    "FIN_DIVIDER": (range(1, 0x10), "1 to 15"),
+    "FREF_DIVIDER": (range(1, 0x400), "1 to 1023"),
+    "DEGLITCH": ((1, 4, 5, 7), "1, 4, 5 or 7 (1, 3.3, 10, 33 MHz)"),
+    "INIT_IDRIVE": ((0,), "0 when it is written"),
+})  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Field:
+    """Bits of a register.
+
+    Parameters
+    ----------
+    name : str
+        As the data sheet has it; ``"RESERVED"`` for bits that must be written as they are after a reset.
+    msb, lsb : int
+        Highest and lowest bit.
+    reset : int
+        Value after a reset.
+    writable : bool
+        Whether the chip takes a value.
+    meaning : str
+        For people.
+    """
+
+    name: str
+    msb: int
+    lsb: int
+    reset: int
+    writable: bool
+    meaning: str
+
+    @property
+    def largest(self) -> int:
+        """Largest value that the bits hold."""
+        return (1 << (self.msb - self.lsb + 1)) - 1
+
+    @property
+    def mask(self) -> int:
+        """Its bits in the register."""
+        return self.largest << self.lsb
+
+    @property
+    def reserved(self) -> bool:
+        """Whether the bits are not to be changed."""
+        return self.name == "RESERVED"
+
+
+@dataclass(frozen=True)
+class Register:
+    """One register of 16 bits.
+
+    Parameters
+    ----------
+    address : int
+        7-bit pointer.
+    name : str
+        As the data sheet has it.
+    fields : tuple of Field
+        From the highest bit down; together they cover every bit once.
+    """
+
+    address: int
+    name: str
+    fields: tuple[Field, ...]
+
+    @property
+    def reset(self) -> int:
+        """Value after a reset."""
+        return sum(field.reset << field.lsb for field in self.fields)
+
+    @property
+    def writable(self) -> bool:
+        """Whether the chip takes any of its bits."""
+        return any(field.writable for field in self.fields)
+
+    def field(self, name: str) -> Field:
+        """Return a field that is not reserved.
+
+        Raises
+        ------
+        HardwareError
+            No field of that name.
+        """
+        named = {field.name: field for field in self.fields if not field.reserved}
+        if name not in named:
+            raise HardwareError(f"register {self.name} has the fields {', '.join(named)}; got {name!r}.")
+        return named[name]
+
+
+@functools.cache
+def registers() -> Mapping[str, Register]:
+    """Return every register by its name, in ascending order of the addresses."""
+    text = resources.files("coilarray.hardware.chips").joinpath("ldc1614_registers.csv").read_text(encoding="utf-8")
+    rows: dict[tuple[int, str], list[Field]] = {}
+    for row in csv.DictReader(text.splitlines()):
+        field = Field(
+            name=row["bitfield"],
+            msb=int(row["msb"]),
+            lsb=int(row["lsb"]),
+            reset=int(row["reset"], 0),
+            writable=row["meaning"].startswith("RW."),
+            meaning=row["meaning"],
+        )
+        rows.setdefault((int(row["address"], 0), row["name"]), []).append(field)
+    ordered = sorted(rows.items())
+    return MappingProxyType({name: Register(address, name, tuple(fields)) for (address, name), fields in ordered})
+
+
+def register(name_or_address: str | int) -> Register:
+    """Return a register by its name or address.
+
+    Raises
+    ------
+    HardwareError
+        No such register.
+
+    Examples
+    --------
+    >>> hex(register("MUX_CONFIG").reset)
+    '0x20f'
+    >>> register(0x1A).name
+    'CONFIG'
+    """
+    table = registers()
+    if isinstance(name_or_address, str):
+        if name_or_address not in table:
+            raise HardwareError(f"the LDC1614 has no register {name_or_address!r}.")
+        return table[name_or_address]
+    for found in table.values():
+        if found.address == name_or_address:
+            return found
+    raise HardwareError(f"the LDC1614 has no register at the address {name_or_address:#04x}.")
+
+
+def encode(name_or_address: str | int, fields: Mapping[str, int] = MappingProxyType({})) -> int:
+    """Value to write to a register.
+
+    Parameters
+    ----------
+    name_or_address : str or int
+        Of the register.
+    fields : mapping of str to int
+        Values by the names of the fields; a field that is not given keeps its reset value.
+
+    Returns
+    -------
+    int
+        16 bits; reserved bits as the data sheet demands.
+
+    Raises
+    ------
+    HardwareError
+        A register that only reads, an unknown field, or a value that its bits do not hold or the data sheet forbids.
+
+    Examples
+    --------
+    >>> hex(encode("CLOCK_DIVIDERS0", {"FIN_DIVIDER0": 1, "FREF_DIVIDER0": 2}))
+    '0x1002'
+    >>> hex(encode("DRIVE_CURRENT0", {"IDRIVE0": 18}))
+    '0x9000'
+    """
+    target = register(name_or_address)
+    if not target.writable:
+        raise HardwareError(f"register {target.name} only reads.")
+    value = target.reset
+    for name, given in fields.items():
+        field = target.field(name)
+        if isinstance(given, bool) or not isinstance(given, int) or not 0 <= given <= field.largest:
+            raise HardwareError(f"{name} must be an integer from 0 to {field.largest}; got {given!r}.")
+        value = value & ~field.mask | given << field.lsb
+    check_value(target.address, value)
+    return value
+
+
+def decode(name_or_address: str | int, value: int) -> dict[str, int]:
+    """Split what a register reads into its fields; the inverse of `encode`.
+
+    Parameters
+    ----------
+    name_or_address : str or int
+        Of the register.
+    value : int
+        16 bits.
+
+    Returns
+    -------
+    dict of str to int
+        Every field that is not reserved.
+
+    Raises
+    ------
+    HardwareError
+        A value beyond 16 bits, or reserved bits that no LDC1614 has: another chip or a disturbed bus.
+
+    Examples
+    --------
+    >>> decode("CLOCK_DIVIDERS0", 0x1002)
+    {'FIN_DIVIDER0': 1, 'FREF_DIVIDER0': 2}
+    """
+    source = register(name_or_address)
+    _check_word(source, value)
+    for field in source.fields:
+        if field.reserved and _bits(field, value) != field.reset:
+            raise HardwareError(
+                f"bits {field.msb} to {field.lsb} of {source.name} must read {field.reset:#b}; got {value:#06x}."
+            )
+    return {field.name: _bits(field, value) for field in source.fields if not field.reserved}
+
+
+def check_value(name_or_address: str | int, value: int) -> None:
+    """Refuse a value that must not be written to a register.
+
+    Raises
+    ------
+    HardwareError
+        A register that only reads, a value beyond 16 bits, reserved bits that differ from their constants, or a field
+        with a value that the data sheet forbids: which one, what is allowed.
+
+    Examples
+    --------
+    >>> check_value("CONFIG", 0x1401)
+    """
+    target = register(name_or_address)
+    if not target.writable:
+        raise HardwareError(f"register {target.name} only reads.")
+    for name, given in decode(target.name, value).items():
+        allowed = _ALLOWED.get(name.rstrip("0123"))
+        if allowed is not None and given not in allowed[0]:
+            raise HardwareError(f"{name} must be {allowed[1]}; got {given}.")
+
+
+def _bits(field: Field, value: int) -> int:
+    return value >> field.lsb & field.largest
+
+
+def _check_word(source: Register, value: int) -> None:
+    if not 0 <= value <= _WORD:
+        raise HardwareError(f"register {source.name} holds 0 to 0xFFFF; got {value:#x}.")

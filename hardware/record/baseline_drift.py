@@ -1,0 +1,269 @@
+"""How L_0 of a state drifts while a recording is made: a low polynomial of time, from scans at rest alone.
+
+The internal oscillator of the converter falls by about 13 ppm/K, which reads as 26 ppm/K in L, and coils and switches
+have coefficients of their own. Over minutes to hours that is a smooth curve. Through all scans at rest it is known much
+better than from the one before each indentation, so that δ loses the noise of its L_0.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from coilarray.errors import HardwareError
+
+FloatArray = npt.NDArray[np.float64]
+
+HIGHEST_ORDER = 3
+"""Of the polynomial."""
+
+_ROUNDING = 1e-9  # of the variance of a scan
+_SPARE = 5  # scans beyond the coefficients, without which their scatter is not told
+_ALIKE = 3.0  # standard deviations by which von Neumann's ratio may fall short of that of white noise
+
+
+@dataclass(frozen=True)
+class Drift:
+    """L_0 of a state within a session: inductance · (1 + Σ c_k u^k), k from 1, u = (time − middle)/half.
+
+    Parameters
+    ----------
+    session : int
+        Index of the session in its recording.
+    boot : int
+        Session number of the board.
+    started : float
+        When the session began, in s since the epoch: it tells it from others of the same board.
+    state : str
+        Name.
+    start, stop : float
+        Time of the first and the last scan at rest, in s from the first scan of the recording.
+    gap : float
+        Longest time between two of them in s; by so much the curve may be used before the first and after the last.
+    inductance : float
+        L_0 at the middle in H.
+    coefficients : tuple of float
+        c_1 … c_n, without unit.
+    covariance : tuple of tuple of float
+        Of the relative inductance and the coefficients, shape (n + 1, n + 1).
+    scatter : float
+        Relative standard deviation of one scan about the curve.
+    smooth : bool
+        Whether the scans scatter about the curve without a system; False where L_0 did what no such curve describes.
+
+    Raises
+    ------
+    HardwareError
+        Values that cannot be.
+    """
+
+    session: int
+    boot: int
+    started: float
+    state: str
+    start: float
+    stop: float
+    gap: float
+    inductance: float
+    coefficients: tuple[float, ...]
+    covariance: tuple[tuple[float, ...], ...]
+    scatter: float
+    smooth: bool
+
+    def __post_init__(self) -> None:
+        terms = len(self.coefficients) + 1
+        numbers = [self.started, self.start, self.stop, self.gap, self.inductance, self.scatter, *self.coefficients]
+        if not all(map(math.isfinite, [*numbers, *(value for row in self.covariance for value in row)])):
+            raise HardwareError(f"the drift of {self.state} must be of finite numbers.")
+        if not (self.start < self.stop and self.inductance > 0 and self.scatter >= 0 and self.gap >= 0):
+            raise HardwareError(f"the drift of {self.state} must be of a time that rises and positive inductances.")
+        if not 2 <= terms <= HIGHEST_ORDER + 1 or [len(row) for row in self.covariance] != [terms] * terms:
+            raise HardwareError(
+                f"the drift of {self.state} must have 1 to {HIGHEST_ORDER} coefficients, and a square covariance."
+            )
+        if not np.all(np.linalg.eigvalsh(np.array(self.covariance)) >= -_ROUNDING * self.scatter**2):
+            raise HardwareError(f"the covariance of the drift of {self.state} must not be negative.")
+
+    @property
+    def rate(self) -> float:
+        """Relative change of L_0 in 1/s at the middle."""
+        return self.coefficients[0] / self._half
+
+    @property
+    def rate_error(self) -> float:
+        """Its standard error in 1/s."""
+        return math.sqrt(max(self.covariance[1][1], 0.0)) / self._half
+
+    def at(self, time: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Return L_0 in H at times in s, and its relative standard error; NaN beyond where the curve may be used."""
+        t = np.asarray(time, dtype=np.float64)
+        u = (t - (self.start + self.stop) / 2) / self._half
+        powers = u[..., None] ** np.arange(len(self.coefficients) + 1)
+        value = self.inductance * (powers @ np.array([1.0, *self.coefficients]))
+        error = np.sqrt(np.maximum(np.einsum("...i,ij,...j->...", powers, np.array(self.covariance), powers), 0.0))
+        inside = (t >= self.start - self.gap) & (t <= self.stop + self.gap)
+        return np.where(inside, value, np.nan), np.where(inside, error, np.nan)
+
+    @property
+    def _half(self) -> float:
+        return (self.stop - self.start) / 2
+
+
+def fit_drift(
+    time: npt.ArrayLike,
+    inductance: npt.ArrayLike,
+    *,
+    order: int | None = None,
+    session: int = 0,
+    boot: int = 0,
+    started: float = 0.0,
+    state: str = "",
+) -> Drift:
+    """Fit the drift of a state to its scans at rest.
+
+    Parameters
+    ----------
+    time : array_like, shape (n,)
+        In s, rising.
+    inductance : array_like, shape (n,)
+        L_0 in H; NaN where a scan has no value.
+    order : int, optional
+        Of the polynomial, 1 to 3; by default the lowest one about which the scans scatter without a system.
+    session, boot, started, state
+        As in `Drift`.
+
+    Returns
+    -------
+    Drift
+
+    Raises
+    ------
+    HardwareError
+        Fewer than 6 scans beyond the order, times that do not rise, another order.
+
+    Notes
+    -----
+    Least squares, every scan alike. What is left scatters without a system where J. von Neumann's ratio (Ann. Math.
+    Statist. 12, 1941, 367), half the mean square of successive differences over the mean square, is within three of its
+    standard deviations, √n⁻¹, of one.
+
+    Examples
+    --------
+    >>> time = np.arange(0.0, 600.0, 2.0)
+    >>> noise = 1e-6 * np.random.default_rng(0).standard_normal(time.size)
+    >>> drift = fit_drift(time, 50e-6 * (1 + 2e-8 * time + noise))
+    >>> len(drift.coefficients), f"{drift.rate:.3g} ± {drift.rate_error:.1g} per s"
+    (1, '1.95e-08 ± 3e-10 per s')
+    """
+    _check_order(order)
+    t, values = np.asarray(time, dtype=np.float64), np.asarray(inductance, dtype=np.float64)
+    if t.ndim != 1 or t.shape != values.shape:
+        raise HardwareError(
+            f"time and inductance of a drift must be rows of one length; got {t.shape}, {values.shape}."
+        )
+    told = np.isfinite(values)
+    t, values = t[told], values[told]
+    if len(t) < (order or 1) + 1 + _SPARE:
+        raise HardwareError(
+            f"a drift of order {order or 1} needs {(order or 1) + 1 + _SPARE} scans at rest; "
+            f"{state or 'the state'} has {len(t)}."
+        )
+    if not np.isfinite(t).all() or any(later <= earlier for earlier, later in pairwise(t.tolist())):
+        raise HardwareError("the times of a drift must be finite and rise.")
+    highest = min(HIGHEST_ORDER, len(t) - 1 - _SPARE)
+    orders = list(range(1, highest + 1)) if order is None else [order]
+    drift = _fitted(t, values, orders[0], session, boot, started, state)
+    for higher in orders[1:]:
+        if drift.smooth:
+            break
+        drift = _fitted(t, values, higher, session, boot, started, state)
+    return drift
+
+
+def fit_drifts(
+    series: xr.Dataset, sessions: Sequence[tuple[int, float]], *, order: int | None = None
+) -> tuple[Drift, ...]:
+    """Fit the drift of every session and state of a recording.
+
+    Parameters
+    ----------
+    series : xarray.Dataset
+        As `coilarray.hardware.record.recorded_response.recorded_series` returns it.
+    sessions : sequence of (int, float)
+        Session number of the board, and start in s since the epoch, for each session of the recording.
+    order : int, optional
+        As in `fit_drift`.
+
+    Returns
+    -------
+    tuple of Drift
+        Without those sessions and states that have too few scans at rest.
+
+    Raises
+    ------
+    HardwareError
+        Another order.
+    """
+    _check_order(order)
+    rest, drifts = at_rest(series), []
+    for session, (boot, started) in enumerate(sessions):
+        own = rest & (series.session.values == session)
+        for k, state in enumerate(series.state.values.tolist()):
+            values = series.inductance.values[own, k]
+            if np.isfinite(values).sum() >= (order or 1) + 1 + _SPARE:
+                drifts.append(
+                    fit_drift(
+                        series.time.values[own],
+                        values,
+                        order=order,
+                        session=session,
+                        boot=boot,
+                        started=started,
+                        state=state,
+                    )
+                )
+    return tuple(drifts)
+
+
+def at_rest(series: xr.Dataset) -> npt.NDArray[np.bool_]:
+    """Tell in which scans of a series the indenter is not known to press, shape (scan,)."""
+    return np.asarray(~(series.depth.values > 0))
+
+
+def _check_order(order: int | None) -> None:
+    if order is not None and not 1 <= order <= HIGHEST_ORDER:
+        raise HardwareError(f"the order of a drift must be 1 to {HIGHEST_ORDER}; got {order}.")
+
+
+def _fitted(
+    t: FloatArray, values: FloatArray, order: int, session: int, boot: int, started: float, state: str
+) -> Drift:
+    start, stop = float(t[0]), float(t[-1])
+    u = (t - (start + stop) / 2) / ((stop - start) / 2)
+    powers = u[:, None] ** np.arange(order + 1)
+    mean = float(values.mean())
+    inverse = np.linalg.inv(powers.T @ powers)
+    terms = inverse @ (powers.T @ (values / mean))
+    remains = values / mean / terms[0] - powers @ (terms / terms[0])
+    scatter = float(np.sqrt(remains @ remains / (len(t) - order - 1)))
+    ratio = float(np.mean(np.diff(remains) ** 2) / (2 * np.mean(remains**2))) if remains.any() else 1.0
+    return Drift(
+        session=session,
+        boot=boot,
+        started=started,
+        state=state,
+        start=start,
+        stop=stop,
+        gap=float(np.diff(t).max()),
+        inductance=mean * float(terms[0]),
+        coefficients=tuple((terms[1:] / terms[0]).tolist()),
+        covariance=tuple(map(tuple, (scatter**2 * inverse).tolist())),
+        scatter=scatter,
+        smooth=ratio > 1 - _ALIKE / math.sqrt(len(t)),
+    )

@@ -1,0 +1,314 @@
+"""The campaign of Gast & Zimmermann (2020, sect. 3.3): a grid of positions, at each the same sequence, recorded.
+
+At every position the indenter is moved there without touching (baseline), pressed in slowly to a depth, held for a
+dwell (peak), and lifted slowly. A position counts when it was measured to its end, so a campaign that was broken off
+goes on with those that are missing.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
+from itertools import pairwise, product
+
+from coilarray.compute.threads import Progress
+from coilarray.design.model import Design
+from coilarray.errors import HardwareError
+from coilarray.hardware.record.recorder import Recorder
+from coilarray.hardware.record.recording import GridPlace
+from coilarray.hardware.record.stages import Stage
+from coilarray.hardware.scan.reader import Reader
+from coilarray.hardware.scan.readings import read_scan
+from coilarray.hardware.wire.buses import Clock
+from coilarray.hardware.wire.faults import BoardRestarted, BusFault, NoAnswer
+
+SPEED = 1.5e-3
+"""Of indenting and relaxing in m/s, as in the paper."""
+DWELL = 0.5
+"""At the greatest depth before the peak is measured, in s, as in the paper."""
+TRIES = 3
+"""At one position before the campaign is given up."""
+
+_MOST_PLACES = 1_000_000
+_FARTHEST, _DEEPEST, _FASTEST, _LONGEST, _MOST_SCANS = 1.0, 0.1, 0.1, 3600.0, 1000  # m, m, m/s, s
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """Where to press how deep, and in which sequence.
+
+    Parameters
+    ----------
+    x, y : tuple of float
+        Positions in m from the map's origin, rising.
+    depths : tuple of float
+        In m, rising.
+    repeats : int
+        Of the whole grid.
+    scans : int
+        At every baseline and every peak.
+    dwell : float
+        In s.
+    speed : float
+        Of indenting and relaxing in m/s.
+
+    Raises
+    ------
+    HardwareError
+        A value that cannot be: which, and what is allowed.
+
+    Examples
+    --------
+    >>> campaign = Campaign(x=(-0.002, 0.0, 0.002), y=(0.0,), depths=(0.001,), repeats=2)
+    >>> len(campaign.places), campaign.places[4]
+    (6, GridPlace(number=4, repeat=1, depth=0.001, y=0.0, x=0.0))
+    """
+
+    x: tuple[float, ...]
+    y: tuple[float, ...]
+    depths: tuple[float, ...]
+    repeats: int = 1
+    scans: int = 1
+    dwell: float = DWELL
+    speed: float = SPEED
+
+    def __post_init__(self) -> None:
+        _require_rising("x", self.x, -_FARTHEST, _FARTHEST)
+        _require_rising("y", self.y, -_FARTHEST, _FARTHEST)
+        _require_rising("depths", self.depths, 0.0, _DEEPEST)
+        if self.depths[0] <= 0:
+            raise HardwareError(f"depths of a campaign must be positive; got {self.depths[0]} m.")
+        for name, count in (("repeats", self.repeats), ("scans", self.scans)):
+            if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= _MOST_SCANS:
+                raise HardwareError(f"{name} of a campaign must be 1 to {_MOST_SCANS}; got {count}.")
+        if not 0 <= self.dwell <= _LONGEST:
+            raise HardwareError(f"dwell of a campaign must be 0 to {_LONGEST:g} s; got {self.dwell} s.")
+        if not 0 < self.speed <= _FASTEST:
+            raise HardwareError(f"speed of a campaign must be positive and at most {_FASTEST:g} m/s; got {self.speed}.")
+        if self.size > _MOST_PLACES:
+            raise HardwareError(f"a campaign must have at most {_MOST_PLACES} positions; got {self.size}.")
+
+    @property
+    def size(self) -> int:
+        """How often the indenter is pressed in."""
+        return self.repeats * len(self.y) * len(self.x) * len(self.depths)
+
+    @cached_property
+    def places(self) -> tuple[GridPlace, ...]:
+        """Every position in the order in which it is measured: row after row, all depths at one place."""
+        grid = product(range(self.repeats), self.y, self.x, self.depths)
+        return tuple(GridPlace(number, repeat, depth, y, x) for number, (repeat, y, x, depth) in enumerate(grid))
+
+    def seconds(self, scan_time: float) -> float:
+        """Time in s that pressing, dwelling, lifting and scanning take, without the ways between positions."""
+        pressing = sum(2 * depth / self.speed + self.dwell + 2 * self.scans * scan_time for depth in self.depths)
+        return self.size / len(self.depths) * pressing
+
+    def to_json(self) -> str:
+        """Return the campaign as JSON in one line; `from_json` reads it."""
+        return json.dumps(asdict(self))
+
+    @classmethod
+    def from_json(cls, text: str) -> Campaign:
+        """Read what `to_json` wrote; HardwareError for anything else.
+
+        Examples
+        --------
+        >>> campaign = Campaign(x=(0.0,), y=(0.0,), depths=(0.001,))
+        >>> Campaign.from_json(campaign.to_json()) == campaign
+        True
+        """
+        try:
+            values = json.loads(text)
+            values |= {name: tuple(float(value) for value in values[name]) for name in ("x", "y", "depths")}
+            return cls(**values)
+        except (ValueError, TypeError, KeyError, AttributeError, RecursionError, OverflowError) as error:
+            raise HardwareError(f"the plan of a campaign cannot be read: {error}.") from None
+
+
+def design_campaign(
+    design: Design,
+    *,
+    x: Sequence[float] | None = None,
+    y: Sequence[float] | None = None,
+    depths: Sequence[float] | None = None,
+    repeats: int = 1,
+    scans: int = 1,
+    dwell: float = DWELL,
+    speed: float = SPEED,
+) -> Campaign:
+    """Make the campaign of a design's [indentation]: for gast2020 the grid of the paper.
+
+    Parameters
+    ----------
+    design : Design
+        With the tables ``[indenter]`` and ``[indentation]``.
+    x, y, depths : sequence of float, optional
+        In m; the design's by default.
+    repeats, scans, dwell, speed
+        As in `Campaign`.
+
+    Returns
+    -------
+    Campaign
+
+    Raises
+    ------
+    HardwareError
+        A design that says nothing of an indentation, or what `Campaign` refuses.
+
+    Examples
+    --------
+    >>> from coilarray import load_design
+    >>> design_campaign(load_design("gast2020")).size
+    189
+    """
+    setup = design.indentation
+    if setup is None:
+        raise HardwareError(f"the design {design.name} has no [indenter] and [indentation]; a campaign needs them.")
+    return Campaign(
+        x=setup.x if x is None else tuple(x),
+        y=setup.y if y is None else tuple(y),
+        depths=setup.depths if depths is None else tuple(depths),
+        repeats=repeats,
+        scans=scans,
+        dwell=dwell,
+        speed=speed,
+    )
+
+
+def run_campaign(
+    campaign: Campaign,
+    reader: Reader,
+    stage: Stage,
+    recorder: Recorder,
+    clock: Clock,
+    progress: Progress | None = None,
+    *,
+    reconnect: Callable[[], Reader] | None = None,
+) -> None:
+    """Measure every position that is not measured yet.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        The one that the recorder was started with.
+    reader : Reader
+        Configured with the settings of the recorder's session.
+    stage : Stage
+        Moves the indenter.
+    recorder : Recorder
+        Started.
+    clock : Clock
+        For the dwell.
+    progress : callable, optional
+        Called with (positions done, of how many).
+    reconnect : callable, optional
+        Opens another session with a board that has restarted, and returns its reader, not configured. The position is
+        then measured again, in a new session of the recording. Without it, such a board ends the campaign.
+
+    Raises
+    ------
+    BoardRestarted
+        The board restarted, and there is no `reconnect`.
+    HardwareError
+        What the reader and the stage raise; a position where a scan failed `TRIES` times. The indenter is then lifted
+        where the stage can do that by itself.
+    OutputError
+        A recording that cannot be written.
+    """
+    stage.check(campaign.places)
+    done = recorder.finished()
+    count = len(done)
+    _tell(progress, count, campaign.size)
+    run = _Run(campaign, reader, stage, recorder, clock, reconnect)
+    try:
+        for place in campaign.places:
+            if place.number not in done:
+                run.measure(place)
+                count += 1
+                _tell(progress, count, campaign.size)
+    except BaseException:
+        stage.retreat()
+        raise
+
+
+class _BadScanError(HardwareError):
+    """A scan in which a state has no value."""
+
+
+@dataclass
+class _Run:
+    """A campaign under way; its reader is another one after the board has restarted."""
+
+    campaign: Campaign
+    reader: Reader
+    stage: Stage
+    recorder: Recorder
+    clock: Clock
+    reconnect: Callable[[], Reader] | None
+
+    def measure(self, place: GridPlace) -> None:
+        """Measure a position, from the beginning again where a scan fails."""
+        for attempt in range(1, TRIES + 1):
+            position = self.recorder.begin(place)
+            try:
+                self._press(place, position)
+            except (NoAnswer, BusFault, BoardRestarted, _BadScanError) as error:
+                if attempt == TRIES:
+                    raise HardwareError(
+                        f"at x = {place.x * 1e3:.4g}, y = {place.y * 1e3:.4g} mm a scan failed {TRIES} times: {error}"
+                    ) from None
+                self.stage.relax(self.campaign.speed)
+                self._configure_again()
+            else:
+                self.recorder.finish(position)
+                self.stage.relax(self.campaign.speed)
+                return
+
+    def _press(self, place: GridPlace, position: int) -> None:
+        self.stage.move(place.x, place.y)
+        self._scan("baseline", position, 0.0)
+        self.stage.indent(place.depth, self.campaign.speed)
+        self.clock.sleep(self.campaign.dwell)
+        self._scan("peak", position, place.depth)
+
+    def _scan(self, stage: str, position: int, depth: float) -> None:
+        session = self.recorder.session
+        for _ in range(self.campaign.scans):
+            raw = self.reader.scan()
+            self.recorder.add(raw, stage, position=position, depth=depth)
+            for state in read_scan(raw, session.settings, session.capacitances).states:
+                if state.verdict == "bad":
+                    raise _BadScanError(f"{state.name} gave no value: {', '.join(state.reasons)}.")
+
+    def _configure_again(self) -> None:
+        """After a fault a board wants its settings once more; one that restarted begins another session."""
+        session = self.recorder.session
+        try:
+            self.reader.configure(session.settings)
+        except BoardRestarted as fault:  # the reader's session is over
+            if self.reconnect is None:
+                raise BoardRestarted(f"{str(fault).rstrip('.')}; run again to go on with the recording.") from None
+            self.reader = self.reconnect()
+            self.reader.configure(session.settings)
+        if self.reader.identity.boot != session.identity.boot:
+            again = replace(session, identity=self.reader.identity, started=time.time())
+            self.recorder.start(again, self.campaign.to_json())
+
+
+def _require_rising(name: str, values: tuple[float, ...], least: float, most: float) -> None:
+    rising = all(low < high for low, high in pairwise(values))
+    if not (values and all(math.isfinite(value) for value in values) and rising):
+        raise HardwareError(f"{name} of a campaign must be finite and rising, in m; got {list(values)}.")
+    if values[0] < least or values[-1] > most:
+        raise HardwareError(f"{name} of a campaign must be {least:g} to {most:g} m; got {list(values)}.")
+
+
+def _tell(progress: Progress | None, done: int, total: int) -> None:
+    if progress is not None:
+        progress(done, total)

@@ -1,0 +1,367 @@
+"""What a board's own constants are: the converter's clock, the capacitance of every tank, the drift of a recording.
+
+None of them enters δ but the drift: δ is a ratio of frequencies. Clock and capacitance give L its scale.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from coilarray.design.model import build_design
+from coilarray.errors import HardwareError
+from coilarray.hardware.chips.ldc1614_timing import EXTERNAL_CLOCK_RANGE, INTERNAL_CLOCK_RANGE
+from coilarray.hardware.record.baseline_drift import Drift, at_rest, fit_drifts
+from coilarray.hardware.record.campaign import Campaign
+from coilarray.hardware.record.recorded_response import recorded_response, recorded_series
+from coilarray.hardware.record.recording import Recording
+from coilarray.response.map import response_map
+
+FloatArray = npt.NDArray[np.float64]
+
+ClockFrom = Literal["settings", "known frequency"]
+InductancesFrom = Literal["known inductances", "design"]
+
+CAPACITANCES = (1e-12, 1e-6)
+"""Least and greatest capacitance of a tank in F that is believed."""
+
+_LEAST_SCANS = 2  # at rest, for a standard error
+_MOST_ERROR = 0.5  # relative, of a known inductance or frequency
+
+
+@dataclass(frozen=True)
+class Channel:
+    """Tank of one state.
+
+    Parameters
+    ----------
+    state : str
+        Name.
+    capacitance : float
+        All that is across the coil in F. It is the one with which the frequency at rest gives the inductance below by
+        the lossless L = 1/((2πf)² C): losses and an error of the clock are in it, and L read with it is right.
+    standard_error : float
+        Of it in F: of the frequency's scatter and of the known inductance.
+    inductance : float
+        That it stands on, in H.
+    """
+
+    state: str
+    capacitance: float
+    standard_error: float
+    inductance: float
+
+    def __post_init__(self) -> None:
+        low, high = CAPACITANCES
+        if not low <= self.capacitance <= high:
+            raise HardwareError(
+                f"the capacitance of {self.state} must be {low * 1e12:g} to {high * 1e12:g} pF; "
+                f"got {self.capacitance * 1e12:.4g} pF."
+            )
+        if not (math.isfinite(self.standard_error) and self.standard_error >= 0):
+            raise HardwareError(f"the standard error of {self.state} must be finite and not negative.")
+        if not (math.isfinite(self.inductance) and self.inductance > 0):
+            raise HardwareError(f"the inductance of {self.state} must be positive and finite; got {self.inductance} H.")
+
+
+@dataclass(frozen=True)
+class BoardCalibration:
+    """Constants of a board.
+
+    Parameters
+    ----------
+    source : str
+        Where they come from, for people.
+    made : str
+        When, as ISO 8601.
+    board : str
+        Its identity.
+    emulated : bool
+        Whether no real board is behind it.
+    design_hash : str
+        Of the design on the board.
+    clock : float
+        Of the converter in Hz.
+    clock_error : float or None
+        Standard error in Hz; None where it is as the settings had it.
+    clock_from : {"settings", "known frequency"}
+    inductances_from : {"known inductances", "design"} or None
+        What the capacitances stand on. Where it is the design, its simulation: then that measured and simulated L agree
+        is no test.
+    channels : tuple of Channel
+        Empty where no inductances were given.
+    drifts : tuple of Drift
+        Of the recording that this was made of.
+
+    Raises
+    ------
+    HardwareError
+        A clock that cannot be, or a state that is there twice.
+    """
+
+    source: str
+    made: str
+    board: str
+    emulated: bool
+    design_hash: str
+    clock: float
+    clock_error: float | None
+    clock_from: ClockFrom
+    inductances_from: InductancesFrom | None = None
+    channels: tuple[Channel, ...] = ()
+    drifts: tuple[Drift, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        low, high = min(EXTERNAL_CLOCK_RANGE[0], INTERNAL_CLOCK_RANGE[0]), INTERNAL_CLOCK_RANGE[1]
+        if not low <= self.clock <= high:
+            raise HardwareError(
+                f"the clock must be {low / 1e6:g} to {high / 1e6:g} MHz; got {self.clock / 1e6:.4g} MHz."
+            )
+        if self.clock_error is not None and not (math.isfinite(self.clock_error) and self.clock_error >= 0):
+            raise HardwareError(f"the standard error of the clock must not be negative; got {self.clock_error} Hz.")
+        for names in ([one.state for one in self.channels], [(one.session, one.state) for one in self.drifts]):
+            if len(set(names)) < len(names):
+                raise HardwareError("a calibration must have a state once.")
+        if bool(self.channels) != (self.inductances_from is not None):
+            raise HardwareError("a calibration must say what its capacitances stand on, and only where it has some.")
+
+    @property
+    def capacitances(self) -> dict[str, float]:
+        """Capacitances in F by state."""
+        return {channel.state: channel.capacitance for channel in self.channels}
+
+
+def calibrate_board(
+    recording: Recording,
+    *,
+    inductances: Mapping[str, float] | None = None,
+    inductance_error: float = 0.0,
+    from_design: bool = False,
+    known_frequency: tuple[str, float] | None = None,
+    frequency_error: float = 0.0,
+    order: int | None = None,
+    source: str = "",
+    made: str = "",
+) -> BoardCalibration:
+    """Calibrate a board by a recording of it at rest.
+
+    Parameters
+    ----------
+    recording : Recording
+        Of any kind. What is at rest counts: baselines, and scans of a stream.
+    inductances : mapping of str to float, optional
+        Known inductances in H by state: of reference inductors in place of the coils, or measured on another
+        instrument.
+    inductance_error : float
+        Their relative standard error.
+    from_design : bool
+        Take the inductances that the simulation of the recorded design gives instead.
+    known_frequency : (str, float), optional
+        A state that was measured while a known frequency in Hz stood in place of its tank; it gives the clock.
+    frequency_error : float
+        Its relative standard error.
+    order : int, optional
+        Of the drift, as in `coilarray.hardware.record.baseline_drift.fit_drift`.
+    source, made
+        As in `BoardCalibration`.
+
+    Returns
+    -------
+    BoardCalibration
+
+    Raises
+    ------
+    HardwareError
+        States that the recording does not have, inductances from both sides, values that cannot be, a state with fewer
+        than two scans at rest, a damaged file.
+    """
+    if inductances is not None and from_design:
+        raise HardwareError("inductances must be known or simulated, not both.")
+    for name, value in (("inductances", inductance_error), ("frequency", frequency_error)):
+        if not 0 <= value <= _MOST_ERROR:
+            raise HardwareError(f"the relative error of the {name} must be 0 to {_MOST_ERROR:g}; got {value:g}.")
+    series = recorded_series(recording)
+    read, read_error = _mean_frequencies(series)
+    session = recording.sessions[0]
+    ratio, clock_error = 1.0, None
+    if known_frequency is not None:
+        state, known = known_frequency
+        ratio = _known("frequency", "Hz", known) / _of_state(read, state, recording)
+        clock_error = session.settings.clock * ratio * math.hypot(read_error[state] / read[state], frequency_error)
+    if from_design:
+        inductances = simulated_inductances(recording)
+    channels = []
+    for state, inductance in (inductances or {}).items():
+        frequency = _of_state(read, state, recording) * ratio
+        capacitance = 1 / ((2 * math.pi * frequency) ** 2 * _known(f"inductance of {state}", "H", inductance))
+        relative = math.hypot(2 * read_error[state] / read[state], inductance_error)
+        channels.append(Channel(state, capacitance, capacitance * relative, inductance))
+    capacitances = {**session.capacitances, **{channel.state: channel.capacitance for channel in channels}}
+    sessions = [(one.identity.boot, one.started) for one in recording.sessions]
+    return BoardCalibration(
+        source=source,
+        made=made,
+        board=session.identity.kind,
+        emulated=recording.emulated,
+        design_hash=session.design_hash,
+        clock=session.settings.clock * ratio,
+        clock_error=clock_error,
+        clock_from="settings" if known_frequency is None else "known frequency",
+        inductances_from=None if not channels else "design" if from_design else "known inductances",
+        channels=tuple(channels),
+        drifts=fit_drifts(_with_inductances(series, capacitances, ratio), sessions, order=order),
+    )
+
+
+def calibrated_response(recording: Recording, calibration: BoardCalibration, *, partial: bool = False) -> xr.Dataset:
+    """Return the response that a campaign measured, with a board's constants, and with its L_0 from the drift.
+
+    Parameters
+    ----------
+    recording : Recording
+        Of a campaign.
+    calibration : BoardCalibration
+        Of the board, with this design. Its drifts count where they are of sessions of this recording and smooth;
+        elsewhere L_0 is the one measured at every position, as in `recorded_response`.
+    partial : bool
+        As in `recorded_response`.
+
+    Returns
+    -------
+    xarray.Dataset
+        As `recorded_response`, with ``drift_removed`` (state), and the attributes ``calibration``, its source,
+        ``calibration_board``, of which board it is, and, where it has capacitances, ``capacitance_from``: what they
+        stand on. Where the drift was removed, ``delta_std`` is found from it.
+
+    Raises
+    ------
+    HardwareError
+        A calibration of an emulated board for a real one or the other way round, or of another design, and what
+        `recorded_response` refuses.
+    """
+    if calibration.emulated != recording.emulated:
+        kinds = ("a real", "an emulated")
+        raise HardwareError(
+            f"the calibration is of {kinds[calibration.emulated]} board, {recording.path} of "
+            f"{kinds[recording.emulated]} one."
+        )
+    design = recording.sessions[0].design_hash
+    if calibration.design_hash != design:
+        raise HardwareError(
+            f"the calibration is of a board with the design {calibration.design_hash[:12] or 'unknown'}, "
+            f"{recording.path} of one with {design[:12]}."
+        )
+    capacitances = {**recording.sessions[0].capacitances, **calibration.capacitances}
+    response = recorded_response(recording, capacitances=capacitances, clock=calibration.clock, partial=partial)
+    series = recorded_series(recording, capacitances=capacitances, clock=calibration.clock)
+    sessions = [(session.identity.boot, session.started) for session in recording.sessions]
+    drifts = {
+        (one.session, one.state): one
+        for one in calibration.drifts
+        if one.smooth and (one.boot, one.started) in sessions[one.session : one.session + 1]
+    }
+    scans = Campaign.from_json(recording.campaign or "").scans
+    removed = []
+    for j, state in enumerate(recording.states):
+        of_sessions = [drifts.get((session, state)) for session in range(len(sessions))]
+        removed.append(_remove_drift(response, series, j, of_sessions, scans))
+    if any(removed):
+        before = response.delta_std.attrs["found_from"]
+        response.delta_std.attrs["found_from"] = "drift" if all(removed) else f"drift, or {before} where it stays"
+    said = {"calibration": calibration.source, "calibration_board": calibration.board}
+    if calibration.inductances_from is not None:
+        said["capacitance_from"] = calibration.inductances_from
+    return response.assign(drift_removed=("state", removed)).assign_attrs(said)
+
+
+def simulated_inductances(recording: Recording) -> dict[str, float]:
+    """Return L_0 in H of every state by the simulation of the recorded design, as the converter sees it.
+
+    Raises
+    ------
+    HardwareError
+        A design that says nothing of an indentation, and so has no simulated response.
+    """
+    design = build_design(recording.sessions[0].design_document, str(recording.path))
+    setup = design.indentation
+    if setup is None:
+        raise HardwareError(
+            f"the design {design.name} has no [indenter] and [indentation], and so no simulated response; "
+            "give known inductances."
+        )
+    middle = (axis[len(axis) // 2 : len(axis) // 2 + 1] for axis in (setup.depths, setup.x, setup.y))
+    depths, x, y = middle
+    base = response_map(design, depths=depths, x=x, y=y).base_inductance
+    return {state: float(base.sel(state=state)) for state in recording.states}
+
+
+def _remove_drift(
+    response: xr.Dataset, series: xr.Dataset, state: int, drifts: Sequence[Drift | None], scans: int
+) -> bool:
+    """Put δ of a state from its drift in place of the recorded one, in place; False where a session has no drift."""
+    peaks = (series.stage.values == "peak") & series.finished.values
+    peaks &= np.isfinite(series.inductance.values[:, state])
+    sessions = series.session.values[peaks]
+    used = [drifts[session] for session in np.unique(sessions)]
+    if not used or any(drift is None for drift in used):
+        return False
+    level, error = np.full((2, len(sessions)), np.nan)
+    for session, drift in enumerate(drifts):
+        own = sessions == session
+        if drift is not None and own.any():
+            level[own], error[own] = drift.at(series.time.values[peaks][own])
+    node = tuple(np.searchsorted(response[name].values, series[name].values[peaks]) for name in ("depth", "y", "x"))
+    delta = series.inductance.values[peaks, state] / level - 1
+    scatter = np.array([0.0 if drift is None else drift.scatter for drift in drifts])[sessions]
+    deviation = np.hypot(scatter / math.sqrt(scans), error)
+    shape = response.delta.shape[:-1]
+    count, total, spread = np.zeros(shape), np.zeros(shape), np.zeros(shape)
+    for target, values in (
+        (count, np.isfinite(delta)),
+        (total, np.nan_to_num(delta)),
+        (spread, np.nan_to_num(deviation)),
+    ):
+        np.add.at(target, node, values)
+    measured = np.isfinite(response.delta.values[..., state]) & (count > 0)
+    response.delta.values[measured, state] = total[measured] / count[measured]
+    response.delta_std.values[measured, state] = spread[measured] / count[measured]
+    return True
+
+
+def _mean_frequencies(series: xr.Dataset) -> tuple[dict[str, float], dict[str, float]]:
+    """Mean frequency at rest in Hz of the states that have one, and its standard error."""
+    rest = at_rest(series)
+    means, errors = {}, {}
+    for k, state in enumerate(series.state.values.tolist()):
+        values = series.frequency.values[rest, k]
+        values = values[np.isfinite(values)]
+        if len(values) >= _LEAST_SCANS:
+            means[state] = float(values.mean())
+            errors[state] = float(values.std(ddof=1) / math.sqrt(len(values)))
+    return means, errors
+
+
+def _with_inductances(series: xr.Dataset, capacitances: Mapping[str, float], ratio: float) -> xr.Dataset:
+    """Put the inductances of a series that other capacitances give, and a clock that is faster by a ratio."""
+    C = np.array([capacitances[state] for state in series.state.values.tolist()])
+    return series.assign(inductance=1 / ((2 * np.pi * series.frequency * ratio) ** 2 * xr.DataArray(C, dims="state")))
+
+
+def _of_state(frequencies: Mapping[str, float], state: str, recording: Recording) -> float:
+    if state not in recording.states:
+        raise HardwareError(f"{recording.path} has no state {state!r}; there are {', '.join(recording.states)}.")
+    if state not in frequencies:
+        raise HardwareError(f"{recording.path} must have at least {_LEAST_SCANS} good scans of {state} at rest.")
+    return frequencies[state]
+
+
+def _known(name: str, unit: str, value: float) -> float:
+    if not (math.isfinite(value) and value > 0):
+        raise HardwareError(f"a known {name} must be positive and finite; got {value:g} {unit}.")
+    return value

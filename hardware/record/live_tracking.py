@@ -1,0 +1,224 @@
+"""From scan to scan: δ of every state against a baseline, and where the indentation is.
+
+No I/O and no display; a scan goes in, and what it says comes out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from coilarray.errors import HardwareError
+from coilarray.hardware.scan.ldc1614_result import Verdict
+from coilarray.hardware.scan.readings import ScanReading, StateReading
+from coilarray.localize.forward import ForwardModel
+from coilarray.localize.inverse import Location, locate
+
+BASELINE_SCANS = 10
+"""Scans without an indentation whose mean is L_0."""
+
+_PATIENCE = 3  # times as many scans as a baseline needs, after which a state without values is left out
+_RATE_SCANS = 20  # over which the rate is told
+_LARGEST = 0.5  # |δ| that is still a reading of the sensor
+
+
+@dataclass(frozen=True)
+class LiveState:
+    """One state of a scan.
+
+    Parameters
+    ----------
+    name : str
+        Of the state.
+    delta : float or None
+        (L − L_0)/L_0; None while the baseline is measured, and where there is no value.
+    verdict : {"good", "doubtful", "bad"}
+        Of the reading.
+    reasons : tuple of str
+        Why it is not good, or why it has no δ.
+    """
+
+    name: str
+    delta: float | None
+    verdict: Verdict
+    reasons: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class LiveReading:
+    """What one scan says.
+
+    Parameters
+    ----------
+    sequence : int
+        Of the scan.
+    time : float
+        In s by the board's clock.
+    elapsed : float
+        In s since the first scan of this session of the board.
+    states : tuple of LiveState
+        In the order of the scan.
+    waiting : int
+        Scans that the baseline still needs; 0 where it is there.
+    location : Location or None
+        Where the indentation is; None where nothing was asked, or nothing can be said.
+    problem : str
+        Why there is no location, where one was asked for; else empty.
+    noise : float or None
+        Standard deviation of δ that the location counts with; None without a baseline.
+    rate : float or None
+        Scans per second over the last ones, by the board's clock.
+    lost : int
+        Scans that were missing between the others so far.
+    """
+
+    sequence: int
+    time: float
+    elapsed: float
+    states: tuple[LiveState, ...]
+    waiting: int
+    location: Location | None
+    problem: str
+    noise: float | None
+    rate: float | None
+    lost: int
+
+
+class LiveTracker:
+    """Turns scans into δ and positions.
+
+    Parameters
+    ----------
+    model : ForwardModel or None
+        Of the board; without one there are no positions.
+    baseline_scans : int
+        Of every L_0.
+    noise : float
+        What a table's δ is trusted to, standard deviation; the noise that the scans of the baseline show is added.
+
+    Raises
+    ------
+    HardwareError
+        A number of scans below 2, or noise that is not positive and finite.
+    """
+
+    def __init__(
+        self, model: ForwardModel | None, *, baseline_scans: int = BASELINE_SCANS, noise: float = 1e-5
+    ) -> None:
+        if baseline_scans < 2:
+            raise HardwareError(f"a baseline must have at least 2 scans; got {baseline_scans}.")
+        if not (math.isfinite(noise) and noise > 0):
+            raise HardwareError(f"noise must be positive and finite; got {noise}.")
+        self._model, self._scans, self._trust = model, baseline_scans, noise
+        self._models: dict[tuple[str, ...], ForwardModel] = {}
+        self._times: deque[float] = deque(maxlen=_RATE_SCANS)
+        self._last: tuple[int, int] | None = None  # session and sequence
+        self._start = 0.0
+        self._lost = 0
+        self.rezero()
+
+    def rezero(self) -> None:
+        """Measure the baseline anew from the next scan on."""
+        self._samples: dict[str, list[float]] = {}
+        self._seen = 0
+        self._base: dict[str, float] | None = None
+        self._noise = math.nan
+
+    def take(self, scan: ScanReading, *, at_rest: bool = True, want_location: bool = True) -> LiveReading:
+        """Read a scan.
+
+        Parameters
+        ----------
+        scan : ScanReading
+            The next one.
+        at_rest : bool
+            False keeps it out of the baseline: the indenter is known to press.
+        want_location : bool
+            False saves the work of locating.
+
+        Returns
+        -------
+        LiveReading
+        """
+        self._count(scan)
+        if self._base is None and at_rest:
+            self._measure_baseline(scan)
+        base = self._base
+        states = tuple(self._state(state, base) for state in scan.states)
+        location, problem = None, ""
+        if base is not None and want_location and self._model is not None:
+            location, problem = self._located(self._model, states)
+        return LiveReading(
+            sequence=scan.sequence,
+            time=scan.time,
+            elapsed=scan.time - self._start,
+            states=states,
+            waiting=0 if base is not None else self._still_needed(),
+            location=location,
+            problem=problem,
+            noise=None if base is None else self._noise,
+            rate=self._rate(),
+            lost=self._lost,
+        )
+
+    def _measure_baseline(self, scan: ScanReading) -> None:
+        """Collect values until every state has enough of them, or a silent one has been waited for long enough."""
+        self._seen += 1
+        for name, value in scan.inductances.items():
+            self._samples.setdefault(name, []).append(value)
+        enough = {name for name, values in self._samples.items() if len(values) >= self._scans}
+        everything = len(enough) == len(scan.states)
+        if not everything and not (enough and self._seen >= _PATIENCE * self._scans):
+            return
+        values = {name: np.array(self._samples[name]) for name in enough}
+        self._base = {name: float(one.mean()) for name, one in values.items()}
+        variances = [float(one.var(ddof=1) / one.mean() ** 2) for one in values.values()]
+        own = float(np.mean(variances)) * (1 + 1 / self._scans)  # of a scan, and of the baseline itself
+        self._noise = math.hypot(self._trust, math.sqrt(own))
+
+    def _still_needed(self) -> int:
+        return max(self._scans - min((len(values) for values in self._samples.values()), default=0), 1)
+
+    @staticmethod
+    def _state(state: StateReading, base: Mapping[str, float] | None) -> LiveState:
+        reasons = tuple(str(reason) for reason in state.reasons)
+        if state.inductance is None or base is None:
+            return LiveState(state.name, None, state.verdict, reasons)
+        if state.name not in base:
+            return LiveState(state.name, None, state.verdict, (*reasons, "no baseline"))
+        return LiveState(state.name, state.inductance / base[state.name] - 1, state.verdict, reasons)
+
+    def _located(self, model: ForwardModel, states: Sequence[LiveState]) -> tuple[Location | None, str]:
+        """Locate by all states that the model knows and that have a value."""
+        delta = {
+            state.name: state.delta
+            for state in states
+            if state.name in model.states and state.delta is not None and abs(state.delta) < _LARGEST
+        }
+        if len(delta) < model.unknowns:
+            return None, f"{len(delta)} states have a value that the table knows; {model.unknowns} are needed"
+        used = tuple(delta)
+        if used not in self._models:
+            self._models[used] = model if set(used) == set(model.states) else model.select(used)
+        return locate(self._models[used], delta, noise=self._noise), ""
+
+    def _count(self, scan: ScanReading) -> None:
+        """Keep account of time and of scans that are missing; a new session or a new stream begins anew."""
+        if self._last is not None and self._last[0] == scan.boot and scan.sequence > self._last[1]:
+            self._lost += scan.sequence - self._last[1] - 1
+        if self._last is None or self._last[0] != scan.boot:
+            self._times.clear()
+            self._start = scan.time
+        elif self._times and scan.time <= self._times[-1]:
+            self._times.clear()
+        self._last = scan.boot, scan.sequence
+        self._times.append(scan.time)
+
+    def _rate(self) -> float | None:
+        if len(self._times) < 2:
+            return None
+        return (len(self._times) - 1) / (self._times[-1] - self._times[0])

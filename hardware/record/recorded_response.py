@@ -1,0 +1,377 @@
+"""What a recording says as datasets: the response of a campaign as simulations give it, and the plain time series."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Container, Mapping, Sequence
+from datetime import UTC, datetime
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from coilarray.design.model import build_design
+from coilarray.errors import HardwareError
+from coilarray.hardware.record.campaign import Campaign
+from coilarray.hardware.record.recording import GridPlace, RecordedScan, Recording
+from coilarray.hardware.scan.ldc1614_result import Verdict
+from coilarray.hardware.scan.readings import ScanReading, read_scan
+
+FloatArray = npt.NDArray[np.float64]
+
+BASELINE_SCANS = 10
+"""Scans at the beginning of a time series that its δ counts from."""
+VERDICTS: tuple[Verdict, ...] = ("good", "doubtful", "bad")
+"""In the order of the numbers of ``verdict``."""
+
+
+def recorded_response(
+    recording: Recording,
+    *,
+    capacitances: Mapping[str, float] | float | None = None,
+    clock: float | None = None,
+    partial: bool = False,
+) -> xr.Dataset:
+    """Return the response that a campaign measured.
+
+    Parameters
+    ----------
+    recording : Recording
+        Of a campaign.
+    capacitances : mapping of str to float, or float, optional
+        Of the tank in F, by state; as recorded by default. They scale ``base_inductance`` alone.
+    clock : float, optional
+        Of the converter in Hz where it is known better than while measuring; likewise.
+    partial : bool
+        Accept positions that are not measured yet; they are NaN.
+
+    Returns
+    -------
+    xarray.Dataset
+        As `coilarray.response.map.response_map` makes it: ``delta`` (depth, y, x, state) is (L_peak − L_0)/L_0, the
+        mean over the repeats; ``base_inductance`` (state) the mean L_0 in H; coordinates in m. Besides ``delta_std``
+        (depth, y, x, state), the standard deviation of one repeat: from the repeats where there are several, else for
+        all positions alike from the steps between baselines that follow each other (NaN for a single position);
+        ``doubtful`` (depth, y, x, state), where a reading of it is beyond what the data sheet promises. The attributes
+        say what was measured with what, and ``emulated`` whether by a real board (0).
+
+    Raises
+    ------
+    HardwareError
+        A recording without a campaign, positions that are missing, a damaged file.
+    DesignError
+        The recorded design cannot be read by this version.
+
+    Notes
+    -----
+    L_0 is measured at every position anew before the indenter touches, as in the paper (eq. 2), so a slow drift does
+    not enter δ.
+    """
+    campaign = _campaign(recording)
+    base, peak, doubtful, baselines = _measured(recording, campaign, capacitances, clock)
+    delta = peak / base - 1
+    count = np.isfinite(delta).sum(axis=0)
+    if not partial:
+        _require_whole(recording, campaign, count)
+    mean = np.where(count > 0, np.nansum(delta, axis=0), np.nan) / np.maximum(count, 1)
+    if campaign.repeats > 1:
+        squares = np.nansum((delta - mean) ** 2, axis=0)
+        deviation = np.where(count > 1, np.sqrt(squares / np.maximum(count - 1, 1)), np.nan)
+        found_from = "repeats"
+    else:
+        deviation = np.where(count > 0, _from_steps(baselines, campaign.scans), np.nan)
+        found_from = "baselines"
+    dims = ("depth", "y", "x", "state")
+    return xr.Dataset(
+        {
+            "delta": (dims, mean, {"units": "1", "long_name": "relative change of inductance"}),
+            "delta_std": (
+                dims, deviation,
+                {"units": "1", "long_name": "standard deviation of one delta", "found_from": found_from},
+            ),
+            "base_inductance": (
+                "state", _mean(baselines), {"units": "H", "long_name": "L_0 as the converter sees it"}
+            ),
+            "doubtful": (dims, doubtful.any(axis=0), {"long_name": "beyond what the data sheet promises"}),
+        },
+        coords={
+            "depth": ("depth", list(campaign.depths), {"units": "m", "long_name": "depth of the indentation"}),
+            "y": ("y", list(campaign.y), {"units": "m"}),
+            "x": ("x", list(campaign.x), {"units": "m"}),
+            "state": list(recording.states),
+            **_coils(recording),
+        },
+        attrs={**_provenance(recording), "repeats": campaign.repeats, **_indentation(recording)},
+    )  # fmt: skip
+
+
+def recorded_series(
+    recording: Recording,
+    *,
+    baseline: int = BASELINE_SCANS,
+    capacitances: Mapping[str, float] | float | None = None,
+    clock: float | None = None,
+) -> xr.Dataset:
+    """Return every scan of a recording in the order of time.
+
+    Parameters
+    ----------
+    recording : Recording
+        Of any kind.
+    baseline : int
+        δ counts from the mean of so many first scans in which the indenter is not known to press.
+    capacitances, clock
+        As in `recorded_response`.
+
+    Returns
+    -------
+    xarray.Dataset
+        Dimensions ``scan`` and ``state``: ``frequency`` in Hz, ``inductance`` in H and ``delta``, NaN where the verdict
+        is bad; ``verdict`` 0 good, 1 doubtful, 2 bad; the raw words ``msb``, ``lsb``, ``status`` and ``fault``.
+        Coordinates of a scan: ``time`` in s from the first one, by the board's clock within a session; ``received`` in
+        s since the epoch; ``session``, ``sequence``, ``stage``; ``finished``, whether it is of a position of a campaign
+        that was measured to its end; ``depth``, ``y``, ``x`` in m, NaN where unknown.
+
+    Raises
+    ------
+    HardwareError
+        A recording without a scan, a baseline below 1, a damaged file.
+    """
+    if baseline < 1:
+        raise HardwareError(f"baseline must be at least 1 scan; got {baseline}.")
+    finished = recording.positions()
+    rows = [_row(scan, _reading(recording, scan, capacitances, clock), finished) for scan in recording.scans()]
+    if not rows:
+        raise HardwareError(f"{recording.path} has no scan yet.")
+    frequency, inductance, verdicts, raw = (np.array([row[k] for row in rows]) for k in range(4))
+    scans = [row[4] for row in rows]
+    at_rest = np.array([not scan.depth > 0 for scan in scans])
+    first = inductance[at_rest][:baseline]
+    dims = ("scan", "state")
+    return xr.Dataset(
+        {
+            "frequency": (dims, frequency, {"units": "Hz"}),
+            "inductance": (dims, inductance, {"units": "H"}),
+            "delta": (
+                dims, inductance / _mean(first) - 1,
+                {"units": "1", "long_name": "relative change of inductance", "baseline_scans": len(first)},
+            ),
+            "verdict": (dims, verdicts, {"flag_values": [0, 1, 2], "flag_meanings": " ".join(VERDICTS)}),
+            **{name: (dims, raw[..., k]) for k, name in enumerate(("msb", "lsb", "status", "fault"))},
+        },
+        coords={
+            "time": ("scan", _times(scans), {"units": "s"}),
+            "received": ("scan", [scan.received for scan in scans], {"units": "s"}),
+            "session": ("scan", [scan.session for scan in scans]),
+            "sequence": ("scan", [scan.sequence for scan in scans]),
+            "stage": ("scan", [scan.stage for scan in scans]),
+            "finished": ("scan", [scan.finished for scan in scans]),
+            "depth": ("scan", [scan.depth for scan in scans], {"units": "m"}),
+            "y": ("scan", [scan.y for scan in scans], {"units": "m"}),
+            "x": ("scan", [scan.x for scan in scans], {"units": "m"}),
+            "state": list(recording.states),
+        },
+        attrs=_provenance(recording),
+    )  # fmt: skip
+
+
+def response_csv(response: xr.Dataset) -> str:
+    """Return a measured response as a long table.
+
+    Parameters
+    ----------
+    response : xarray.Dataset
+        As `recorded_response` returns it.
+
+    Returns
+    -------
+    str
+        Columns depth_m, y_m, x_m, state, delta and delta_std; a line for every position and state.
+    """
+    in_metres = response[["delta", "delta_std"]].rename(depth="depth_m", y="y_m", x="x_m")
+    table = in_metres.to_dataframe(dim_order=["depth_m", "y_m", "x_m", "state"])
+    return str(table[["delta", "delta_std"]].to_csv(lineterminator="\n"))
+
+
+def series_csv(series: xr.Dataset) -> str:
+    """Return a time series as a table of numbers, which ``coilarray locate`` reads.
+
+    Parameters
+    ----------
+    series : xarray.Dataset
+        As `recorded_series` returns it.
+
+    Returns
+    -------
+    str
+        Columns time_s and δ of every state under its name; a line for every scan, nothing where there is no value.
+    """
+    table = series.delta.to_pandas()
+    table.index = series.time.to_index().rename("time_s")
+    return str(table.to_csv(lineterminator="\n"))
+
+
+def _campaign(recording: Recording) -> Campaign:
+    if recording.campaign is None:
+        raise HardwareError(f"{recording.path} holds no campaign, only a time series.")
+    return Campaign.from_json(recording.campaign)
+
+
+def _measured(
+    recording: Recording, campaign: Campaign, capacitances: Mapping[str, float] | float | None, clock: float | None
+) -> tuple[FloatArray, FloatArray, npt.NDArray[np.bool_], FloatArray]:
+    """L_0 and L_peak over (repeat, depth, y, x, state), where one is doubtful, and every L_0 in the order of time."""
+    shape = (campaign.repeats, len(campaign.depths), len(campaign.y), len(campaign.x), len(recording.states))
+    sums = {"baseline": np.zeros(shape), "peak": np.zeros(shape)}
+    counts = {"baseline": np.zeros(shape[:-1]), "peak": np.zeros(shape[:-1])}
+    doubtful = np.zeros(shape, dtype=bool)
+    baselines = []
+    for scan in recording.scans(finished=True):
+        if scan.stage not in sums or scan.place is None:
+            continue
+        node = _node(recording, campaign, scan.place)
+        states = _reading(recording, scan, capacitances, clock).states
+        inductance = np.array([_number(state.inductance) for state in states])
+        sums[scan.stage][node] += inductance
+        counts[scan.stage][node] += 1
+        doubtful[node] |= np.array([state.verdict != "good" for state in states])
+        if scan.stage == "baseline":
+            baselines.append(inductance)
+    with np.errstate(invalid="ignore"):  # 0/0 where nothing was measured
+        base, peak = (sums[name] / counts[name][..., None] for name in ("baseline", "peak"))
+    return base, peak, doubtful, np.array(baselines).reshape(-1, shape[-1])
+
+
+def _node(recording: Recording, campaign: Campaign, place: GridPlace) -> tuple[int, int, int, int]:
+    """Return the indices of a place in the grid: repeat, depth, y, x."""
+    if not 0 <= place.number < campaign.size or campaign.places[place.number] != place:
+        raise HardwareError(f"{recording.path} is damaged: position {place.number} is not of its campaign.")
+    row, k = divmod(place.number, len(campaign.depths))
+    row, i = divmod(row, len(campaign.x))
+    repeat, j = divmod(row, len(campaign.y))
+    return repeat, k, j, i
+
+
+def _require_whole(recording: Recording, campaign: Campaign, count: npt.NDArray[np.int_]) -> None:
+    missing = int((count == 0).any(axis=-1).sum())
+    if missing:
+        places = len(campaign.depths) * len(campaign.y) * len(campaign.x)
+        raise HardwareError(f"{recording.path} is not whole: {missing} of {places} positions are not measured yet.")
+
+
+def _from_steps(baselines: FloatArray, scans: int) -> FloatArray:
+    """Estimate the standard deviation of δ by state from differences of successive L_0, which a drift spares.
+
+    That is von Neumann's estimate. δ is a difference as well: of two means of so many scans.
+    """
+    if len(baselines) < 2:
+        return np.full(baselines.shape[-1], np.nan)
+    return np.asarray(np.sqrt(np.mean(np.diff(baselines, axis=0) ** 2, axis=0) / scans) / _mean(baselines))
+
+
+def _mean(values: FloatArray) -> FloatArray:
+    """Mean of the rows without NaN; NaN where there is nothing else."""
+    count = np.isfinite(values).sum(axis=0)
+    return np.asarray(np.where(count > 0, np.nansum(values, axis=0), np.nan) / np.maximum(count, 1))
+
+
+def _reading(
+    recording: Recording,
+    scan: RecordedScan,
+    capacitances: Mapping[str, float] | float | None,
+    clock: float | None,
+) -> ScanReading:
+    session = recording.sessions[scan.session]
+    return read_scan(
+        scan.scan, session.settings, session.capacitances if capacitances is None else capacitances, clock=clock
+    )
+
+
+class _When(NamedTuple):
+    """Of a scan, without its samples."""
+
+    session: int
+    sequence: int
+    time: float
+    received: float
+    stage: str
+    finished: bool
+    depth: float
+    y: float
+    x: float
+
+
+def _row(
+    scan: RecordedScan, reading: ScanReading, finished: Container[int | None]
+) -> tuple[FloatArray, FloatArray, npt.NDArray[np.int8], npt.NDArray[np.uint16], _When]:
+    """Return the frequency, inductance, verdict and raw words of the states of a scan, and when it was."""
+    y, x = (math.nan, math.nan) if scan.place is None else (scan.place.y, scan.place.x)
+    raw = scan.scan
+    return (
+        np.array([_number(state.frequency) for state in reading.states]),
+        np.array([_number(state.inductance) for state in reading.states]),
+        np.array([VERDICTS.index(state.verdict) for state in reading.states], dtype=np.int8),
+        np.array([(one.msb, one.lsb, one.status, one.fault) for one in raw.samples], dtype=np.uint16),
+        _When(
+            scan.session,
+            raw.sequence,
+            raw.time,
+            raw.received,
+            scan.stage,
+            scan.position in finished,
+            _number(scan.depth),
+            y,
+            x,
+        ),
+    )
+
+
+def _times(scans: Sequence[_When]) -> list[float]:
+    """Time of every scan in s from the first: the board's within a session, the computer's from one to the next."""
+    times: list[float] = []
+    first = start = 0.0
+    for k, scan in enumerate(scans):
+        if k == 0 or scan.session != scans[k - 1].session:
+            first = scan.time
+            since = scan.received - scans[0].received
+            start = 0.0 if k == 0 else max(since, times[-1])  # virtual time may run ahead of the computer's
+        times.append(start + scan.time - first)
+    return times
+
+
+def _coils(recording: Recording) -> dict[str, object]:
+    design = build_design(recording.sessions[0].design_document, str(recording.path))
+    origin = (0.0, 0.0) if design.indentation is None else design.indentation.origin_point
+    centres = design.array.centres - origin
+    return {
+        "coil": list(design.array.names),
+        "coil_x": ("coil", centres[:, 0], {"units": "m", "long_name": "centre of the coil, x"}),
+        "coil_y": ("coil", centres[:, 1], {"units": "m", "long_name": "centre of the coil, y"}),
+    }
+
+
+def _indentation(recording: Recording) -> dict[str, str]:
+    setup = build_design(recording.sessions[0].design_document, str(recording.path)).indentation
+    if setup is None:
+        return {}
+    return {"indenter": setup.indenter.name, "base": setup.base, "origin": setup.origin or "board"}
+
+
+def _provenance(recording: Recording) -> dict[str, str | int]:
+    session = recording.sessions[0]
+    return {
+        "source": "measured",
+        "emulated": int(recording.emulated),
+        "board": session.identity.kind,
+        "started": datetime.fromtimestamp(session.started, UTC).isoformat(timespec="seconds"),
+        "design": session.design,
+        "design_hash": session.design_hash,
+        "wiring": session.wiring,
+        "settings_hash": f"{session.settings.hash:04X}",
+        "coilarray_version": session.version,
+    }
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else value

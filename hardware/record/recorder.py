@@ -1,0 +1,393 @@
+"""Recordings, written: a scan is in the file as soon as it is added, and a kill at any moment leaves the file whole.
+
+A scan is one transaction in SQLite's write-ahead log, so a kill loses only a scan that was not added yet. Once a
+second, and at the end of every position, the log is also forced onto the disk: a power cut loses no more than that.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import sqlite3
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager, suppress
+from dataclasses import asdict
+from importlib import metadata
+from pathlib import Path
+from typing import TypeVar
+
+from coilarray.design.model import Design
+from coilarray.errors import HardwareError, OutputError
+from coilarray.hardware.record.recording import GridPlace, RecordedSession, Recording
+from coilarray.hardware.record.recording_file import create_tables, is_blank, reading, require_recording
+from coilarray.hardware.scan.reader import Identity
+from coilarray.hardware.scan.scans import RawScan
+from coilarray.hardware.scan.settings import ScanSettings
+from coilarray.hardware.wire.faults import BoardRestarted
+from coilarray.hardware.wire.signals import held_signals
+
+_DURABLE = 1.0  # s
+_T = TypeVar("_T")
+
+
+class Recorder:
+    """A recording that is open for writing; `open_recorder` makes one, and `start` comes before anything else.
+
+    Every method writes whole or not at all, and raises OutputError where that fails, for example on a full disk.
+    """
+
+    def __init__(self, path: Path, connection: sqlite3.Connection) -> None:
+        self.path = path
+        self._connection = connection
+        self._session: RecordedSession | None = None
+        self._number = 0
+        self._durable = -math.inf
+
+    @property
+    def session(self) -> RecordedSession:
+        """The one that was started last."""
+        if self._session is None:
+            raise ValueError("a recorder must be started first.")
+        return self._session
+
+    def start(self, session: RecordedSession, campaign: str | None = None) -> None:
+        """Begin a session: the first one makes the recording, a later one goes on with it.
+
+        Parameters
+        ----------
+        session : RecordedSession
+            From opening the board on.
+        campaign : str, optional
+            Plan as JSON.
+
+        Raises
+        ------
+        HardwareError
+            A recording of another design, wiring or campaign, with other settings, or of an emulator where this is a
+            real board or the other way round.
+        OutputError
+            A file that cannot be written.
+        """
+
+        def write(connection: sqlite3.Connection) -> int:
+            if is_blank(connection):
+                create_tables(connection)
+                if campaign is not None:
+                    connection.execute("INSERT INTO campaign (plan) VALUES (?)", (campaign,))
+            values = _row(session)
+            names, marks = ", ".join(values), ", ".join("?" * len(values))
+            row = connection.execute(f"INSERT INTO session ({names}) VALUES ({marks})", list(values.values()))
+            return int(row.lastrowid or 0)
+
+        with reading(self.path):
+            blank = is_blank(self._connection)
+        if not blank:
+            _require_same(Recording(self.path, self._connection), session, campaign)
+            _log_ahead(self.path, self._connection)
+        self._number = self._write(write, durable=True)
+        self._session = session
+
+    def add(self, scan: RawScan, stage: str, *, position: int | None = None, depth: float | None = None) -> None:
+        """Write a scan.
+
+        Parameters
+        ----------
+        scan : RawScan
+            Of this session.
+        stage : str
+            What is going on: "stream", "single", "baseline" or "peak".
+        position : int, optional
+            As `begin` returned it.
+        depth : float, optional
+            Of the indenter in m; 0 where it does not touch.
+
+        Raises
+        ------
+        BoardRestarted
+            A scan of another session of the board.
+        HardwareError
+            A scan with other settings or another number of states, or without a time.
+        OutputError
+            A file that cannot be written.
+        """
+        self._require_ours(scan)
+
+        def write(connection: sqlite3.Connection) -> None:
+            row = connection.execute(
+                "INSERT INTO scan (session, position, stage, depth, sequence, time, received) VALUES (?,?,?,?,?,?,?)",
+                (self._number, position, stage, depth, scan.sequence, scan.time, scan.received),
+            )
+            connection.executemany(
+                "INSERT INTO sample (scan, state, msb, lsb, status, fault) VALUES (?,?,?,?,?,?)",
+                [
+                    (row.lastrowid, k, sample.msb, sample.lsb, sample.status, int(sample.fault))
+                    for k, sample in enumerate(scan.samples)
+                ],
+            )
+
+        self._write(write, durable=time.monotonic() - self._durable > _DURABLE)
+
+    def count(self) -> int:
+        """Return how many scans the recording has, those of earlier sessions included."""
+        with reading(self.path):
+            return int(self._connection.execute("SELECT count(*) FROM scan").fetchone()[0])
+
+    def finished(self) -> frozenset[int]:
+        """Return the numbers of the places that were measured to their end."""
+        with reading(self.path):
+            rows = self._connection.execute("SELECT place FROM position WHERE finished IS NOT NULL")
+            return frozenset(place for (place,) in rows)
+
+    def begin(self, place: GridPlace) -> int:
+        """Begin a place of the campaign and return the number of this position; OutputError where that fails."""
+
+        def write(connection: sqlite3.Connection) -> int:
+            row = connection.execute(
+                "INSERT INTO position (session, place, repeat, depth, y, x) VALUES (?,?,?,?,?,?)",
+                (self._number, place.number, place.repeat, place.depth, place.y, place.x),
+            )
+            return int(row.lastrowid or 0)
+
+        return self._write(write, durable=False)
+
+    def finish(self, position: int) -> None:
+        """Mark a position as measured to its end: from then on it counts. OutputError where that fails."""
+        self._write(
+            lambda connection: connection.execute(
+                "UPDATE position SET finished = ? WHERE id = ?", (time.time(), position)
+            ),
+            durable=True,
+        )
+
+    def add_self_test(self, symptoms: Sequence[str], findings: Sequence[str]) -> None:
+        """Write what a self-test of the board has shown now; OutputError where that fails.
+
+        Parameters
+        ----------
+        symptoms, findings : sequence of str
+            As in `coilarray.hardware.board.self_test.SelfTest`.
+        """
+        values = (self._number, time.time(), json.dumps(list(symptoms)), json.dumps(list(findings)))
+        self._write(
+            lambda connection: connection.execute(
+                "INSERT INTO self_test (session, time, symptoms, findings) VALUES (?,?,?,?)", values
+            ),
+            durable=True,
+        )
+
+    def _require_ours(self, scan: RawScan) -> None:
+        settings, boot = self.session.settings, self.session.identity.boot
+        if scan.boot != boot:
+            raise BoardRestarted(f"the board restarted: its session was {boot:08X}, scan {scan.sequence} has another.")
+        if scan.configuration != settings.hash or len(scan.samples) != len(settings.states):
+            raise HardwareError(
+                f"scan {scan.sequence} has the settings {scan.configuration:04X} and {len(scan.samples)} states; "
+                f"the board was told {settings.hash:04X} and {len(settings.states)}."
+            )
+        if not (math.isfinite(scan.time) and math.isfinite(scan.received)):
+            raise HardwareError(f"scan {scan.sequence} must have finite times; got {scan.time} and {scan.received} s.")
+
+    def _write(self, write: Callable[[sqlite3.Connection], _T], *, durable: bool) -> _T:
+        with held_signals(), _writing(self.path):  # Ctrl-C comes before a write or after it
+            if durable:
+                self._connection.execute("PRAGMA synchronous = FULL")
+            try:
+                result = _transaction(self._connection, write)
+            finally:
+                self._connection.execute("PRAGMA synchronous = NORMAL")
+        if durable:
+            self._durable = time.monotonic()
+        return result
+
+
+def begin_session(
+    identity: Identity, port: str, settings: ScanSettings, wiring: str, design: Design
+) -> RecordedSession:
+    """Return a session that begins now.
+
+    Parameters
+    ----------
+    identity : Identity
+        Of the board, after it was configured.
+    port : str
+        By which it was opened.
+    settings : ScanSettings
+        With which it was configured.
+    wiring : str
+        Name of the wiring.
+    design : Design
+        Of the coils.
+
+    Returns
+    -------
+    RecordedSession
+    """
+    capacitance = design.circuit.switches.tank_capacitance
+    return RecordedSession(
+        started=time.time(),
+        identity=identity,
+        port=port,
+        settings=settings,
+        wiring=wiring,
+        capacitances={state.name: capacitance for state in settings.states},
+        design=design.name,
+        design_hash=design.digest,
+        design_document=design.document,
+        version=metadata.version("coilarray"),
+    )
+
+
+@contextmanager
+def open_recorder(path: Path, *, resume: bool = False) -> Iterator[Recorder]:
+    """Open a file for a new recording, or a recording to go on with.
+
+    Parameters
+    ----------
+    path : Path
+        Of the file; its folder must exist.
+    resume : bool
+        Go on with the recording that is there; a new one where there is none.
+
+    Yields
+    ------
+    Recorder
+
+    Raises
+    ------
+    OutputError
+        A file that is there already, or cannot be written, or is being recorded into by another process.
+    HardwareError
+        A file to go on with that is no recording, is of another schema, or damaged.
+    """
+    with _alone(path):
+        try:
+            there = path.exists()
+            taken = there and path.stat().st_size > 0
+        except (OSError, ValueError) as error:
+            raise OutputError(f"cannot write {path}: {error}.") from None
+        with closing(_connected(path)) as connection:
+            if taken:
+                _require_resumable(path, connection, resume=resume)
+            else:
+                _log_ahead(path, connection)
+            try:
+                yield Recorder(path, connection)
+            finally:
+                with suppress(sqlite3.Error):  # one file is left, which opens anywhere; unless it is being read
+                    blank = is_blank(connection)
+                    connection.execute("PRAGMA journal_mode = DELETE")
+                    connection.close()
+                    if blank and not there:
+                        path.unlink()
+
+
+def _log_ahead(path: Path, connection: sqlite3.Connection) -> None:
+    """Write the log first, so that readers and a recorder do not wait for each other; makes a file where none is."""
+    with _writing(path):
+        connection.execute("PRAGMA journal_mode = WAL")
+
+
+def _require_resumable(path: Path, connection: sqlite3.Connection, *, resume: bool) -> None:
+    with reading(path):
+        if is_blank(connection):  # killed before the session began
+            return
+        require_recording(connection, path)
+        if not resume:
+            scans = connection.execute("SELECT count(*) FROM scan").fetchone()[0]
+            raise OutputError(f"{path} is a recording of {scans} scans already; resume it or name another file.")
+        first = connection.execute("PRAGMA quick_check(1)").fetchone()[0]
+    if first != "ok":
+        raise HardwareError(f"{path} is damaged: {' '.join(str(first).split())}.")
+
+
+def _require_same(recording: Recording, session: RecordedSession, campaign: str | None) -> None:
+    """Refuse to go on with a recording of something else."""
+    before = recording.sessions[0]
+    pairs = (
+        ("board", _kind(before), _kind(session)),  # first: another board has other settings too
+        ("design", before.design_hash[:12], session.design_hash[:12]),
+        ("wiring", before.wiring, session.wiring),
+        ("hash of settings", f"{before.settings.hash:04X}", f"{session.settings.hash:04X}"),
+        ("states", ",".join(recording.states), ",".join(state.name for state in session.settings.states)),
+        ("clock", f"{before.settings.clock:.10g} Hz", f"{session.settings.clock:.10g} Hz"),
+    )
+    for what, then, now in pairs:
+        if then != now:
+            raise HardwareError(f"cannot go on with {recording.path}: its {what} was {then}; now it is {now}.")
+    if recording.campaign != campaign:
+        what = "no campaign" if recording.campaign is None else "another campaign" if campaign else "a campaign"
+        raise HardwareError(f"cannot go on with {recording.path}: it is of {what}.")
+
+
+def _kind(session: RecordedSession) -> str:
+    return "emulated" if session.identity.emulated else "real"
+
+
+def _row(session: RecordedSession) -> dict[str, object]:
+    return {
+        "started": session.started,
+        "identity": json.dumps(asdict(session.identity)),
+        "boot": session.identity.boot,
+        "emulated": session.identity.emulated,
+        "port": session.port,
+        "settings": session.settings.to_json(),
+        "settings_hash": session.settings.hash,
+        "wiring": session.wiring,
+        "capacitances": json.dumps(dict(session.capacitances)),
+        "design": session.design,
+        "design_hash": session.design_hash,
+        "design_document": json.dumps(dict(session.design_document)),
+        "version": session.version,
+    }
+
+
+def _transaction(connection: sqlite3.Connection, write: Callable[[sqlite3.Connection], _T]) -> _T:
+    try:
+        connection.execute("BEGIN IMMEDIATE")
+        result = write(connection)
+        connection.execute("COMMIT")
+    except BaseException:
+        with suppress(sqlite3.Error):  # some failures have already ended it
+            connection.execute("ROLLBACK")
+        raise
+    return result
+
+
+def _connected(path: Path) -> sqlite3.Connection:
+    try:
+        return sqlite3.connect(path, isolation_level=None, timeout=5.0)
+    except (sqlite3.Error, OSError, ValueError) as error:
+        raise OutputError(f"cannot write {path}: {error}.") from None
+
+
+@contextmanager
+def _writing(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except sqlite3.Error as error:
+        raise OutputError(f"cannot write {path}: {error}.") from None
+
+
+@contextmanager
+def _alone(path: Path) -> Iterator[None]:
+    """Hold a lock beside the recording: SQLite's, which ends with the process on every system."""
+    lock = Path(f"{path}.lock")
+    try:
+        connection = sqlite3.connect(lock, timeout=0, isolation_level=None)
+    except (sqlite3.Error, OSError, ValueError) as error:
+        raise OutputError(f"cannot write {path}: {error}.") from None
+    with closing(connection):
+        try:
+            connection.execute("BEGIN EXCLUSIVE")
+        except sqlite3.Error as error:
+            if "locked" not in str(error):
+                raise OutputError(f"cannot write {lock}: {error}.") from None
+            raise OutputError(f"another program is recording into {path}; name another file.") from None
+        try:
+            yield
+        finally:
+            connection.close()
+            with suppress(OSError):
+                os.unlink(lock)

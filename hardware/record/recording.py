@@ -1,0 +1,347 @@
+"""Recordings, read: every scan with its raw words, where the indenter was, and what the board had been told."""
+
+from __future__ import annotations
+
+import json
+import math
+import sqlite3
+from collections.abc import Iterator, Mapping
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+from coilarray.errors import HardwareError
+from coilarray.hardware.record.recording_file import check_pages, connect_to_read, reading, require_recording
+from coilarray.hardware.scan.reader import Identity
+from coilarray.hardware.scan.scans import RawSample, RawScan, SampleFault
+from coilarray.hardware.scan.settings import ScanSettings
+
+
+@dataclass(frozen=True)
+class GridPlace:
+    """One position of the indenter in a campaign.
+
+    Parameters
+    ----------
+    number : int
+        In the order of the campaign, from 0.
+    repeat : int
+        Of the whole grid, from 0.
+    depth, y, x : float
+        In m; x and y from the map's origin.
+    """
+
+    number: int
+    repeat: int
+    depth: float
+    y: float
+    x: float
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedSession:
+    """What holds for all scans from opening a board to letting go of it.
+
+    Parameters
+    ----------
+    started : float
+        In s since the epoch.
+    identity : Identity
+        Of the board.
+    port : str
+        As it was given.
+    settings : ScanSettings
+        What the board was told.
+    wiring : str
+        Name of the wiring.
+    capacitances : mapping of str to float
+        Of the tank in F by state, as L was computed with while measuring.
+    design, design_hash : str
+        Name and digest of the design.
+    design_document : mapping of str to object
+        The design as `coilarray.design.model.build_design` takes it.
+    version : str
+        Of this program.
+    """
+
+    started: float
+    identity: Identity
+    port: str
+    settings: ScanSettings
+    wiring: str
+    capacitances: Mapping[str, float]
+    design: str
+    design_hash: str
+    design_document: Mapping[str, Any]
+    version: str
+
+
+@dataclass(frozen=True)
+class RecordedScan:
+    """A scan and what went on.
+
+    Parameters
+    ----------
+    number : int
+        In the recording, rising.
+    scan : RawScan
+        As the board returned it.
+    session : int
+        Index of its session in `Recording.sessions`.
+    stage : str
+        "stream", "single", "baseline" or "peak".
+    position : int or None
+        Which time a place was begun; `Recording.positions` names those that were finished.
+    place : GridPlace or None
+        Where the indenter was, in a campaign.
+    depth : float or None
+        Of the indenter in m where it is known; 0 where it does not touch.
+    """
+
+    number: int
+    scan: RawScan
+    session: int
+    stage: str
+    position: int | None
+    place: GridPlace | None
+    depth: float | None
+
+
+@dataclass(frozen=True)
+class RecordedSelfTest:
+    """What a self-test showed, before or after a campaign.
+
+    Parameters
+    ----------
+    session : int
+        Index of its session in `Recording.sessions`.
+    time : float
+        In s since the epoch.
+    symptoms, findings : tuple of str
+        As in `coilarray.hardware.board.self_test.SelfTest`.
+    """
+
+    session: int
+    time: float
+    symptoms: tuple[str, ...]
+    findings: tuple[str, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether nothing was wrong, as far as can be seen."""
+        return not self.symptoms
+
+
+class Recording:
+    """A recording that is open for reading; `open_recording` makes one.
+
+    Parameters
+    ----------
+    path : Path
+        Of the file.
+    connection : sqlite3.Connection
+        To it.
+
+    Attributes
+    ----------
+    sessions : tuple of RecordedSession
+        In the order in which they began.
+    campaign : str or None
+        Plan of the campaign as JSON (`coilarray.hardware.record.campaign.Campaign.from_json`); None where there is
+        none.
+    """
+
+    def __init__(self, path: Path, connection: sqlite3.Connection) -> None:
+        self.path = path
+        self._connection = connection
+        with reading(path):
+            require_recording(connection, path)
+            found = connection.execute("SELECT * FROM session ORDER BY id")
+            names = [column[0] for column in found.description]
+            rows = [dict(zip(names, row, strict=True)) for row in found]
+            plan = connection.execute("SELECT plan FROM campaign").fetchone()
+        self._sessions = {int(row["id"]): k for k, row in enumerate(rows)}
+        self.sessions = tuple(self._session(row) for row in rows)
+        self.campaign: str | None = None if plan is None else str(plan[0])
+        if not self.sessions:
+            raise HardwareError(f"{path} is damaged: it has no session.")
+
+    @property
+    def emulated(self) -> bool:
+        """Whether the board was an emulator."""
+        return any(session.identity.emulated for session in self.sessions)
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """Names of the states of a scan, in order."""
+        return tuple(state.name for state in self.sessions[0].settings.states)
+
+    def self_tests(self) -> tuple[RecordedSelfTest, ...]:
+        """Return the self-tests in the order of time; HardwareError for a damaged file."""
+        with reading(self.path):
+            rows = self._connection.execute("SELECT * FROM self_test ORDER BY id").fetchall()
+        return tuple(self._self_test(*row) for row in rows)
+
+    def count(self) -> int:
+        """Return how many scans there are."""
+        return int(self._one("SELECT count(*) FROM scan"))
+
+    def positions(self) -> dict[int, GridPlace]:
+        """Return what was measured to its end, in the order of the campaign: the places by the numbers of positions."""
+        with reading(self.path):
+            rows = self._connection.execute(
+                "SELECT id, place, repeat, depth, y, x FROM position WHERE finished IS NOT NULL ORDER BY place"
+            ).fetchall()
+        return {number: GridPlace(*place) for number, *place in rows}
+
+    def scans(self, *, after: int = 0, finished: bool = False) -> Iterator[RecordedScan]:
+        """Read the scans in the order in which they were measured.
+
+        Parameters
+        ----------
+        after : int
+            Only those of a larger number, for following a recording that grows.
+        finished : bool
+            Only those of positions that were measured to their end.
+
+        Yields
+        ------
+        RecordedScan
+
+        Raises
+        ------
+        HardwareError
+            A damaged file.
+        """
+        wanted = "AND position.finished IS NOT NULL" if finished else ""
+        query = f"""
+            SELECT scan.id, scan.session, scan.stage, scan.depth, scan.sequence, scan.time, scan.received,
+                   position.id, position.place, position.repeat, position.depth, position.y, position.x,
+                   sample.state, sample.msb, sample.lsb, sample.status, sample.fault
+            FROM scan JOIN sample ON sample.scan = scan.id LEFT JOIN position ON position.id = scan.position
+            WHERE scan.id > ? {wanted} ORDER BY scan.id, sample.state
+        """
+        with reading(self.path), closing(self._connection.execute(query, (after,))) as rows:
+            for _, group in groupby(rows, key=lambda row: row[0]):
+                yield self._scan(list(group))
+
+    def check(self) -> None:
+        """Look through the whole file for damage; HardwareError names the first that is found."""
+        check_pages(self._connection, self.path)
+        self.self_tests()
+        for _ in self.scans():
+            pass
+
+    def _scan(self, rows: list[tuple[Any, ...]]) -> RecordedScan:
+        _, session, stage, depth, sequence, time, received, position, place, repeat, *where = rows[0][:13]
+        try:
+            index = self._sessions[session]
+            settings, identity = self.sessions[index].settings, self.sessions[index].identity
+            if [row[13] for row in rows] != list(range(len(settings.states))):
+                raise ValueError(f"a scan has {len(rows)} samples of {len(settings.states)} states")
+            samples = tuple(
+                RawSample(_word(msb), _word(lsb), _word(status), SampleFault(fault))
+                for msb, lsb, status, fault in (row[14:] for row in rows)
+            )
+            scan = RawScan(int(sequence), _finite(time), _finite(received), settings.hash, identity.boot, samples)
+            at = None if position is None else GridPlace(int(place), int(repeat), *map(_finite, where))
+            return RecordedScan(
+                int(rows[0][0]), scan, index, str(stage), position, at, None if depth is None else _finite(depth)
+            )
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
+            raise HardwareError(f"{self.path} is damaged: scan {rows[0][0]}: {error}.") from None
+
+    def _self_test(self, number: Any, session: Any, time: Any, symptoms: Any, findings: Any) -> RecordedSelfTest:
+        try:
+            return RecordedSelfTest(self._sessions[session], _date(time), _texts(symptoms), _texts(findings))
+        except (KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
+            raise HardwareError(f"{self.path} is damaged: self-test {number}: {error}.") from None
+
+    def _session(self, row: Mapping[str, Any]) -> RecordedSession:
+        try:
+            settings = ScanSettings.from_json(row["settings"])
+            if settings.hash != row["settings_hash"]:
+                raise ValueError("the settings are not those of their hash")
+            identity = _identity(json.loads(row["identity"]))
+            return RecordedSession(
+                started=_date(row["started"]),
+                identity=identity,
+                port=str(row["port"]),
+                settings=settings,
+                wiring=str(row["wiring"]),
+                capacitances={str(name): _finite(value) for name, value in json.loads(row["capacitances"]).items()},
+                design=str(row["design"]),
+                design_hash=str(row["design_hash"]),
+                design_document=dict(json.loads(row["design_document"])),
+                version=str(row["version"]),
+            )
+        except (KeyError, TypeError, ValueError, OverflowError, AttributeError, RecursionError, HardwareError) as error:
+            raise HardwareError(f"{self.path} is damaged: session {row['id']}: {error}.") from None
+
+    def _one(self, query: str) -> Any:
+        with reading(self.path):
+            return self._connection.execute(query).fetchone()[0]
+
+
+@contextmanager
+def open_recording(path: Path) -> Iterator[Recording]:
+    """Open a recording for reading; what records at the same time is not disturbed.
+
+    Parameters
+    ----------
+    path : Path
+        Of the file.
+
+    Yields
+    ------
+    Recording
+
+    Raises
+    ------
+    HardwareError
+        A file that is not there, is no recording, is of another schema, or damaged.
+    """
+    with closing(connect_to_read(path)) as connection:
+        yield Recording(path, connection)
+
+
+def _identity(values: Mapping[str, Any]) -> Identity:
+    identity = Identity(**values)
+    words = (identity.manufacturer, identity.device, identity.boot)
+    if not (isinstance(identity.kind, str) and isinstance(identity.emulated, bool)):
+        raise TypeError("the identity of the board has values of another type")
+    if not all(isinstance(word, int) and 0 <= word < 1 << 32 for word in words):
+        raise ValueError(f"numbers of the board must have at most 32 bits; got {words}")
+    return identity
+
+
+def _word(value: Any) -> int:
+    if not (isinstance(value, int) and 0 <= value <= 0xFFFF):
+        raise ValueError(f"a register must hold 16 bits; got {value!r}")
+    return value
+
+
+def _texts(text: Any) -> tuple[str, ...]:
+    """Read a list of texts in JSON."""
+    texts = json.loads(text)
+    if not (isinstance(texts, list) and all(isinstance(one, str) for one in texts)):
+        raise TypeError("a list of texts has values of another type")
+    return tuple(texts)
+
+
+def _date(value: Any) -> float:
+    """Return a time in s since the epoch that a calendar has."""
+    try:
+        datetime.fromtimestamp(_finite(value), UTC)
+    except (OverflowError, OSError, ValueError):
+        raise ValueError(f"a time must be on a day of the calendar; got {value!r} s") from None
+    return float(value)
+
+
+def _finite(value: Any) -> float:
+    if not math.isfinite(value):
+        raise ValueError(f"a number must be finite; got {value!r}")
+    return float(value)

@@ -1,0 +1,1 @@
+"""What is measured: wiring, settings, switch states and readings."""

@@ -1,0 +1,444 @@
+"""Everything a board must be told before it can scan, and the hash that ties a reading to it."""
+
+from __future__ import annotations
+
+import binascii
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from typing import Annotated
+
+from pydantic import Field, ValidationError
+
+from coilarray.design.scan_states import ScanState, paper_plan
+from coilarray.design.tables import first_error
+from coilarray.design.units import Table
+from coilarray.errors import HardwareError
+from coilarray.hardware.chips.ldc1614_limits import check_clock, deglitch_for, input_divider, reference_divider
+from coilarray.hardware.chips.ldc1614_limits import settle_count as settle_count_of
+from coilarray.hardware.chips.ldc1614_registers import check_value, encode
+from coilarray.hardware.chips.ldc1614_timing import (
+    BUS_RATE,
+    EXTERNAL_CLOCK_RANGE,
+    INTERNAL_CLOCK,
+    INTERNAL_CLOCK_RANGE,
+    LARGEST_RCOUNT,
+    SMALLEST_RCOUNT,
+    StateTime,
+    bus_time,
+    conversion_time,
+    rcount_for,
+    state_time,
+)
+from coilarray.hardware.scan.wiring import Wiring
+
+FULL_RESOLUTION = LARGEST_RCOUNT
+"""RCOUNT of the longest conversion."""
+REFERENCE_DRIVE = 6
+"""IDRIVE for about 33 kΩ, which the coils of the reference board have with 120 pF."""
+_SCHEMA = 1  # of the settings in JSON
+_LARGEST_DRIVE = 31
+_PREFIX = b"coilarray1"
+_MOST_STATES = 255
+_MARGIN = 1.1  # of the time-out on the slowest clock
+_RESTART = 6e-3  # s; the watchdog's restart of a sensor takes 5.2 ms
+
+
+@dataclass(frozen=True)
+class StateSettings:
+    """One state of the scan.
+
+    Parameters
+    ----------
+    name : str
+        Of the state; the coil's name where one coil is measured.
+    words : bytes
+        For the switches while it is measured, one byte a device; the first byte goes to the far end of the chain.
+    drive : int
+        IDRIVE code, 0 to 31.
+    """
+
+    name: str
+    words: bytes
+    drive: int
+
+
+@dataclass(frozen=True)
+class ScanSettings:
+    """Settings of a whole scan. `coilarray.hardware.scan.settings.scan_settings` makes them, checked.
+
+    Parameters
+    ----------
+    states : tuple of StateSettings
+        In the order in which they are measured.
+    safe_words : bytes
+        Grounds every terminal of every coil.
+    wiring : bytes
+        Eight bytes a device in the order of `words`, one for each switch from bit 0 to bit 7: 4·terminal + net, or 0xFF
+        for a switch that is not used. Terminals are 2·coil and 2·coil + 1; nets 0 ground, 1 INA, 2 INB, 3 any other.
+    clock : float
+        Of the converter in Hz as it is used for conversions: nominal or calibrated.
+    external_clock : bool
+        Whether it comes from the pin CLKIN.
+    rcount, settle_count, fin_divider, fref_divider, offset, deglitch : int
+        Fields of the registers RCOUNT0, SETTLECOUNT0, CLOCK_DIVIDERS0, OFFSET0 and MUX_CONFIG.
+    """
+
+    states: tuple[StateSettings, ...]
+    safe_words: bytes
+    wiring: bytes
+    clock: float
+    external_clock: bool
+    rcount: int
+    settle_count: int
+    fin_divider: int
+    fref_divider: int
+    offset: int
+    deglitch: int
+
+    def __post_init__(self) -> None:
+        devices = len(self.safe_words)
+        lengths = {len(state.words) for state in self.states} - {devices}
+        if lengths:
+            raise HardwareError(f"a state must have {devices} words, as the safe words do; got {min(lengths)}.")
+        if len(self.wiring) != 8 * devices:
+            raise HardwareError(f"the wiring of {devices} devices must have 8 bytes each; got {len(self.wiring)}.")
+
+    @property
+    def reference(self) -> float:
+        """Reference frequency f_ref in Hz."""
+        return self.clock / self.fref_divider
+
+    @property
+    def registers(self) -> tuple[tuple[int, int], ...]:
+        """Addresses and values to write while the converter sleeps, ascending; CONFIG is the active value.
+
+        Raises
+        ------
+        HardwareError
+            A field that its register does not take.
+        """
+        dividers = {"FIN_DIVIDER0": self.fin_divider, "FREF_DIVIDER0": self.fref_divider}
+        return (
+            (0x08, encode("RCOUNT0", {"RCOUNT0": self.rcount})),
+            (0x0C, encode("OFFSET0", {"OFFSET0": self.offset})),
+            (0x10, encode("SETTLECOUNT0", {"SETTLECOUNT0": self.settle_count})),
+            (0x14, encode("CLOCK_DIVIDERS0", dividers)),
+            (0x19, encode("ERROR_CONFIG", dict.fromkeys(_REPORTED, 1))),
+            (0x1A, encode("CONFIG", {**_ACTIVE, "REF_CLK_SRC": int(self.external_clock)})),
+            (0x1B, encode("MUX_CONFIG", {"DEGLITCH": self.deglitch})),
+        )
+
+    def drive_register(self, state: StateSettings) -> int:
+        """DRIVE_CURRENT0 of a state."""
+        return encode("DRIVE_CURRENT0", {"IDRIVE0": state.drive})
+
+    @property
+    def state_time(self) -> StateTime:
+        """Where the time of one state goes, on an I²C bus of 400 kHz."""
+        return self._state_time(BUS_RATE)
+
+    @property
+    def scan_time(self) -> float:
+        """Time of all states in s: waking, settling, converting, reading results; no other work of the buses."""
+        return len(self.states) * self.state_time.measuring
+
+    @property
+    def period(self) -> float:
+        """Shortest time from scan to scan in s, all work of the buses included, on an I²C bus of 400 kHz."""
+        return self.period_on(BUS_RATE)
+
+    def period_on(self, bus_rate: float) -> float:
+        """Shortest time from scan to scan in s on an I²C bus whose clock is `bus_rate` in Hz.
+
+        Raises
+        ------
+        HardwareError
+            A clock that is not positive and finite.
+        """
+        # once a scan a register is read back, which tells whether the converter was reset
+        return len(self.states) * self._state_time(bus_rate).total + bus_time(reads=1, rate=bus_rate)
+
+    @property
+    def wait_us(self) -> int:
+        """From waking to the first look at STATUS in µs."""
+        return math.ceil(self.state_time.until_ready * 1e6)
+
+    @property
+    def timeout_us(self) -> int:
+        """From waking to giving up in µs: the slowest clock, and once a restart of the sensor."""
+        slowest = self.state_time.until_ready
+        if not self.external_clock:
+            slowest *= self.clock / min(self.clock, INTERNAL_CLOCK_RANGE[0])
+        return math.ceil((_MARGIN * slowest + _RESTART) * 1e6)
+
+    @cached_property  # it is compared with that of every scan
+    def hash(self) -> int:
+        """CRC-16/CCITT-FALSE of everything the board is told, as `hardware/firmware/PROTOCOL.md` lays it out."""
+        return binascii.crc_hqx(self.canonical, 0xFFFF)
+
+    @property
+    def canonical(self) -> bytes:
+        """The bytes that the hash is of."""
+        parts = [_PREFIX, bytes([len(self.safe_words)]), self.wiring, self.safe_words]
+        parts += [bytes([address]) + value.to_bytes(2, "big") for address, value in self.registers]
+        parts += [time.to_bytes(4, "big") for time in (self.wait_us, self.timeout_us)]
+        parts.append(bytes([len(self.states)]))
+        parts += [state.words + self.drive_register(state).to_bytes(2, "big") for state in self.states]
+        return b"".join(parts)
+
+    def _state_time(self, bus_rate: float) -> StateTime:
+        internal = INTERNAL_CLOCK if self.external_clock else self.clock
+        return state_time(self.rcount, self.settle_count, self.reference, internal_clock=internal, bus_rate=bus_rate)
+
+    def to_json(self) -> str:
+        """Return the settings as JSON in one line, with their hash; `from_json` reads it."""
+        states = [{"name": state.name, "words": state.words.hex(), "drive": state.drive} for state in self.states]
+        own = {field.name: getattr(self, field.name) for field in fields(self)}
+        own |= {"states": states, "safe_words": self.safe_words.hex(), "wiring": self.wiring.hex()}
+        return json.dumps({"schema": _SCHEMA, "hash": f"{self.hash:04X}", **own}, ensure_ascii=False)
+
+    @classmethod
+    def from_json(cls, text: str) -> ScanSettings:
+        """Read what `to_json` wrote.
+
+        Raises
+        ------
+        HardwareError
+            Another text, a value outside its range, or settings that do not have the hash beside them.
+
+        Examples
+        --------
+        >>> from coilarray.hardware.scan.wiring import load_wiring
+        >>> settings = scan_settings(load_wiring())
+        >>> ScanSettings.from_json(settings.to_json()) == settings
+        True
+        """
+        try:
+            document = json.loads(text)
+        except (ValueError, RecursionError) as error:
+            raise HardwareError(f"scan settings: not valid JSON: {error}.") from None
+        try:
+            file = _File.model_validate(document)
+        except ValidationError as error:
+            raise HardwareError(f"scan settings: {first_error(error, document)}") from None
+        return file.build()
+
+
+_REPORTED = (
+    "UR_ERR2OUT", "OR_ERR2OUT", "WD_ERR2OUT", "AH_ERR2OUT", "AL_ERR2OUT",
+    "UR_ERR2INT", "OR_ERR2INT", "WD_ERR2INT", "AH_ERR2INT", "AL_ERR2INT", "ZC_ERR2INT", "DRDY_2INT",
+)  # fmt: skip
+# awake, channel 0, programmed drive current, full current to start, no correction of the amplitude
+_ACTIVE = {"SLEEP_MODE_EN": 0, "RP_OVERRIDE_EN": 1, "SENSOR_ACTIVATE_SEL": 0, "AUTO_AMP_DIS": 1}
+
+
+def scan_settings(
+    wiring: Wiring,
+    plan: Sequence[ScanState] | None = None,
+    *,
+    rate: float | None = None,
+    rcount: int | None = None,
+    bus_rate: float = BUS_RATE,
+    clock: float = INTERNAL_CLOCK,
+    external_clock: bool = False,
+    frequency: float = 2e6,
+    quality: float = 60.0,
+    drives: Mapping[str, int] | int = REFERENCE_DRIVE,
+    settle_count: int | None = None,
+    fin_divider: int | None = None,
+    fref_divider: int | None = None,
+    offset: int = 0,
+    deglitch: int | None = None,
+) -> ScanSettings:
+    """Make the settings of a scan, checked by the rules of the data sheet.
+
+    Parameters
+    ----------
+    wiring : Wiring
+        Of the board's switches.
+    plan : sequence of ScanState, optional
+        States in which one coil is measured; each coil in turn with all others grounded by default.
+    rate : float, optional
+        Scans per second that the board must reach, all work of the buses included; RCOUNT is the largest that does.
+        What the computer or the microcontroller does between two transfers is not reckoned with.
+    rcount : int, optional
+        RCOUNT itself, 5 to 65535; full resolution by default. Not together with `rate`.
+    bus_rate : float
+        Clock in Hz of the I²C bus that `rate` is to be reached on, as `coilarray.hardware.wire.ports.bus_rate` tells it
+        of a port; the fastest that the converter takes by default.
+    clock : float
+        Of the converter in Hz; the typical internal oscillator by default. This unit's may be a fifth off.
+    external_clock : bool
+        Whether it comes from the pin CLKIN.
+    frequency : float
+        Of the sensors in Hz.
+    quality : float
+        Largest quality factor of the sensors, for the settling rule; a fourth above the reference board's by default.
+    drives : mapping of str to int, or int
+        IDRIVE of each measured coil, or of all.
+    settle_count, fin_divider, fref_divider, deglitch : int, optional
+        Registers; the least that the rules allow by default.
+    offset : int
+        OFFSET0.
+
+    Returns
+    -------
+    ScanSettings
+
+    Raises
+    ------
+    HardwareError
+        A state that the wiring cannot make, a value outside its range, or one that breaks a rule: which, and what is
+        allowed.
+    NetworkError
+        A state that no switches could make.
+
+    Examples
+    --------
+    >>> from coilarray.hardware.scan.wiring import load_wiring
+    >>> settings = scan_settings(load_wiring())
+    >>> [f"{address:02X}={value:04X}" for address, value in settings.registers]
+    ['08=FFFF', '0C=0000', '10=0029', '14=1002', '19=F8FD', '1A=1401', '1B=020C']
+    """
+    states = tuple(paper_plan(wiring.coils) if plan is None else plan)
+    _check_states(states)
+    if rate is not None and rcount is not None:
+        raise HardwareError(f"give rate or rcount, not both; got {rate} and {rcount}.")
+    for name, value in (("bus_rate", bus_rate), ("clock", clock), ("frequency", frequency), ("quality", quality)):
+        if not (math.isfinite(value) and value > 0):
+            raise HardwareError(f"{name} must be positive and finite; got {value}.")
+    try:
+        if fref_divider is None:
+            fref_divider = reference_divider(clock, external=external_clock)
+        if fref_divider < 1:
+            raise HardwareError(f"fref_divider must be 1 to 1023; got {fref_divider}.")
+        reference = clock / fref_divider
+        fin_divider = _at_least("fin_divider", fin_divider, input_divider(frequency, reference))
+        deglitch = _at_least("deglitch", deglitch, deglitch_for(frequency))
+        settle_count = _at_least("settle_count", settle_count, settle_count_of(frequency, quality, reference))
+    except ValueError as error:
+        raise HardwareError(str(error)) from None
+    if not 0 <= offset / (1 << 16) < frequency / fin_divider / reference:
+        raise HardwareError(
+            f"offset must be 0 to less than {frequency / fin_divider / reference * (1 << 16):.0f}, "
+            f"which is the sensor itself; got {offset}."
+        )
+    settings = ScanSettings(
+        states=tuple(
+            StateSettings(state.name, wiring.words(state), _drive(drives, state.measured[0][0])) for state in states
+        ),
+        safe_words=wiring.safe_words,
+        wiring=wiring.encode(),
+        clock=float(clock),
+        external_clock=external_clock,
+        rcount=FULL_RESOLUTION if rcount is None else rcount,
+        settle_count=settle_count,
+        fin_divider=fin_divider,
+        fref_divider=fref_divider,
+        offset=offset,
+        deglitch=deglitch,
+    )
+    if rate is not None:
+        settings = replace(settings, rcount=_rcount_of_rate(settings, rate, bus_rate))
+    _check_limits(settings)
+    return settings
+
+
+def _check_states(states: Sequence[ScanState]) -> None:
+    if not 1 <= len(states) <= _MOST_STATES:
+        raise HardwareError(f"a scan must have 1 to {_MOST_STATES} states; got {len(states)}.")
+    names = [state.name for state in states]
+    for name in names:
+        if names.count(name) > 1:
+            raise HardwareError(f"the states of a scan must have different names; got {name!r} twice.")
+
+
+def _at_least(name: str, value: int | None, least: int) -> int:
+    if value is None:
+        return least
+    if value < least:
+        raise HardwareError(f"{name} must be at least {least} for this frequency and quality; got {value}.")
+    return value
+
+
+def _drive(drives: Mapping[str, int] | int, coil: str) -> int:
+    drive = drives if isinstance(drives, int) else drives.get(coil)
+    if drive is None:
+        raise HardwareError(f"drives must name every measured coil; got none for {coil}.")
+    if isinstance(drive, bool) or not isinstance(drive, int) or not 0 <= drive <= _LARGEST_DRIVE:
+        raise HardwareError(f"the drive of {coil} must be an integer from 0 to {_LARGEST_DRIVE}; got {drive!r}.")
+    return drive
+
+
+def _rcount_of_rate(settings: ScanSettings, rate: float, bus_rate: float) -> int:
+    if not (math.isfinite(rate) and rate > 0):
+        raise HardwareError(f"rate must be positive and finite; got {rate} scans/s.")
+    count = len(settings.states)
+    fastest = 1 / replace(settings, rcount=SMALLEST_RCOUNT).period_on(bus_rate)
+    if rate > fastest:
+        raise HardwareError(
+            f"rate must be at most {fastest:.4g} scans/s of {count} states on an I²C bus of {bus_rate * 1e-3:g} kHz; "
+            f"got {rate:g}."
+        )
+    conversion = conversion_time(settings.rcount, settings.reference)
+    overhead = settings.period_on(bus_rate) / count - conversion
+    return max(rcount_for(1 / (rate * count) - overhead, settings.reference), SMALLEST_RCOUNT)
+
+
+def _check_limits(settings: ScanSettings) -> None:
+    limits = check_clock(
+        settings.clock,
+        settings.fref_divider,
+        external=settings.external_clock,
+        rcount=settings.rcount,
+        settle_count=settings.settle_count,
+    )
+    for limit in limits:
+        if not limit.kept:
+            raise HardwareError(f"{limit.name} must be {limit.low:g} to {limit.high:g}; got {limit.value:g}.")
+    for address, value in settings.registers:
+        check_value(address, value)
+
+
+_Code = Annotated[int, Field(ge=0, le=0xFFFF)]
+_Words = Annotated[str, Field(pattern=r"^([0-9a-f]{2})+$", max_length=4096)]
+
+
+class _StateTable(Table):
+    """One state in JSON."""
+
+    name: str
+    words: _Words
+    drive: Annotated[int, Field(ge=0, le=31)]
+
+
+class _File(Table):
+    """Settings in JSON."""
+
+    schema_: Annotated[int, Field(ge=_SCHEMA, le=_SCHEMA)] = Field(alias="schema")
+    hash: Annotated[str, Field(pattern=r"^[0-9A-F]{4}$")]
+    states: Annotated[list[_StateTable], Field(min_length=1, max_length=_MOST_STATES)]
+    safe_words: _Words
+    wiring: _Words
+    clock: Annotated[float, Field(ge=EXTERNAL_CLOCK_RANGE[0], le=INTERNAL_CLOCK_RANGE[1])]
+    external_clock: bool
+    rcount: _Code
+    settle_count: _Code
+    fin_divider: _Code
+    fref_divider: Annotated[int, Field(ge=1, le=0x3FF)]
+    offset: _Code
+    deglitch: _Code
+
+    def build(self) -> ScanSettings:
+        """Return the settings."""
+        states = tuple(StateSettings(state.name, bytes.fromhex(state.words), state.drive) for state in self.states)
+        own = self.model_dump(exclude={"schema_", "hash", "states", "safe_words", "wiring"})
+        settings = ScanSettings(
+            states=states, safe_words=bytes.fromhex(self.safe_words), wiring=bytes.fromhex(self.wiring), **own
+        )
+        if f"{settings.hash:04X}" != self.hash:
+            raise HardwareError(f"scan settings have the hash {settings.hash:04X}, but {self.hash} stands beside them.")
+        return settings

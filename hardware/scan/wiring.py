@@ -1,0 +1,401 @@
+"""Which switch joins which end of which coil to what, the words of a state, and the words that must never be sent."""
+
+from __future__ import annotations
+
+import tomllib
+from collections import Counter
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Literal, NamedTuple, TypeVar, get_args
+
+from pydantic import Field, ValidationError
+
+from coilarray.design.scan_states import Passive, ScanState, check_state
+from coilarray.design.tables import first_error
+from coilarray.design.units import Name, Table
+from coilarray.errors import HardwareError
+from coilarray.hardware.chips.adg739 import chain_bytes, check_bits, switch_word
+from coilarray.hardware.scan import wirings
+
+End = Literal["a", "b"]
+"""The two ends of a coil."""
+Net = Literal["ground", "INA", "INB", "other"]
+"""What an end can be joined to: ground, the two pins of the converter, or anything else."""
+
+SCHEMA = 1
+"""Version of the wiring file format."""
+UNUSED = 0xFF
+"""Code of a switch that the wiring does not use."""
+_MOST_COILS = 31  # a switch is told in a byte, 4·terminal + net, of which 0xFF is taken
+_MOST_DEVICES = 255
+_LONGEST_NAME = 200  # characters shown of a file name
+_NETS = get_args(Net)
+_GROUNDED: Mapping[Passive, tuple[End, ...]] = {
+    "ground": ("a", "b"), "ground one end": ("a",), "ground other end": ("b",), "open": (),
+}  # fmt: skip
+
+
+class Terminal(NamedTuple):
+    """One end of a coil."""
+
+    coil: str
+    end: End
+
+    def __str__(self) -> str:
+        return f"{self.coil}.{self.end}"
+
+
+@dataclass(frozen=True)
+class Switch:
+    """One switch.
+
+    Parameters
+    ----------
+    name : str
+        In its device, as ``"S1A"``.
+    terminal : Terminal
+        The end of a coil that it joins
+    net : {"ground", "INA", "INB", "other"}
+        to this.
+    """
+
+    name: str
+    terminal: Terminal
+    net: Net
+
+
+@dataclass(frozen=True)
+class Device:
+    """One package of eight switches.
+
+    Parameters
+    ----------
+    name, part : str
+        On the board, and of the maker.
+    bits : tuple of str
+        Names of its eight switches from bit 0 to bit 7 of its word.
+    switches : tuple of Switch
+        Those that are used.
+    """
+
+    name: str
+    part: str
+    bits: tuple[str, ...]
+    switches: tuple[Switch, ...]
+
+
+@dataclass(frozen=True)
+class Wiring:
+    """How the switches of a board are wired. Words are always whole chains, in the order in which they are sent.
+
+    Parameters
+    ----------
+    name, title : str
+        For messages and for people.
+    coils : tuple of str
+        Names of the coils.
+    devices : tuple of Device
+        In the order in which data passes them: the first stands next to the computer. The first byte that is sent goes
+        through to the last one.
+    assumed : tuple of (str, str)
+        What of the wiring is not verified, with the reason.
+
+    Raises
+    ------
+    HardwareError
+        A wiring that cannot ground every end of every coil or not measure every coil, an end with two switches to the
+        same net, an unknown coil, or names that are used twice.
+    """
+
+    name: str
+    title: str
+    coils: tuple[str, ...]
+    devices: tuple[Device, ...]
+    assumed: tuple[tuple[str, str], ...] = ()
+
+    def __post_init__(self) -> None:
+        if not 1 <= len(self.coils) <= _MOST_COILS or not 1 <= len(self.devices) <= _MOST_DEVICES:
+            raise HardwareError(
+                f"wiring {self.name} must have 1 to {_MOST_COILS} coils and 1 to {_MOST_DEVICES} devices; "
+                f"got {len(self.coils)} and {len(self.devices)}."
+            )
+        for kind, names in (("coil", self.coils), ("device", tuple(device.name for device in self.devices))):
+            twice = _first_repeated(names)
+            if twice is not None:
+                raise HardwareError(f"wiring {self.name} names the {kind} {twice!r} twice.")
+        for device in self.devices:
+            self._check_device(device)
+        joins = [(switch.terminal, switch.net) for device in self.devices for switch in device.switches]
+        again = _first_repeated(joins)
+        if again is not None:
+            raise HardwareError(f"wiring {self.name} has two switches from {again[0]} to {again[1]}; one is allowed.")
+        for terminal in self.terminals:
+            if (terminal, "ground") not in joins:
+                raise HardwareError(f"wiring {self.name} must have a switch that grounds {terminal}; there is none.")
+        for coil in self.coils:
+            if not {(Terminal(coil, "a"), "INA"), (Terminal(coil, "b"), "INB")} <= set(joins):
+                raise HardwareError(f"wiring {self.name} must join {coil}.a to INA and {coil}.b to INB; it cannot.")
+
+    @property
+    def terminals(self) -> tuple[Terminal, ...]:
+        """Both ends of every coil, in order."""
+        return tuple(Terminal(coil, end) for coil in self.coils for end in get_args(End))
+
+    @property
+    def safe_words(self) -> bytes:
+        """Words that ground every end of every coil and close nothing else."""
+        return self._close({(terminal, "ground") for terminal in self.terminals})
+
+    @property
+    def open_words(self) -> bytes:
+        """Words that open every switch."""
+        return bytes(len(self.devices))
+
+    def words(self, state: ScanState) -> bytes:
+        """Words of a state in which one coil is measured.
+
+        Parameters
+        ----------
+        state : ScanState
+            Its coil's sense −1 joins the end a to INB and b to INA.
+
+        Returns
+        -------
+        bytes
+            One byte a device; the first goes to the far end of the chain.
+
+        Raises
+        ------
+        HardwareError
+            A state that these switches cannot make.
+        NetworkError
+            A state that no switches could make.
+        """
+        check_state(state, self.coils)
+        if len(state.measured) > 1:
+            joined = ", ".join(name for name, _ in state.measured)
+            raise HardwareError(f"state {state.name} must measure one coil, as one bus can; got {joined}.")
+        ((measured, sense),) = state.measured
+        joins: set[tuple[Terminal, Net]] = {
+            (Terminal(measured, "a"), "INA" if sense > 0 else "INB"),
+            (Terminal(measured, "b"), "INB" if sense > 0 else "INA"),
+        }
+        for coil in self.coils:
+            if coil == measured:
+                continue
+            passive = state.exceptions.get(coil, state.others)
+            if passive not in _GROUNDED:
+                raise HardwareError(f"state {state.name}: wiring {self.name} cannot make {coil} {passive!r}.")
+            joins |= {(Terminal(coil, end), "ground") for end in _GROUNDED[passive]}
+        return self._close(joins)
+
+    def encode(self) -> bytes:
+        """Eight bytes a device in the order of the words, bit 0 first: 4·terminal + net, 0xFF for an unused switch."""
+        codes = bytearray()
+        terminals = self.terminals
+        for device in reversed(self.devices):
+            by_name = {switch.name: switch for switch in device.switches}
+            for name in device.bits:
+                switch = by_name.get(name)
+                codes.append(
+                    UNUSED if switch is None else 4 * terminals.index(switch.terminal) + _NETS.index(switch.net)
+                )
+        return bytes(codes)
+
+    def _close(self, joins: set[tuple[Terminal, Net]]) -> bytes:
+        words, left = [], set(joins)
+        for device in self.devices:
+            closed = [switch for switch in device.switches if (switch.terminal, switch.net) in joins]
+            left -= {(switch.terminal, switch.net) for switch in closed}
+            words.append(switch_word((switch.name for switch in closed), device.bits))
+        if left:
+            terminal, net = min(left)
+            raise HardwareError(f"wiring {self.name} has no switch from {terminal} to {net}.")
+        return chain_bytes(words)
+
+    def _check_device(self, device: Device) -> None:
+        try:
+            check_bits(device.bits)
+        except HardwareError as error:
+            raise HardwareError(f"wiring {self.name}, device {device.name}: {error}") from None
+        for switch in device.switches:
+            if switch.name not in device.bits:
+                raise HardwareError(f"wiring {self.name}: {device.name} has no switch {switch.name!r}.")
+            if switch.terminal not in self.terminals:
+                raise HardwareError(
+                    f"wiring {self.name}: {device.name}.{switch.name} goes to {switch.terminal}; "
+                    f"there are the coils {', '.join(self.coils)} with ends a and b."
+                )
+        twice = _first_repeated([switch.name for switch in device.switches])
+        if twice is not None:
+            raise HardwareError(f"wiring {self.name}: {device.name} has {twice} twice.")
+
+
+def load_wiring(name_or_path: str | Path | None = None) -> Wiring:
+    """Read a wiring file.
+
+    Parameters
+    ----------
+    name_or_path : str or Path, optional
+        Name of a bundled wiring, or a TOML file; by default ``"six_coils"``, one device a coil.
+
+    Returns
+    -------
+    Wiring
+
+    Raises
+    ------
+    HardwareError
+        An unknown name, an unreadable file, wrong TOML, an unknown key or a wiring that cannot be: one line that names
+        the file, the key, what was given and what is allowed.
+
+    Examples
+    --------
+    >>> wiring = load_wiring()
+    >>> wiring.safe_words.hex()
+    '111111111111'
+    """
+    given = wirings.STARTER if name_or_path is None else str(name_or_path)
+    if not given:
+        raise HardwareError("the name of a wiring file must not be empty.")
+    path = Path(given)
+    if given in wirings.names() and not path.is_file():
+        return parse_wiring(wirings.read(given), given)
+    try:
+        text = path.read_text(encoding="utf-8-sig")  # some editors put a byte order mark first
+    except FileNotFoundError:
+        raise HardwareError(
+            f"there is no wiring file {given[:_LONGEST_NAME]}, nor a bundled wiring of that name "
+            f"({', '.join(wirings.names())})."
+        ) from None
+    except UnicodeDecodeError:
+        raise HardwareError(f"{given[:_LONGEST_NAME]} is no text file in UTF-8.") from None
+    except OSError as error:
+        raise HardwareError(f"cannot read {given[:_LONGEST_NAME]}: {error.strerror}.") from None
+    except ValueError as error:  # a name with a zero byte
+        raise HardwareError(f"cannot read {given[:_LONGEST_NAME]!r}: {error}.") from None
+    return parse_wiring(text, given)
+
+
+def one_device_a_coil(coils: Sequence[str]) -> Wiring:
+    """Return the wiring of any coils with one ADG739 each, as the bundled one of six coils has it.
+
+    Raises
+    ------
+    HardwareError
+        More coils than a wiring can have.
+
+    Examples
+    --------
+    >>> wiring = one_device_a_coil(["left", "right"])
+    >>> wiring.safe_words.hex(), wiring.safe_words == load_wiring().safe_words[:2]
+    ('1111', True)
+    """
+    bundled = load_wiring()
+    (pattern, *_) = bundled.devices
+    devices = tuple(
+        replace(
+            pattern,
+            name=f"U{k}",
+            switches=tuple(
+                replace(switch, terminal=Terminal(coil, switch.terminal.end)) for switch in pattern.switches
+            ),
+        )
+        for k, coil in enumerate(coils, start=1)
+    )
+    assumed = (("wiring", "one device a coil, as no wiring was given"), *bundled.assumed[1:])
+    return Wiring("one_device_a_coil", "One ADG739 a coil", tuple(coils), devices, assumed)
+
+
+def parse_wiring(text: str, origin: str = "wiring") -> Wiring:
+    """Read a wiring from the text of a TOML file; `origin` names it in messages. See `load_wiring`."""
+    shown = origin[:_LONGEST_NAME]
+    try:
+        document = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise HardwareError(f"{shown}: not valid TOML: {error}.") from None
+    except RecursionError:
+        raise HardwareError(f"{shown}: not valid TOML: nested too deeply.") from None
+    try:
+        file = _File.model_validate(document)
+    except ValidationError as error:
+        raise HardwareError(f"{shown}: {first_error(error, document)}") from None
+    try:
+        return file.wiring.build(Path(origin).stem)
+    except HardwareError as error:
+        raise HardwareError(f"{shown}: {error}") from None
+
+
+class _SwitchTable(Table):
+    """``S1A = { … }``: what one switch joins."""
+
+    coil: Name
+    end: End
+    net: Net
+
+
+class _PartTable(Table):
+    """``[wiring.part.NAME]``: the order of the bits of a part."""
+
+    bits: Annotated[list[str], Field(min_length=8, max_length=8)]
+    assumed: str | None = None
+
+
+class _DeviceTable(Table):
+    """``[[wiring.device]]``: one package."""
+
+    name: Name
+    part: Name
+    switch: Annotated[dict[Name, _SwitchTable], Field(min_length=1, max_length=8)]
+
+
+class _WiringTable(Table):
+    """``[wiring]``."""
+
+    title: str
+    coils: Annotated[list[Name], Field(min_length=1, max_length=_MOST_COILS)]
+    assumed: str | None = None
+    part: Annotated[dict[Name, _PartTable], Field(min_length=1)]
+    device: Annotated[list[_DeviceTable], Field(min_length=1, max_length=_MOST_DEVICES)]
+
+    def build(self, name: str) -> Wiring:
+        """Return the wiring."""
+        for device in self.device:
+            if device.part not in self.part:
+                raise HardwareError(
+                    f"wiring {name}: {device.name} is a {device.part}, but [wiring.part] has {', '.join(self.part)}."
+                )
+        reasons = {"wiring": self.assumed, **{f"{key}.bits": part.assumed for key, part in self.part.items()}}
+        return Wiring(
+            name=name,
+            title=self.title,
+            coils=tuple(self.coils),
+            devices=tuple(
+                Device(
+                    device.name,
+                    device.part,
+                    tuple(self.part[device.part].bits),
+                    tuple(
+                        Switch(key, Terminal(switch.coil, switch.end), switch.net)
+                        for key, switch in device.switch.items()
+                    ),
+                )
+                for device in self.device
+            ),
+            assumed=tuple((key, reason) for key, reason in reasons.items() if reason is not None),
+        )
+
+
+class _File(Table):
+    """The whole file."""
+
+    schema_: Annotated[int, Field(ge=SCHEMA, le=SCHEMA)] = Field(alias="schema")
+    wiring: _WiringTable
+
+
+_T = TypeVar("_T", bound=Hashable)
+
+
+def _first_repeated(items: Sequence[_T]) -> _T | None:
+    return next((item for item, count in Counter(items).items() if count > 1), None)

@@ -1,0 +1,1 @@
+"""The way to a board: ports, links and the protocol."""

@@ -1,0 +1,244 @@
+"""Converter and switches on an FT232H (or FT2232H) at USB.
+
+The chip has one engine for serial buses and I²C takes it: the switches get clock and data from pins of the
+second port, C0 to C7, one level after the other. All levels of a transfer go over USB at once.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, fields
+from typing import Any
+
+from coilarray.errors import HardwareError
+from coilarray.geometry.extras import import_extra
+from coilarray.hardware.wire.faults import BusFault, BusTimeout, DeviceLost, SwitchFault
+from coilarray.hardware.wire.shift_settings import ShiftSettings
+
+I2C_SPEED = 100e3
+"""In Hz. The converter allows 400 kHz where the pull-ups are strong enough."""
+_PURPOSE = "boards on an FT232H"
+_PINS = 8
+_WITH_SECOND_PORT = {0x6014: "232h", 0x6010: "2232h"}  # USB product numbers
+_SECOND_PORT = 8  # its pins follow those of the first, which has the I²C
+# commands of the engine, and the lines of I²C in its first port
+_SET_LOW, _SET_HIGH, _GET_HIGH, _SEND = 0x80, 0x82, 0x83, 0x87
+_SCL, _SDA = 0x01, 0x02
+_CLOCKS = 9
+_HOLD = 10  # repeats of a level that lasts 5 µs, half a clock of 100 kHz
+_READ_ATTEMPTS = 4
+_USB_TIMEOUT = 500  # ms
+
+
+@dataclass(frozen=True)
+class SwitchPins:
+    """Pins of the second port that the switches are at.
+
+    Parameters
+    ----------
+    clock, data, sync, back : int
+        N of CN for SCLK, DIN of the first device, SYNC, and DOUT of the last; `back` is not used without read-back.
+
+    Raises
+    ------
+    HardwareError
+        A number that is not 0 to 7, or two that are the same.
+    """
+
+    clock: int = 0
+    data: int = 1
+    sync: int = 2
+    back: int = 3
+
+    def __post_init__(self) -> None:
+        numbers = [getattr(self, field.name) for field in fields(self)]
+        if len(set(numbers)) < len(numbers) or not set(numbers) <= set(range(_PINS)):
+            raise HardwareError(f"the pins of the switches must be four different ones of C0 to C7; got {numbers}.")
+
+    @property
+    def driven(self) -> int:
+        """Bits of the pins that the computer drives."""
+        return 1 << self.clock | 1 << self.data | 1 << self.sync
+
+    def levels(self, *, clock: bool, data: bool, sync: bool) -> int:
+        """Byte of the port with these levels."""
+        return clock << self.clock | data << self.data | sync << self.sync
+
+
+def open_ft232h(
+    url: str,
+    address: int,
+    *,
+    pins: SwitchPins | None = None,
+    settings: ShiftSettings | None = None,
+    speed: float = I2C_SPEED,
+) -> tuple[Ft232hRegisterBus, Ft232hSwitchChain]:
+    """Open an adapter.
+
+    Parameters
+    ----------
+    url : str
+        As pyftdi has it: ``ftdi://ftdi:232h:SERIALNUMBER/1``.
+    address : int
+        Of the converter.
+    pins : SwitchPins, optional
+        Of the switches; C0 clock, C1 data, C2 SYNC, C3 back by default.
+    settings : ShiftSettings, optional
+        Form of the transfers to the switches.
+    speed : float
+        Of the I²C in Hz.
+
+    Raises
+    ------
+    HardwareError
+        No such adapter, none that may be opened, or one without the second port.
+    MissingDependencyError
+        pyftdi is not installed.
+    """
+    pins, settings = pins or SwitchPins(), settings or ShiftSettings()
+    library = import_extra("pyftdi.i2c", _PURPOSE, package="pyftdi", extra="ftdi")
+    usb = import_extra("pyftdi.usbtools", _PURPOSE, package="pyftdi", extra="ftdi")
+    controller = library.I2cController()
+    idle = pins.levels(clock=settings.idle_high, data=False, sync=True)
+    try:
+        controller.configure(
+            url, frequency=speed, direction=pins.driven << _SECOND_PORT, initial=idle << _SECOND_PORT
+        )  # fmt: skip
+        if controller.width <= _SECOND_PORT:
+            raise HardwareError(f"{url} has no pins C0 to C7 for the switches; an FT232H or FT2232H has them.")
+        controller.set_retry_count(1)  # a transfer that failed is ours to judge
+        controller.ftdi.timeouts = (_USB_TIMEOUT, _USB_TIMEOUT)
+        controller.ftdi.write_data(bytes([_SET_HIGH, idle, pins.driven]))  # pyftdi drives only pins that begin high
+        bus = Ft232hRegisterBus(controller, url, address, library.I2cNackError)
+    except (OSError, ValueError, usb.UsbToolsError) as error:
+        _close(controller)
+        raise HardwareError(f"{url} cannot be opened: {_one_line(error)}.") from None
+    except BaseException:
+        _close(controller)
+        raise
+    return bus, Ft232hSwitchChain(controller, url, pins, settings)
+
+
+def ft232h_adapters() -> tuple[str, ...]:
+    """URLs of the adapters at this computer; empty where pyftdi or the library for USB is not installed."""
+    try:
+        ftdi = import_extra("pyftdi.ftdi", _PURPOSE, package="pyftdi", extra="ftdi").Ftdi
+        found = ftdi.list_devices()
+    except Exception:  # a list of what is there is no place to complain about what is not
+        return ()
+    return tuple(
+        f"ftdi://ftdi:{_WITH_SECOND_PORT[device.pid]}{f':{device.sn}' if device.sn else ''}/1"
+        for device, _ in found
+        if device.pid in _WITH_SECOND_PORT
+    )
+
+
+class Ft232hRegisterBus:
+    """A `RegisterBus` of `open_ft232h`."""
+
+    def __init__(self, controller: Any, url: str, address: int, not_acknowledged: type[Exception]) -> None:
+        self._controller, self._url, self._address = controller, url, address
+        self._port: Any = controller.get_port(address)
+        self._not_acknowledged = not_acknowledged
+
+    def read(self, register: int) -> int:
+        """Return a register."""
+        with self._told():
+            answer = bytes(self._port.exchange([register], 2))
+        if len(answer) != 2:
+            raise BusTimeout(f"the adapter {self._url} returned {len(answer)} bytes of a register, not 2.")
+        return int.from_bytes(answer, "big")
+
+    def write(self, register: int, value: int) -> None:
+        """Write a register."""
+        with self._told():
+            self._port.write([register, *value.to_bytes(2, "big")])
+
+    def clear(self) -> None:
+        """Send nine clocks and a stop."""
+        levels = [level for _ in range(_CLOCKS) for level in (_SDA, _SDA | _SCL)]
+        with self._told():
+            self._controller.ftdi.write_data(_low_port([_SDA | _SCL, *levels, _SDA, 0, _SCL, _SDA | _SCL]))
+
+    def close(self) -> None:
+        """Let go of the adapter; its pins keep their levels. Never raises."""
+        _close(self._controller)
+
+    @contextlib.contextmanager
+    def _told(self) -> Iterator[None]:
+        try:
+            yield
+        except self._not_acknowledged:
+            raise BusFault(f"the converter at {self._address:#04x} on {self._url} does not answer.") from None
+        except OSError as error:
+            raise _lost_or(BusTimeout, self._url, error) from None
+
+
+class Ft232hSwitchChain:
+    """A `SwitchChain` of `open_ft232h`."""
+
+    def __init__(self, controller: Any, url: str, pins: SwitchPins, settings: ShiftSettings) -> None:
+        self._controller, self._url = controller, url
+        self._pins, self._settings = pins, settings
+
+    def shift(self, words: bytes) -> bytes | None:
+        """Send the words while SYNC is low; its rise latches them."""
+        sent = self._settings.ordered(words)
+        bits = [bool(byte >> bit & 1) for byte in sent for bit in reversed(range(8))]
+        try:
+            self._controller.ftdi.write_data(bytes(self._commands(bits)))
+            if not self._settings.readback:
+                return None
+            levels = bytes(self._controller.ftdi.read_data_bytes(len(bits), _READ_ATTEMPTS))
+        except OSError as error:
+            raise _lost_or(SwitchFault, self._url, error) from None
+        if len(levels) != len(bits):
+            raise SwitchFault(f"the adapter {self._url} returned {len(levels)} levels of the switches' {len(bits)}.")
+        back = [level >> self._pins.back & 1 for level in levels]
+        returned = bytes(int("".join(map(str, back[k : k + 8])), 2) for k in range(0, len(back), 8))
+        return self._settings.ordered(returned)
+
+    def close(self) -> None:
+        """Let go of the adapter. Never raises."""
+        _close(self._controller)
+
+    def _commands(self, bits: Iterable[bool]) -> Iterator[int]:
+        """Commands for a whole transfer: a level is read just before the edge at which the switches take the bit."""
+        idle = self._settings.idle_high
+        before, after = (not idle, idle) if self._settings.second_edge else (idle, not idle)
+        yield from self._level(idle, data=False, sync=False)
+        for bit in bits:
+            yield from self._level(before, data=bit, sync=False)
+            if self._settings.readback:
+                yield _GET_HIGH
+            yield from self._level(after, data=bit, sync=False)
+        yield from self._level(idle, data=False, sync=False)
+        yield from self._level(idle, data=False, sync=True)
+        if self._settings.readback:
+            yield _SEND
+
+    def _level(self, clock: bool, *, data: bool, sync: bool) -> tuple[int, int, int]:
+        return _SET_HIGH, self._pins.levels(clock=clock, data=data, sync=sync), self._pins.driven
+
+
+def _low_port(levels: Iterable[int]) -> bytes:
+    return bytes(byte for level in levels for byte in (_SET_LOW, level, _SCL | _SDA) * _HOLD)
+
+
+def _lost_or(fault: type[HardwareError], url: str, error: OSError) -> HardwareError:
+    """Return DeviceLost where USB itself failed, else the fault."""
+    lost = import_extra("pyftdi.ftdi", _PURPOSE, package="pyftdi", extra="ftdi").FtdiError
+    usb = import_extra("usb.core", _PURPOSE, package="pyftdi", extra="ftdi").USBError
+    if isinstance(error, (lost, usb)):
+        return DeviceLost(f"the adapter {url} is gone: {_one_line(error)}.")
+    return fault(f"the adapter {url} does not answer: {_one_line(error)}.")
+
+
+def _close(controller: Any) -> None:
+    with contextlib.suppress(Exception):
+        controller.close(freeze=True)  # a SYNC that floats could latch anything
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split()).rstrip(".") or type(error).__name__

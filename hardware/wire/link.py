@@ -1,0 +1,324 @@
+"""One conversation with a board: commands and their replies, all else in order, within bounds of time and size."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import TypeVar
+
+from coilarray.errors import HardwareError
+from coilarray.hardware.wire.buses import Clock, ComputerClock
+from coilarray.hardware.wire.faults import (
+    BoardRestarted,
+    BusFault,
+    CommandRefused,
+    NoAnswer,
+    NotABoard,
+)
+from coilarray.hardware.wire.protocol.commands import IDS, command_line
+from coilarray.hardware.wire.protocol.lines import LineCounts, LineParser
+from coilarray.hardware.wire.protocol.messages import (
+    Answer,
+    Message,
+    MessageError,
+    Refusal,
+    ScanMessage,
+    StreamEnd,
+    parse_message,
+)
+from coilarray.hardware.wire.serial_ports import BytePort
+
+_MEANINGS: dict[int, tuple[type[HardwareError], str]] = {
+    1: (CommandRefused, "unknown command"),
+    2: (CommandRefused, "bad argument"),
+    3: (CommandRefused, "out of order"),
+    4: (CommandRefused, "illegal switching"),
+    5: (CommandRefused, "hash differs or settings are incomplete"),
+    6: (BusFault, "a chip does not answer"),
+    7: (BusFault, "a register reads back otherwise than it was written"),
+    8: (BusFault, "the converter is another chip"),
+    9: (CommandRefused, "busy with a stream"),
+}
+_MOST_KEPT = 1024  # messages that wait for their reader; what comes beyond is lost and shows as a gap
+_MOST_LATE = 1 << 16  # bytes looked at after a deadline: more than a system keeps of a port
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class LinkTimes:
+    """How long to wait for what.
+
+    Parameters
+    ----------
+    reply : float
+        For the reply to a command in s, beside the time that the command itself takes.
+    attempts : int
+        To send a command.
+    opening : float
+        For the first sign of life of a board in s.
+    gap : float
+        Without a scan, as a multiple of the time between two of them.
+    least_gap : float
+        Of a stream in s: computers pause.
+    heartbeat : float
+        Without any line in s, beside the time of a scan.
+    ping : float
+        Between two signs of life of the computer in s; well below the board's lease of 10 s.
+    foreign : int
+        Bytes without an intact line from which on they are said to come from something else.
+    most_bytes : float
+        Per second that are taken from a port; more than this is no board of ours.
+    """
+
+    reply: float = 0.5
+    attempts: int = 3
+    opening: float = 1.0
+    gap: float = 3.0
+    least_gap: float = 0.25
+    heartbeat: float = 3.0
+    ping: float = 2.0
+    foreign: int = 512
+    most_bytes: float = 1e6
+
+
+@dataclass(frozen=True)
+class LinkCounts:
+    """What a conversation met so far.
+
+    Parameters
+    ----------
+    lines : LineCounts
+        Of what came over the port.
+    bad_messages : int
+        Intact lines that say nothing known, or replies of another form.
+    unasked : int
+        Replies to no command that waits for one: repeated, or too late.
+    repeats : int
+        Commands sent again because no reply came in time.
+    overflowed : int
+        Messages lost because nobody fetched them.
+    """
+
+    lines: LineCounts = field(default_factory=LineCounts)
+    bad_messages: int = 0
+    unasked: int = 0
+    repeats: int = 0
+    overflowed: int = 0
+
+
+@dataclass
+class Wait:
+    """A deadline of the clock; what has come before it is looked at however late it is, but not without end.
+
+    Parameters
+    ----------
+    until : float
+        Time of the clock in s.
+    late : int
+        Bytes taken after it.
+    """
+
+    until: float
+    late: int = 0
+
+
+class Link:
+    """Sends commands and sorts what comes; knows the board's session once it is told, and tells when that ends.
+
+    Parameters
+    ----------
+    port : BytePort
+    times : LinkTimes
+    clock : Clock
+    number : int
+        Of the first command; the board carries out no command twice that has the number and text of the one before.
+    """
+
+    def __init__(self, port: BytePort, *, times: LinkTimes, clock: Clock | None = None, number: int = 0) -> None:
+        self._port, self._times, self._clock = port, times, clock or ComputerClock()
+        self._parser, self._counts = LineParser(), LinkCounts()
+        self._number = number % IDS
+        self._kept: deque[Message] = deque()
+        self._early: deque[Message] = deque(maxlen=_MOST_KEPT)
+        self._foreign = 0  # bytes since the last intact line
+        self._second, self._taken = self._clock.now(), 0  # for the rate
+        self._pending: int | None = None  # command without its reply
+        self.boot: int | None = None
+        """Session of the board; a line of another one raises BoardRestarted."""
+
+    @property
+    def clock(self) -> Clock:
+        """Clock of all deadlines."""
+        return self._clock
+
+    @property
+    def counts(self) -> LinkCounts:
+        """What was met so far."""
+        return replace(self._counts, lines=self._parser.counts)
+
+    @property
+    def foreign(self) -> int:
+        """Bytes since the last intact line."""
+        return self._foreign
+
+    def post(self, verb: str, *arguments: str) -> None:
+        """Send a command and do not wait; its reply comes out of `receive`, unless another command follows first."""
+        self._number = (self._number + 1) % IDS
+        self._pending = self._number
+        self._port.write(command_line(self._number, verb, *arguments))
+
+    def wake(self) -> None:
+        """End whatever line the board has begun to read."""
+        self._port.write(b"\n")
+
+    def wait(self, seconds: float) -> Wait:
+        """Deadline so many seconds from now."""
+        return Wait(self._clock.now() + seconds)
+
+    def receive(self, wait: Wait) -> Message | None:
+        """Return the next message, or None where none came in time; replies nobody waits for are left out.
+
+        Raises
+        ------
+        DeviceLost, NotABoard, BoardRestarted
+            The port is gone; it floods; the board has another session than `boot`.
+        """
+        while True:
+            while self._kept:
+                message = self._kept.popleft()
+                if self._is_mine(message):
+                    return message
+            left = wait.until - self._clock.now()
+            if wait.late > _MOST_LATE:
+                return None
+            data = self._port.read(max(left, 0.0))
+            self._take(data)
+            if left <= 0:
+                if not data:
+                    return None
+                wait.late += len(data)
+
+    def ask(self, reading: Callable[[tuple[str, ...]], T], verb: str, *arguments: str, patience: float = 0.0) -> T:
+        """Send a command until its reply comes, and return what `reading` makes of the reply's fields.
+
+        Parameters
+        ----------
+        reading : callable
+            Raises MessageError where the fields have another form; then there is no reply.
+        verb, *arguments : str
+        patience : float
+            Time in s that the command takes.
+
+        Raises
+        ------
+        NoAnswer, NotABoard
+            No reply to any attempt: nothing intact came, or bytes that are no lines.
+        CommandRefused, BusFault
+            The board says why not.
+        """
+        self.post(verb, *arguments)
+        number = self._number
+        self._early.clear()
+        for attempt in range(self._times.attempts):
+            if attempt:
+                self._counts = replace(self._counts, repeats=self._counts.repeats + 1)
+                self._port.write(command_line(number, verb, *arguments))
+            wait = self.wait(self._times.reply + patience)
+            while (message := self.receive(wait)) is not None:
+                if isinstance(message, Refusal):
+                    self._pending = None
+                    raise _refused(verb, message)
+                if isinstance(message, Answer):
+                    try:
+                        told = reading(message.fields)
+                    except MessageError:
+                        self._count_bad()
+                        continue
+                    self._pending = None
+                    return told
+                if isinstance(message, ScanMessage | StreamEnd):
+                    self._early.append(message)
+        self._pending = None
+        raise self._silence(verb)
+
+    def recall_early(self) -> None:
+        """Give out once more the scans that came before the reply to the last command."""
+        self._kept.extendleft(reversed(self._early))
+        self._early.clear()
+
+    def drain(self, seconds: float) -> None:
+        """Throw away what was sent before, until nothing comes for so long, or for ten times as long."""
+        end = self._clock.now() + 10 * seconds
+        while self._clock.now() < end and self.receive(self.wait(seconds)) is not None:
+            pass
+        self._kept.clear()
+
+    def close(self) -> None:
+        """Let go of the port; never raises."""
+        self._port.close()
+
+    def _take(self, data: bytes) -> None:
+        if not data:
+            return
+        self._limit_rate(len(data))
+        intact = self._parser.counts.good
+        texts = self._parser.feed(data)
+        self._foreign = 0 if self._parser.counts.good > intact else self._foreign + len(data)
+        for text in texts:
+            try:
+                message = parse_message(text)
+            except MessageError:
+                self._count_bad()
+                continue
+            if len(self._kept) < _MOST_KEPT:
+                self._kept.append(message)
+            else:
+                self._counts = replace(self._counts, overflowed=self._counts.overflowed + 1)
+
+    def _limit_rate(self, count: int) -> None:
+        now = self._clock.now()
+        if now - self._second >= 1.0:
+            self._second, self._taken = now, 0
+        self._taken += count
+        if self._taken > self._times.most_bytes:
+            raise NotABoard(f"{self._port.name} sends more than {self._times.most_bytes:.0f} bytes a second.")
+
+    def _is_mine(self, message: Message) -> bool:
+        if isinstance(message, Answer | Refusal):
+            if message.command == self._pending:
+                return True
+            self._counts = replace(self._counts, unasked=self._counts.unasked + 1)
+            return False
+        self.check_boot(message.boot)
+        return True
+
+    def check_boot(self, boot: int) -> None:
+        """BoardRestarted where a message is of another session than `boot`."""
+        if self.boot is not None and boot != self.boot:
+            raise BoardRestarted(
+                f"the board at {self._port.name} has restarted (session {boot:08X} after {self.boot:08X}), "
+                "so its settings are gone; open it again."
+            )
+
+    def _count_bad(self) -> None:
+        self._counts = replace(self._counts, bad_messages=self._counts.bad_messages + 1)
+
+    def _silence(self, verb: str) -> HardwareError:
+        if self._foreign >= self._times.foreign:
+            return self.not_a_board()
+        return NoAnswer(f"the board at {self._port.name} did not answer {verb} in {self._times.attempts} attempts.")
+
+    def not_a_board(self) -> NotABoard:
+        """Fault of bytes that are no lines."""
+        return NotABoard(
+            f"{self._port.name} sends bytes but no intact line ({self._foreign} since the last one): "
+            "another device, or another baud rate."
+        )
+
+
+def _refused(verb: str, refusal: Refusal) -> HardwareError:
+    kind, meaning = _MEANINGS.get(refusal.code, (CommandRefused, "unknown reason"))
+    said = f": {refusal.text}" if refusal.text else ""
+    return kind(f"the board refused {verb} (error {refusal.code:X}, {meaning}){said}.")

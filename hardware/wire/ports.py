@@ -1,0 +1,262 @@
+"""Names of the places where a board can be, and what there is at this computer."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+from urllib.parse import parse_qsl, urlsplit
+
+from coilarray.errors import HardwareError, MissingDependencyError
+from coilarray.hardware.chips.ldc1614_timing import BUS_RATE
+from coilarray.hardware.wire.ft232h import I2C_SPEED, SwitchPins, ft232h_adapters
+from coilarray.hardware.wire.linux_host import linux_buses
+from coilarray.hardware.wire.serial_ports import BAUD, PROBED_BAUDS
+from coilarray.hardware.wire.shift_settings import ShiftSettings
+
+EMULATOR = "emulator"
+"""The port of a board that is not there."""
+ADDRESSES = (0x2A, 0x2B)
+"""Of the converter, by its pin ADDR."""
+_FIRMWARE_BUS_RATE = 150e3  # Hz, expected: hardware/firmware/README.md
+_LONGEST = 200  # characters shown of a port's name
+_MOST_OPTIONS = 20
+_LARGEST_BAUD = 10_000_000
+_ALLOWED = (
+    "emulator, a serial port (/dev/ttyACM0, COM5 or usb:SERIALNUMBER), i2c:BUS[:ADDRESS][,spi:BUS.DEVICE] or ftdi://…/1"
+)
+_SERIAL = re.compile(r"/dev/\S+|COM\d{1,3}|usb:\S+", re.IGNORECASE)
+_LINUX = re.compile(r"i2c:(\d{1,3})(?::(0x[0-9a-f]{1,2}|\d{1,3}))?(?:,spi:(\d{1,3})\.(\d{1,3}))?", re.IGNORECASE)
+_FTDI_PATH = re.compile(r"/[1-4]")
+
+
+@dataclass(frozen=True)
+class EmulatorPort:
+    """The emulator."""
+
+
+@dataclass(frozen=True)
+class SerialPort:
+    """A microcontroller.
+
+    Parameters
+    ----------
+    name : str
+        As `coilarray.hardware.wire.serial_ports.choose_serial_port` takes it.
+    bauds : tuple of int
+        Rates to try in turn.
+    """
+
+    name: str
+    bauds: tuple[int, ...] = (BAUD,)
+
+
+@dataclass(frozen=True)
+class LinuxPort:
+    """Buses of this computer.
+
+    Parameters
+    ----------
+    bus, address : int
+        I²C bus, and address of the converter.
+    spi_bus, spi_device : int
+        Of the switches.
+    shift : ShiftSettings
+        Form of the transfers to them.
+    """
+
+    bus: int
+    address: int = ADDRESSES[0]
+    spi_bus: int = 0
+    spi_device: int = 0
+    shift: ShiftSettings = field(default_factory=ShiftSettings)
+
+
+@dataclass(frozen=True)
+class FtdiPort:
+    """An FT232H at USB.
+
+    Parameters
+    ----------
+    url : str
+        Of pyftdi.
+    address : int
+        Of the converter.
+    pins : SwitchPins
+        Of the switches.
+    shift : ShiftSettings
+        Form of the transfers to them.
+    """
+
+    url: str
+    address: int = ADDRESSES[0]
+    pins: SwitchPins = field(default_factory=SwitchPins)
+    shift: ShiftSettings = field(default_factory=ShiftSettings)
+
+
+Port = EmulatorPort | SerialPort | LinuxPort | FtdiPort
+
+
+def parse_port(text: str) -> Port:
+    """Read the name of a port.
+
+    Parameters
+    ----------
+    text : str
+        ``emulator``; ``/dev/ttyACM0``, ``COM5`` or ``usb:SERIALNUMBER``; ``i2c:1``, ``i2c:1:0x2B,spi:0.1``;
+        ``ftdi://ftdi:232h/1``. A serial port may have ``?baud=9600``, or ``?baud=any`` where the board's rate is not
+        known; 115200 is the firmware's. The last two may have options after a ``?``, joined by ``&``: ``mode=2`` (SPI),
+        ``speed=500000`` (in Hz), ``order=lsb``, ``readback=yes`` (the end of the chain of switches is wired back), and
+        with ``ftdi`` ``address=0x2B``, ``clock=0``, ``data=1``, ``sync=2``, ``back=3`` (pins C0 to C7 of the switches).
+
+    Raises
+    ------
+    HardwareError
+        Anything else: what it is, and what is allowed.
+
+    Examples
+    --------
+    >>> parse_port("i2c:1:0x2B").address == 0x2B
+    True
+    """
+    name, question_mark, query = text.strip().partition("?")
+    if name == EMULATOR and not question_mark:
+        return EmulatorPort()
+    options = _options(query, text) if question_mark else {}
+    if _SERIAL.fullmatch(name):
+        bauds = _bauds(options, text)
+        _refuse_rest(options, text)
+        return SerialPort(name, bauds)
+    if linux := _LINUX.fullmatch(name):
+        bus, address, spi_bus, spi_device = linux.groups()
+        shift = _shift(options, text)
+        _refuse_rest(options, text)
+        return LinuxPort(int(bus), _address(address, text), int(spi_bus or 0), int(spi_device or 0), shift)
+    if name.lower().startswith("ftdi://"):
+        try:
+            parts = urlsplit(name)
+        except ValueError as error:  # as of ftdi://[
+            raise _refused(text, f"{error}") from None
+        if not parts.netloc or not _FTDI_PATH.fullmatch(parts.path):
+            raise _refused(text, "an adapter is named as ftdi://ftdi:232h/1 or ftdi://ftdi:232h:SERIALNUMBER/1")
+        address = _address(options.pop("address", None), text)
+        pins = SwitchPins(
+            **{key: _number(options, key, text) for key in ("clock", "data", "sync", "back") if key in options}
+        )
+        shift = _shift(options, text)
+        _refuse_rest(options, text)
+        return FtdiPort(name, address, pins, shift)
+    raise _refused(text, f"it must be {_ALLOWED}")
+
+
+def bus_rate(port: Port) -> float:
+    """Clock in Hz that the I²C bus of a board has at a port.
+
+    Returns
+    -------
+    float
+        150 kHz with the firmware of `hardware/firmware`, 100 kHz with an FT232H; on buses of this computer, whose clock
+        the system's settings fix, and in the emulator the 400 kHz that the converter takes.
+
+    Examples
+    --------
+    >>> bus_rate(parse_port("COM5"))
+    150000.0
+    """
+    match port:
+        case SerialPort():
+            return _FIRMWARE_BUS_RATE
+        case FtdiPort():
+            return I2C_SPEED
+        case _:
+            return BUS_RATE
+
+
+def found_ports() -> Mapping[str, tuple[str, ...]]:
+    """Return what there is at this computer, by kind: "emulator", "serial", "linux", "ftdi".
+
+    Returns
+    -------
+    mapping of str to tuple of str
+        Empty for a kind whose library is not installed.
+    """
+    return {EMULATOR: (EMULATOR,), "serial": _serial_ports(), "linux": linux_buses(), "ftdi": ft232h_adapters()}
+
+
+def _serial_ports() -> tuple[str, ...]:
+    from coilarray.hardware.wire.serial_ports import list_serial_ports
+
+    try:
+        return tuple(str(port) for port in list_serial_ports())
+    except MissingDependencyError:
+        return ()
+
+
+def _options(query: str, text: str) -> dict[str, str]:
+    try:
+        pairs = parse_qsl(query, keep_blank_values=True, strict_parsing=True, max_num_fields=_MOST_OPTIONS)
+    except ValueError:
+        pairs = []
+    if not pairs:
+        raise _refused(text, "options after ? are KEY=VALUE, joined by &")
+    options = dict(pairs)
+    if len(options) < len(pairs):
+        raise _refused(text, "an option is given twice")
+    return options
+
+
+def _bauds(options: dict[str, str], text: str) -> tuple[int, ...]:
+    given = options.pop("baud", str(BAUD))
+    if given == "any":
+        return PROBED_BAUDS
+    if not (given.isdecimal() and given.isascii() and 0 < int(given[:8]) <= _LARGEST_BAUD):
+        raise _refused(text, f"baud must be 1 to {_LARGEST_BAUD}, or any")
+    return (int(given),)
+
+
+def _shift(options: dict[str, str], text: str) -> ShiftSettings:
+    given: dict[str, Any] = {}
+    if "mode" in options:
+        given["mode"] = _number(options, "mode", text)
+    if "speed" in options:
+        given["speed"] = float(_number(options, "speed", text))
+    if "order" in options:
+        given["least_significant_first"] = _choice(options, "order", {"msb": False, "lsb": True}, text)
+    if "readback" in options:
+        given["readback"] = _choice(options, "readback", {"no": False, "yes": True}, text)
+    return ShiftSettings(**given)
+
+
+def _address(given: str | None, text: str) -> int:
+    address = ADDRESSES[0] if given is None else _integer(given, "address", text)
+    if address not in ADDRESSES:
+        raise _refused(text, f"the address of the converter must be {' or '.join(map(hex, ADDRESSES))}")
+    return address
+
+
+def _number(options: dict[str, str], key: str, text: str) -> int:
+    return _integer(options.pop(key), key, text)
+
+
+def _integer(given: str, key: str, text: str) -> int:
+    try:
+        return int(given, 0)
+    except ValueError:
+        raise _refused(text, f"{key} must be a whole number") from None
+
+
+def _choice(options: dict[str, str], key: str, values: Mapping[str, bool], text: str) -> bool:
+    given = options.pop(key)
+    if given not in values:
+        raise _refused(text, f"{key} must be {' or '.join(values)}")
+    return values[given]
+
+
+def _refuse_rest(options: Mapping[str, str], text: str) -> None:
+    if options:
+        raise _refused(text, f"there is no option {next(iter(options))!r}")
+
+
+def _refused(text: str, reason: str) -> HardwareError:
+    return HardwareError(f"port {text[:_LONGEST]!r} cannot be: {reason}.")

@@ -1,0 +1,205 @@
+"""What a line of the board says. Every field is checked against its exact form: what comes over a port is data."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum, IntEnum
+
+from coilarray.hardware.scan.scans import RawSample, SampleFault
+
+_GOOD_STATUS = 0x0048
+"""STATUS of a word without one: DRDY and UNREADCONV0, no error."""
+_HEX = {digits: re.compile(rf"[0-9A-F]{{{digits}}}") for digits in (1, 2, 4, 8)}
+_DECIMAL = re.compile(r"0|[1-9][0-9]{0,9}")
+_WORDS = re.compile(r"([0-9A-F]{4})([0-9A-F]{4})(?:\.([0-9A-F]{4}))?")
+
+
+class MessageError(ValueError):
+    """A line that is intact and still says nothing that this version knows."""
+
+
+class Mode(Enum):
+    """What a board is doing."""
+
+    UNCONFIGURED = "u"
+    IDLE = "i"
+    STREAMING = "s"
+
+
+class StreamEndReason(IntEnum):
+    """Why a board ended a stream by itself."""
+
+    LEASE = 1
+    CONVERTER_RESET = 2
+    BUS_FAULT = 3
+    SWITCHES_DIFFER = 4
+
+
+@dataclass(frozen=True)
+class ScanMessage:
+    """A scan.
+
+    Parameters
+    ----------
+    sequence : int
+        Since the start of the stream; 0 of a single scan.
+    time : int
+        Of its start in µs by the board's clock, which wraps at 2³².
+    configuration : int
+        Hash of the settings of the board.
+    boot : int
+        Of the session of the board.
+    samples : tuple of RawSample
+        One for each state.
+    """
+
+    sequence: int
+    time: int
+    configuration: int
+    boot: int
+    samples: tuple[RawSample, ...]
+
+
+@dataclass(frozen=True)
+class Heartbeat:
+    """Sign of life; parameters as of `ScanMessage`."""
+
+    boot: int
+    time: int
+    configuration: int
+    mode: Mode
+
+
+@dataclass(frozen=True)
+class StreamEnd:
+    """The stream has ended by itself; coils are grounded, the converter sleeps."""
+
+    reason: StreamEndReason
+    configuration: int
+    boot: int
+    text: str
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The command was carried out; `fields` is what the board says to it."""
+
+    command: int
+    fields: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """The command was not carried out, with the number of the error and a text for people."""
+
+    command: int
+    code: int
+    text: str
+
+
+Message = ScanMessage | Heartbeat | StreamEnd | Answer | Refusal
+
+
+def hexadecimal(field: str, digits: int) -> int:
+    """Return the number of a field of exactly so many upper-case digits; MessageError otherwise."""
+    if not _HEX[digits].fullmatch(field):
+        raise MessageError(f"a field must be {digits} hexadecimal digits; got {field!r}.")
+    return int(field, 16)
+
+
+def decimal(field: str) -> int:
+    """Return the number of a field of 1 to 10 decimal digits; MessageError otherwise."""
+    if not _DECIMAL.fullmatch(field):
+        raise MessageError(f"a field must be a decimal number; got {field!r}.")
+    return int(field)
+
+
+def parse_message(text: str) -> Message:
+    """Read the text of an intact line.
+
+    Raises
+    ------
+    MessageError
+        Another kind of line, or a field of another form.
+
+    Examples
+    --------
+    >>> parse_message("H1234ABCD,000F4240,0000,u").mode
+    <Mode.UNCONFIGURED: 'u'>
+    """
+    kind, fields = text[:1], text[1:].split(",")
+    if kind == "S":
+        return read_scan(fields)
+    if kind == "H":
+        return _heartbeat(fields)
+    if kind == "E":
+        return _stream_end(fields)
+    if kind == "<":
+        return _reply(fields)
+    raise MessageError(f"a line must begin with S, H, E or <; got {kind!r}.")
+
+
+def read_scan(fields: Sequence[str]) -> ScanMessage:
+    """Read the fields of a scan; MessageError where one has another form."""
+    if len(fields) < 5:
+        raise MessageError(f"a scan must have at least 5 fields; got {len(fields)}.")
+    sequence, time, configuration, boot, *words = fields
+    return ScanMessage(
+        sequence=hexadecimal(sequence, 8),
+        time=hexadecimal(time, 8),
+        configuration=hexadecimal(configuration, 4),
+        boot=hexadecimal(boot, 8),
+        samples=tuple(_sample(word) for word in words),
+    )
+
+
+def _sample(word: str) -> RawSample:
+    if word[:1] == "!":
+        return RawSample(msb=0, lsb=0, status=0, fault=_sample_fault(hexadecimal(word[1:], 1)))
+    match = _WORDS.fullmatch(word)
+    if not match:
+        raise MessageError(f"a word must be 8 hexadecimal digits, with a status or not, or a fault; got {word!r}.")
+    msb, lsb, status = match.groups()
+    return RawSample(msb=int(msb, 16), lsb=int(lsb, 16), status=_GOOD_STATUS if status is None else int(status, 16))
+
+
+def _sample_fault(number: int) -> SampleFault:
+    if number == 0 or number > max(SampleFault):
+        raise MessageError(f"a fault must be 1 to {max(SampleFault):d}; got {number}.")
+    return SampleFault(number)
+
+
+def _heartbeat(fields: Sequence[str]) -> Heartbeat:
+    boot, time, configuration, mode = _exactly(4, fields)
+    if mode not in {member.value for member in Mode}:
+        raise MessageError(f"a mode must be u, i or s; got {mode!r}.")
+    return Heartbeat(hexadecimal(boot, 8), hexadecimal(time, 8), hexadecimal(configuration, 4), Mode(mode))
+
+
+def _stream_end(fields: Sequence[str]) -> StreamEnd:
+    code, configuration, boot, text = _exactly(4, fields)
+    number = hexadecimal(code, 1)
+    if not 1 <= number <= max(StreamEndReason):
+        raise MessageError(f"the reason of an end must be 1 to {max(StreamEndReason):d}; got {number}.")
+    return StreamEnd(StreamEndReason(number), hexadecimal(configuration, 4), hexadecimal(boot, 8), text)
+
+
+def _reply(fields: Sequence[str]) -> Answer | Refusal:
+    if len(fields) < 2:
+        raise MessageError(f"a reply must have at least 2 fields; got {len(fields)}.")
+    command, verdict, *rest = fields
+    number = hexadecimal(command, 2)
+    if verdict == "OK":
+        return Answer(number, tuple(rest))
+    if verdict == "ERR":
+        code, text = _exactly(2, rest)
+        return Refusal(number, hexadecimal(code, 1), text)
+    raise MessageError(f"a reply must say OK or ERR; got {verdict!r}.")
+
+
+def _exactly(count: int, fields: Sequence[str]) -> Sequence[str]:
+    if len(fields) != count:
+        raise MessageError(f"the line must have {count} fields; got {len(fields)}.")
+    return fields

@@ -1,0 +1,645 @@
+"""Exchange with circuit and field solvers.
+
+Who checks whom:
+
+==================  =====================================================================================
+SPICE subcircuit    ngspice against `active_coil`; against nodal analysis with capacitors; text against the matrix
+FastHenry input     our reader: geometry, inductance and resistance again; units by hand; FastHenry where installed
+FastHenry Zc.mat    a file in its printf formats, typed by hand
+Touchstone          scikit-rf's reader against Z; one port against (Z − R)/(Z + R)
+==================  =====================================================================================
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+from importlib.util import find_spec
+
+import numpy as np
+import pytest
+import xarray as xr
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from coilarray import (
+    Conductor,
+    GeometryError,
+    active_coil,
+    couple,
+    couple_design,
+    coupling_matrix,
+    dc_resistance,
+    inductance_matrix,
+    load_design,
+)
+from coilarray.circuit.exchange import (
+    export_network,
+    fasthenry_input,
+    plain_names,
+    read_fasthenry_input,
+    read_zc_matrix,
+    spice_subcircuit,
+    touchstone,
+)
+from coilarray.circuit.network import Network, solve_state
+from coilarray.design.scan_states import ScanState, Switches
+from coilarray.errors import MissingDependencyError, OutputError
+
+needs_ngspice = pytest.mark.skipif(not shutil.which("ngspice"), reason="ngspice is not installed (Debian: ngspice)")
+needs_fasthenry = pytest.mark.skipif(
+    not shutil.which("fasthenry"), reason="no fasthenry on PATH (neither Debian nor PyPI has it)"
+)
+needs_skrf = pytest.mark.skipif(not find_spec("skrf"), reason="scikit-rf is not installed (extra rf)")
+
+SQUARE = np.array([[0, 0, 0], [1e-2, 0, 0], [1e-2, 1e-2, 0], [0, 1e-2, 0], [0, 1e-4, 0]])
+
+
+def random_matrix(n, seed, spread=0.15):
+    """Inductances of about 50 µH with couplings of random sign: positive definite by construction."""
+    rng = np.random.default_rng(seed)
+    factor = np.eye(n) + spread * rng.standard_normal((n, n))
+    return 50e-6 * factor @ factor.T
+
+
+def letters(n):
+    return [chr(ord("A") + k) for k in range(n)]
+
+
+@pytest.fixture(scope="module")
+def board():
+    """The six coils of the paper as coupled: identical shapes, so small couplings beside large ones."""
+    return couple_design(load_design("gast2020"))
+
+
+# names
+
+
+def test_plain_names():
+    assert plain_names(["µ 1", "ä-1", "é.1", "x"]) == ("__1", "__1_2", "__1_3", "x")
+    assert plain_names(["a_2", "a", "A"]) == ("a_2", "a", "A_3")  # A_2 is taken by a_2
+    assert max(map(len, plain_names(["x" * 500, "x" * 400]))) == 62
+
+
+@given(st.lists(st.text(min_size=1, max_size=5).filter(str.strip), min_size=1, max_size=8, unique=True))
+def test_plain_names_are_distinct(names):
+    plain = plain_names(names)
+    assert len({name.lower() for name in plain}) == len(names)
+    assert all(re.fullmatch(r"\w+", name, re.ASCII) for name in plain)
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        ([], "names must be one or more; got 0"),
+        (["a", " "], "every coil needs a name; got an empty one"),
+        (["a", "b", "a"], "names must be all different; got 'a' more than once"),
+    ],
+)
+def test_bad_names(names, message):
+    with pytest.raises(ValueError, match=message):
+        plain_names(names)
+
+
+# SPICE
+
+
+def elements(text):
+    return {line.split()[0]: line.split()[1:] for line in text.splitlines() if line[0] in "LRCK"}
+
+
+@settings(max_examples=25)
+@given(st.integers(1, 7), st.integers(0, 10**6))
+def test_subcircuit_holds_the_whole_matrix(n, seed):
+    L = random_matrix(n, seed)
+    parts = elements(spice_subcircuit(letters(n), L, 3.0))
+    assert sum(name[0] == "K" for name in parts) == n * (n - 1) // 2
+    own = {name: float(words[-1]) for name, words in parts.items() if name[0] == "L"}
+    assert list(own.values()) == np.diag(L).tolist()  # 17 digits are all of a double
+    again = np.diag(np.diag(L))
+    for first, second, k in (words for name, words in parts.items() if name[0] == "K"):
+        i, j = list(own).index(first), list(own).index(second)
+        again[i, j] = again[j, i] = float(k) * np.sqrt(own[first] * own[second])
+    assert np.abs(again - L).max() <= 1e-15 * L.max()  # a division and a root, rounded
+    assert np.linalg.eigvalsh(again).min() > 0
+
+
+def test_subcircuit_leaves_out_zero_elements():
+    parts = elements(spice_subcircuit(["A", "B"], random_matrix(2, 1), [0, 2], capacitance=[3e-12, 0], title="a board"))
+    assert sorted(parts) == ["CA", "K1_2", "LA", "LB", "RB"]
+    text = spice_subcircuit(["A", "B"], random_matrix(2, 1), 1.0, title="six\ncoils")
+    assert text.startswith("* six coils: 2 coils")
+    assert ".subckt six_coils A_1" in text
+
+
+def ngspice(tmp_path, subcircuit, names, active, terminations, short_resistance, frequencies):
+    """Impedance of the active coil of a subcircuit in ngspice, which solves the small-signal circuit itself.
+
+    Every coil has its second pin at ground; the active one is driven with 1 A, so that its voltage is Z.
+    """
+    (tmp_path / "array.cir").write_text(subcircuit, encoding="utf-8")
+    plain = plain_names(names)
+    pins = " ".join(f"p{k} 0" for k in range(len(plain)))
+    shorts = [
+        f"Rs{k} p{k} 0 {short_resistance!r}" if short_resistance else f"Vs{k} p{k} 0 0"
+        for k, state in enumerate(terminations)
+        if state == "short" and k != active
+    ]
+    name = re.search(r"\.subckt (\S+)", subcircuit)[1]
+    runs = [f"ac lin 1 {f!r} {f!r}\nwrdata z{k}.txt v(p{active})" for k, f in enumerate(frequencies)]
+    bench = ["* bench", ".include array.cir", f"X1 {pins} {name}", f"I1 0 p{active} dc 0 ac 1", *shorts]
+    control = [".control", "set numdgt=16", *runs, ".endc", ".end", ""]
+    (tmp_path / "bench.cir").write_text("\n".join(bench + control), encoding="utf-8")
+    command = ["ngspice", "-b", "bench.cir"]
+    run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False)
+    log = run.stdout + run.stderr
+    assert not re.search("error|singular", log, re.IGNORECASE), log
+    rows = [np.loadtxt(tmp_path / f"z{k}.txt") for k in range(len(frequencies))]
+    assert [row[0] for row in rows] == pytest.approx(frequencies, rel=1e-14)
+    return np.array([complex(row[1], row[2]) for row in rows])
+
+
+FREQUENCIES = [1e4, 3e5, 2e6, 5e7]
+
+
+def same_impedance(Z, expected):
+    """Compare resistance and reactance each by itself.
+
+    The issue asks 1e-6. Both solve in double precision, and the worst case is the resistance of a coil of Q 1e3 beside
+    couplings of condition 1e3: 1e-16 × 1e6. So 1e-9 holds with room, and sees every digit of K down to the tenth.
+    """
+    np.testing.assert_allclose(np.real(Z), np.real(expected), rtol=1e-9)
+    np.testing.assert_allclose(np.imag(Z), np.imag(expected), rtol=1e-9)
+
+
+@needs_ngspice
+@pytest.mark.parametrize("short_resistance", [5.0, 0.0])
+@pytest.mark.parametrize(
+    ("n", "spread", "states"),
+    [
+        (1, 0.15, ["open"]),
+        (2, 0.9, ["short", "open"]),  # a coupling of 0.9976
+        (3, 0.9, ["short", "open", "short"]),  # up to 0.91
+        (6, 0.3, ["short", "short", "open", "short", "open", "short"]),
+    ],
+)
+def test_ngspice_agrees_with_active_coil(tmp_path, n, spread, states, short_resistance):
+    L, R, names = random_matrix(n, 5, spread), np.linspace(2, 12, n), [f"coil {k}" for k in range(n)]
+    active = n - 1
+    Z = ngspice(tmp_path, spice_subcircuit(names, L, R), names, active, states, short_resistance, FREQUENCIES)
+    expected = [active_coil(L, R, active, f, states, short_resistance).impedance for f in FREQUENCIES]
+    same_impedance(Z, expected)
+
+
+@needs_ngspice
+@pytest.mark.parametrize("state", [
+    ScanState("one", (("A", 1),)),
+    ScanState("series", (("A", 1), ("B", -1)), others="open"),
+    ScanState("parallel", (("C", 1), ("A", 1)), "parallel", others="ground one end"),
+    ScanState("loaded", (("B", 1),), others="load", exceptions={"C": "open"}, load_resistance=33.0),
+], ids=lambda state: state.name)  # fmt: skip
+def test_ngspice_agrees_with_the_network(tmp_path, state):
+    """The switches wired by hand around the subcircuit: the whole of `solve_state`, strays included."""
+    names, L, R, C = ("A", "B", "C"), random_matrix(3, 5, 0.4), np.array([8.0, 9.0, 11.0]), np.array([1e-11, 2e-11, 0])
+    switches = Switches(2.5, 1e-12, 42e-12, 65e-12, 20e-9)
+    circuit = Network(names, L, lambda f: np.diag(R), C, np.zeros((3, 3)), switches)
+    (tmp_path / "array.cir").write_text(spice_subcircuit(names, L, R, capacitance=C), encoding="utf-8")
+    passive = {"ground": ("0", "0"), "ground one end": ("0", ""), "open": ("", ""), "load": ("", "")}
+    nets = {name: passive[state.exceptions.get(name, state.others)] for name in names}
+    for k, (name, sense) in enumerate(state.measured):
+        last = len(state.measured) - 1
+        first = "A" if k == 0 or state.connection == "parallel" else f"link{k}"
+        second = "B" if k == last or state.connection == "parallel" else f"link{k + 1}"
+        nets[name] = (first, second)[::sense]
+    lines = ["* bench", ".include array.cir", ".options rshunt=1e15"]  # a path for direct current to every node
+    lines.append("X1 " + " ".join(f"{name}_{end}" for name in names for end in (1, 2)) + " coilarray")
+    for name, ends in nets.items():
+        for end, closed in enumerate(ends, start=1):
+            pin = f"{name}_{end}"
+            if closed:
+                lines.append(f"R{pin} {pin} {closed} 2.5")
+            lines += [f"C{pin}{net} {pin} {net} 1e-12" for net in ("A", "B", "0") if net != closed]
+            lines.append(f"Ct{pin} {pin} 0 42e-12")
+        loaded = state.exceptions.get(name, state.others) == "load" and name not in dict(state.measured)
+        lines += [f"Rl{name} {name}_1 {name}_2 33"] * loaded
+    for side in "AB":
+        lines += [f"Cb{side} {side} 0 65e-12", f"Ll{side} conv{side} {side} 20e-9"]
+    lines += ["I1 convB convA dc 0 ac 1", ".control", "set numdgt=16"]
+    for k, f in enumerate(FREQUENCIES):
+        lines += [f"ac lin 1 {f!r} {f!r}", f"wrdata z{k}.txt v(convA)-v(convB)"]
+    (tmp_path / "bench.cir").write_text("\n".join([*lines, ".endc", ".end", ""]), encoding="utf-8")
+    command = ["ngspice", "-b", "bench.cir"]
+    run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False)
+    log = run.stdout + run.stderr
+    assert not re.search("error|singular", log, re.IGNORECASE), log
+    for k, f in enumerate(FREQUENCIES):
+        _, real, imag = np.loadtxt(tmp_path / f"z{k}.txt")
+        expected = solve_state(circuit, state, f).impedance
+        # the issue asks 1e-6; rshunt is worth 1e-9 of a resistance of 1 MΩ at a resonance
+        assert complex(real, imag) == pytest.approx(expected, rel=1e-8)
+
+
+@needs_ngspice
+def test_ngspice_on_the_board_of_the_paper(tmp_path, board):
+    export_network(board, tmp_path / "board.cir")
+    text = (tmp_path / "board.cir").read_text(encoding="utf-8")
+    names, L, R = board.coil.values.tolist(), board.inductance.values, board.resistance.values
+    for active, states in ((0, ["short"] * 6), (2, ["short"] * 6), (3, ["open"] * 6)):
+        Z = ngspice(tmp_path, text, names, active, states, 5.0, FREQUENCIES)
+        expected = [active_coil(L, R, active, f, states, 5.0).impedance for f in FREQUENCIES]
+        same_impedance(Z, expected)
+
+
+@needs_ngspice
+def test_ngspice_without_resistance(tmp_path):
+    L = [[50e-6, -3e-6], [-3e-6, 40e-6]]
+    Z = ngspice(tmp_path, spice_subcircuit(["A", "B"], L, 0.0), ["A", "B"], 0, ["short"] * 2, 5.0, FREQUENCIES)
+    omega = 2 * np.pi * np.array(FREQUENCIES)
+    expected = 1j * omega * 50e-6 + (omega * 3e-6) ** 2 / (5 + 1j * omega * 40e-6)  # reflected impedance
+    same_impedance(Z, expected)
+
+
+@needs_ngspice
+@pytest.mark.parametrize("states", [["short"] * 3, ["open"] * 3, ["open", "short", "open"]])
+def test_ngspice_with_capacitance(tmp_path, states):
+    L, R, C, names = random_matrix(3, 5, 0.3), np.array([3.0, 4, 5]), np.array([5e-12, 8e-12, 0]), letters(3)
+    Z = ngspice(tmp_path, spice_subcircuit(names, L, R, capacitance=C), names, 0, states, 7.0, FREQUENCIES)
+    expected = []
+    for f in FREQUENCIES:  # nodal analysis: admittances of the coils, of their capacitors and of the shorts
+        omega = 2 * np.pi * f
+        shorts = [1 / 7.0 if state == "short" and k else 0 for k, state in enumerate(states)]
+        Y = np.linalg.inv(np.diag(R) + 1j * omega * L) + np.diag(1j * omega * C + shorts)
+        expected.append(np.linalg.inv(Y)[0, 0])
+    # the frequencies lie on both sides of the self-resonance at 10 MHz, far from its peak
+    same_impedance(Z, expected)
+
+
+def test_not_positive_definite():
+    # every pair alone can exist, the three cannot: eigenvalues 1 − 1.8, 1.9, 1.9
+    k = np.array([[1, 0.9, -0.9], [0.9, 1, 0.9], [-0.9, 0.9, 1]])
+    with pytest.raises(
+        ValueError, match=r"smallest of the 3 eigenvalues of its coupling coefficients is -0\.8, mostly"
+    ):
+        spice_subcircuit(["A", "B", "C"], 5e-5 * k, 1.0)
+    with pytest.raises(ValueError, match="must be positive definite"):  # k = 1: the limit is refused too
+        spice_subcircuit(["A", "B"], [[1e-6, 2e-6], [2e-6, 4e-6]], 1.0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((["A"], np.eye(2), 1.0), "names must be 2; got 1"),
+        ((["A", "A"], np.eye(2), 1.0), "all different"),
+        ((["A", "B"], np.ones((2, 3)), 1.0), "must be square"),
+        ((["A", "B"], [[1, np.nan], [np.nan, 1]], 1.0), "must be finite"),
+        ((["A", "B"], [[1, 0.1], [0.2, 1]], 1.0), r"symmetric; between coils 1 and 2 it has 0\.1 H and 0\.2 H"),
+        ((["A", "B"], np.eye(2), [1.0, 2, 3]), "one number or 2"),
+        ((["A", "B"], np.eye(2), -1.0), "not negative"),
+    ],
+)
+def test_bad_subcircuits(arguments, message):
+    with pytest.raises(ValueError, match=message) as caught:
+        spice_subcircuit(*arguments)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("capacitance", "message"),
+    [([1e-12], r"one number or 2; got shape \(1,\)"), (-1e-12, "not negative"), ([1e-12, np.nan], "finite")],
+)
+def test_bad_capacitances(capacitance, message):
+    with pytest.raises(ValueError, match=message):
+        spice_subcircuit(["A", "B"], np.eye(2), 1.0, capacitance=capacitance)
+
+
+# FastHenry input
+
+
+def same_paths(read, written):
+    assert [path.name for path in read] == list(plain_names([path.name for path in written]))
+    for a, b in zip(read, written, strict=True):
+        assert a.vertices.shape == b.vertices.shape
+        # 17 digits and one scaling by 1000: rounding of 1e-16 × 0.1 m, far inside the 1e-9 m that a board needs
+        np.testing.assert_allclose(a.vertices, b.vertices, rtol=0, atol=1e-15)
+        np.testing.assert_allclose(a.widths, b.widths, rtol=1e-14)
+        np.testing.assert_allclose(a.thicknesses, b.thicknesses, rtol=1e-14)
+        np.testing.assert_allclose(a.areas, b.areas, rtol=1e-14)
+
+
+@pytest.mark.parametrize("name", ["gast2020", "starter"])
+def test_fasthenry_round_trip(name):
+    conductors = load_design(name).array.conductors()
+    text = fasthenry_input(conductors, np.geomspace(1e5, 1e7, 5), title=name)
+    assert text.startswith(f"* {name}\n.units mm\n")
+    again = read_fasthenry_input(text)
+    same_paths(again, conductors)
+    L = inductance_matrix(conductors)
+    # vertices that differ by 1e-17 m (asked: 1e-9 m) change L by as little; measured 2e-15
+    np.testing.assert_allclose(inductance_matrix(again), L, rtol=0, atol=1e-9 * L.max())
+    np.testing.assert_allclose(dc_resistance(again), dc_resistance(conductors), rtol=1e-13)  # the barrels' areas too
+
+
+def test_fasthenry_vias_and_filaments():
+    path = Conductor(
+        [[0, 0, 0], [1e-3, 0, 0], [1e-3, 0, 1e-3]], [1e-4, 2e-4], [3e-5, 2e-4], [3e-9, 1e-8], name="coil 1"
+    )
+    text = fasthenry_input(path, 2e6, resistivity=2e-8, filaments_across=(5, 3))
+    lines = text.splitlines()
+    assert lines[2] == ".default rho=2.0000000000000002e-05 nwinc=5 nhinc=3"  # Ω·mm
+    via = next(line for line in lines if line.startswith("E1_2 "))
+    assert " wx=1 wy=0 wz=0 " in via
+    # ρ w h/A = 2e-8 · 4e-8/1e-8 Ω·m
+    assert float(via.split("rho=")[1]) == pytest.approx(8e-5, rel=1e-14)
+    assert "rho" not in next(line for line in lines if line.startswith("E1_1 "))
+    assert lines[-3:-1] == [".external N1_1 N1_3 coil_1", ".freq fmin=2000000 fmax=2000000 ndec=1"]
+    same_paths(read_fasthenry_input(text), [path])
+
+
+@pytest.mark.parametrize(
+    ("frequencies", "message"),
+    [
+        ([], "at least one frequency"),
+        ([[1e5, 1e6]], r"as one row; got shape \(1, 2\)"),
+        ([1e5, np.nan], "positive and finite"),
+        ([0, 1e5], "positive and finite"),
+        ([1e5, 2e5, 3e5], "rise by one factor"),
+        ([1e6, 1e5], "rise by one factor"),
+        ([1e6, 1.0005e6], r"one factor above 1\.001"),
+    ],
+)
+def test_bad_sweeps(frequencies, message):
+    with pytest.raises(ValueError, match=message):
+        fasthenry_input(Conductor(SQUARE, 1e-4, 3e-5), frequencies)
+
+
+def test_sweep_is_the_one_of_fasthenry():
+    f = np.geomspace(1e4, 3e7, 23)
+    line = fasthenry_input(Conductor(SQUARE, 1e-4, 3e-5), f).splitlines()[-2]
+    low, high, density = (float(word.split("=")[1]) for word in line.split()[1:])
+    swept = []  # FastHenry's loop
+    while not swept or 10 ** (np.log10(low) + len(swept) / density) <= 1.001 * high:
+        swept.append(10 ** (np.log10(low) + len(swept) / density))
+    np.testing.assert_allclose(swept, f, rtol=1e-13)  # logarithms and powers, rounded
+
+
+def test_bad_fasthenry_arguments():
+    loop = Conductor(SQUARE, 1e-4, 3e-5, name="loop")
+    with pytest.raises(ValueError, match="resistivity must be positive and finite; got 0"):
+        fasthenry_input(loop, 1e6, resistivity=0)
+    with pytest.raises(ValueError, match="two positive integers; got \\(0, 1\\)"):
+        fasthenry_input(loop, 1e6, filaments_across=(0, 1))
+    with pytest.raises(ValueError, match="all different; got 'loop'"):
+        fasthenry_input([loop, loop], 1e6)
+    with pytest.raises(GeometryError, match="path 1 has segments without a cross-section"):
+        fasthenry_input([SQUARE], 1e6)
+
+
+FOREIGN = """A file by hand
+* two wires; inches, continuations, spaces, capitals, a segment against the current
+.Units in
+.Default z = 1 sigma=1.4732e6 w=0.1
+NA x=0 y=0
+nb X = 2
++ y=0
+Nc x=2 y=1
+N1 x=0 y=0 z=0
+N2 x=0 y=0 z=1
+E1 NA NB h=0.01
+E2 nc nb h=0.02 w=0.2
+Evia n1 n2 w=.05 h=.05 wx=-2 wy=0 wz=0 sigma=0.7366e6
+.External na nc
+.external N1 N2 Via
+.freq fmin=1e4 fmax=1e6 ndec=0.5
+.end
+nonsense after the end
+"""
+
+
+def test_foreign_fasthenry_file():
+    wire, via = read_fasthenry_input(FOREIGN)
+    assert (wire.name, via.name) == ("na to nc", "Via")
+    inch = 0.0254
+    np.testing.assert_allclose(wire.vertices, inch * np.array([[0, 0, 1], [2, 0, 1], [2, 1, 1]]), rtol=1e-15)
+    np.testing.assert_allclose(wire.widths, [0.1 * inch, 0.2 * inch], rtol=1e-15)
+    np.testing.assert_allclose(wire.thicknesses, [0.01 * inch, 0.02 * inch], rtol=1e-15)
+    np.testing.assert_allclose(wire.areas, wire.widths * wire.thicknesses, rtol=1e-15)
+    np.testing.assert_allclose(via.areas, (0.05 * inch) ** 2 / 2, rtol=1e-15)  # half the conductivity
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (".Units in", ".units furlong", "line 3: units must be one of km, m"),
+        ("NA x=0 y=0", "NA x=0", "line 5: node NA has no y"),
+        ("Nc x=2", "Na x=2", "line 8: node Na again"),
+        ("Nc x=2", "Nc x=two", "line 8: cannot read 'x=two'"),
+        ("Nc x=2", "Nc x=1e999", "line 8: numbers must be finite"),
+        ("Nc x=2", "Nc u=1 x=2", "line 8: cannot read 'u'"),
+        ("E1 NA NB", "E1 NA ND", "line 11: a segment needs two nodes given before it; got 'E1 NA ND'"),
+        ("E1 NA NB h=0.01", "E1 NA NB", "line 11: segment E1 needs a positive w and h"),
+        ("wx=-2", "wx=0 wy=0 wz=0", "line 13: the width of segment Evia must lie in the x-y plane"),
+        ("wx=-2 wy=0", "wx=-2 wy=1", "line 13: the width of segment Evia must lie in the x-y plane"),
+        ("sigma=0.7366e6", "rho=-1", "line 13: a resistivity must be positive"),
+        (".External na nc", ".external na", "line 14: a port needs two nodes"),
+        (".External na nc", ".external na n2", "line 14: a port needs one unbranched path from na to n2"),
+        (".External na nc", "* no port", "line 11: the segment is on the path of no port"),
+        ("E2 nc nb", "E3 na nb h=1\nE2 nc nb", "2 segments go on from na"),
+        (".External na nc\n.external N1 N2 Via", "", "at least one .external port; got none"),
+        ("Evia n1", "G1 n1", "line 13: 'G1' is not known"),
+        (".freq", ".equiv na nb\n.freq", "line 16: '.equiv' is not known"),
+    ],
+)
+def test_bad_fasthenry_files(old, new, message):
+    assert old in FOREIGN
+    with pytest.raises(ValueError, match=re.escape(message)) as caught:
+        read_fasthenry_input(FOREIGN.replace(old, new))
+    assert "\n" not in str(caught.value)
+
+
+def test_nothing_to_continue():
+    with pytest.raises(ValueError, match="line 2: nothing to continue"):
+        read_fasthenry_input("title\n+ x=1\n")
+
+
+# FastHenry output
+
+ZC = """Row 2:  n2_1  to  n2_5, port name: upper
+Row 1:  n1_1  to  n1_5
+Impedance matrix for frequency = 100000 2 x 2
+       0.00123     +0.0236j   -1.5e-07     +0.0111j\x20
+      -1.5e-07     +0.0111j       0.002    -1.2e-05j\x20
+Impedance matrix for frequency = 1e+06 2 x 2
+       0.00456      +0.236j    2.5e-07      +0.111j\x20
+       2.5e-07      +0.111j       0.003     +1e+02j\x20
+"""  # formats "%13.6lg %+13.6lgj " and "%lg" of FastHenry 3.0, ports in its falling order
+
+
+def test_zc_matrix():
+    f, names, Z = read_zc_matrix(ZC)
+    assert f.tolist() == [1e5, 1e6]
+    assert names == ("n1_1 to n1_5", "upper")
+    assert Z.tolist() == [
+        [[0.00123 + 0.0236j, -1.5e-7 + 0.0111j], [-1.5e-7 + 0.0111j, 0.002 - 1.2e-5j]],
+        [[0.00456 + 0.236j, 2.5e-7 + 0.111j], [2.5e-7 + 0.111j, 0.003 + 100j]],
+    ]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (ZC, "", "0 rows an impedance matrix are due; got []"),
+        (ZC, "Row 1:  a  to  b\n", "1 rows an impedance matrix are due; got []"),
+        ("Row 2", "Row 3", "line 3: 2 named rows do not fit a matrix of 2 x 2"),
+        ("100000 2 x 2", "100000 3 x 3", "line 3: 2 named rows do not fit a matrix of 3 x 3"),
+        ("Impedance matrix for frequency = 100000", "ADMITTANCE matrix for frequency = 1", "line 3: an admittance"),
+        ("+0.236j", "+nanj", "line 7: 2 rows of 2 impedances are due"),
+        ("+0.236j    2.5e-07      +0.111j", "+0.236j", "line 7: 2 rows of 2 impedances are due"),
+        (
+            "       2.5e-07      +0.111j       0.003     +1e+02j \n",
+            "",
+            "2 rows an impedance matrix are due; got [2, 1]",
+        ),
+        ("Row 2", "Column 2", "line 1: not a line of FastHenry's Zc.mat"),
+    ],
+)
+def test_bad_zc_matrix(old, new, message):
+    assert old in ZC
+    with pytest.raises(ValueError, match=re.escape(message)) as caught:
+        read_zc_matrix(ZC.replace(old, new))
+    assert "\n" not in str(caught.value)
+
+
+@needs_fasthenry
+def test_fasthenry_itself(tmp_path):
+    loops = [Conductor(SQUARE + np.array([0, 0, z]), 1.5e-4, 35e-6, name=f"loop{k}") for k, z in enumerate((0, 1e-3))]
+    (tmp_path / "loops.inp").write_text(fasthenry_input(loops, [1e3, 1e4]), encoding="utf-8")
+    command = ["fasthenry", "-sludecomp", "-mdirect", "loops.inp"]
+    subprocess.run(command, cwd=tmp_path, capture_output=True, timeout=120, check=True)
+    f, names, Z = read_zc_matrix((tmp_path / "Zc.mat").read_text(encoding="ascii"))
+    assert f.tolist() == [1e3, 1e4]
+    assert names == ("loop0", "loop1")
+    L = inductance_matrix(loops)
+    # six digits of |Z|, of which ωL is 1/20 at 10 kHz: 2e-5; and FastHenry's filaments for bars at right angles
+    np.testing.assert_allclose(Z[1].imag / (2 * np.pi * f[1]), L, rtol=0, atol=1e-3 * L.max())
+    np.testing.assert_allclose(np.diag(Z[0].real), dc_resistance(loops), rtol=1e-4)  # six digits, reflected loss less
+
+
+# Touchstone
+
+
+def impedances(n, frequencies, seed=2):
+    omega = 2 * np.pi * np.asarray(frequencies)[:, None, None]
+    return np.diag(np.linspace(2, 12, n)) + 1j * omega * random_matrix(n, seed)
+
+
+@needs_skrf
+@pytest.mark.parametrize("n", [1, 2, 3, 6])
+def test_touchstone_round_trip(tmp_path, n):
+    import skrf
+
+    f = np.geomspace(1e5, 1e8, 11)
+    Z = impedances(n, f)
+    path = tmp_path / f"array.s{n}p"
+    touchstone([f"coil {k}" for k in range(n)], Z, f, path)
+    network = skrf.Network(str(path))
+    assert network.nports == n
+    np.testing.assert_allclose(network.f, f, rtol=1e-15)
+    # |Z|/R₀ is 600 at 100 MHz, so 2e-16 × 600 (see the Notes of touchstone): 1e-13; asked: 1e-9
+    for read, written in zip(network.z, Z, strict=True):
+        assert np.abs(read - written).max() <= 1e-9 * np.abs(written).max()
+    assert [line for line in path.read_text(encoding="utf-8").splitlines() if "Port[" in line] == [
+        f"! Port[{k + 1}] = coil_{k}" for k in range(n)
+    ]
+    assert [entry.name for entry in tmp_path.iterdir()] == [path.name]  # no temporary file is left
+
+
+@needs_skrf
+@pytest.mark.parametrize("reference", [50.0, 600.0])
+def test_touchstone_of_one_port(tmp_path, reference):
+    path = tmp_path / "coil.S1P"
+    touchstone(["A"], [[[3 + 600j]]], [2e6], path, reference_resistance=reference)
+    lines = path.read_text(encoding="utf-8").splitlines()
+    assert f"# Hz S RI R {reference} " in lines
+    f, real, imag = map(float, lines[-1].split())
+    S = (3 + 600j - reference) / (3 + 600j + reference)
+    assert f == 2e6
+    assert complex(real, imag) == pytest.approx(S, rel=1e-14)  # one division, rounded
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"frequencies": []}, "at least one frequency"),
+        ({"frequencies": 1e6}, "at least one frequency"),
+        ({"frequencies": [1e6, 1e6]}, "rise from one to the next"),
+        ({"frequencies": [-1, 1e6]}, "rise from one to the next"),
+        ({"frequencies": [1e6]}, r"shape \(1, n, n\), a matrix a frequency; got \(2, 2, 2\)"),
+        ({"impedance": np.ones((2, 2, 3))}, "must have shape"),
+        ({"impedance": np.full((2, 2, 2), np.nan)}, "impedances must be finite"),
+        ({"names": ["A"]}, "names must be 2; got 1"),
+        ({"names": ["A", "A"]}, "all different"),
+        ({"reference_resistance": 0.0}, "positive and finite; got 0.0 Ω"),
+    ],
+)
+def test_bad_touchstone(tmp_path, changes, message):
+    path = tmp_path / "array.s2p"
+    good = {"names": ["A", "B"], "impedance": impedances(2, [1e6, 2e6]), "frequencies": [1e6, 2e6], "path": path}
+    with pytest.raises(ValueError, match=message) as caught:
+        touchstone(**(good | changes))
+    assert "\n" not in str(caught.value)
+    assert not path.exists()
+
+
+@needs_skrf
+def test_touchstone_that_cannot_be_written(tmp_path):
+    with pytest.raises(OutputError, match="cannot write"):
+        touchstone(["A"], [[[1j]]], [1e6], tmp_path / "nowhere" / "coil.s1p")
+
+
+def test_touchstone_without_scikit_rf(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "skrf", None)
+    with pytest.raises(MissingDependencyError, match=r'need scikit-rf, .* pip install "coilarray\[rf\]"') as caught:
+        touchstone(["A"], [[[1j]]], [1e6], tmp_path / "coil.s1p")
+    assert "\n" not in str(caught.value)
+    assert not list(tmp_path.iterdir())
+
+
+# by suffix
+
+
+@needs_skrf
+def test_export_touchstone(tmp_path, board):
+    import skrf
+
+    export_network(board, tmp_path / "board.s6p")
+    network = skrf.Network(str(tmp_path / "board.s6p"))
+    assert len(network.f) == 201
+    resonances = board.frequency.values
+    assert network.f[[0, -1]] == pytest.approx([resonances.min() / 10, 10 * resonances.max()], rel=1e-14)
+    export_network(board, tmp_path / "board.s6p", [1e6, 2e6])
+    Z = skrf.Network(str(tmp_path / "board.s6p")).z
+    L, R = board.inductance.values, board.resistance.values
+    expected = np.diag(R) + 2j * np.pi * np.array([1e6, 2e6])[:, None, None] * L
+    assert np.abs(Z - expected).max() <= 1e-9 * np.abs(expected).max()  # as in test_touchstone_round_trip
+
+
+def test_export_spice(tmp_path, board):
+    export_network(board, tmp_path / "board.SUB")
+    text = (tmp_path / "board.SUB").read_text(encoding="utf-8")
+    assert text.startswith(f"* {board.attrs['design']}: 6 coils")
+    k = coupling_matrix(board.inductance.values)
+    assert float(elements(text)["K1_2"][-1]) == pytest.approx(k[0, 1], rel=1e-15)
+
+
+def test_bad_exports(tmp_path):
+    result = couple(["A", "B"], random_matrix(2, 1), 1.0, 120e-12)
+    for name in ("net.txt", "net", "net.s2"):
+        with pytest.raises(OutputError, match=r"written as \.cir, \.sub or \.s2p; got net"):
+            export_network(result, tmp_path / name)
+    with pytest.raises(OutputError, match=r"of 2 ports must end in \.s2p; got net\.s3p"):
+        export_network(result, tmp_path / "net.s3p")
+    with pytest.raises(ValueError, match="a coupling result is needed"):
+        export_network(xr.Dataset(), tmp_path / "net.cir")
+    assert not list(tmp_path.iterdir())

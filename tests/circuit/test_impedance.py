@@ -1,0 +1,166 @@
+"""The circuit of a design: its parts put together, against the parts alone and against limits."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from coilarray import active_coil, couple_design, dc_resistance, load_design, parse_design
+from coilarray.circuit.impedance import close_channels, scan_design, sweep_design
+from coilarray.design.bundled import read
+from coilarray.electromagnetics.ac_resistance import resistance_matrix
+from coilarray.electromagnetics.capacitance import coil_capacitance, self_resonance
+
+STARTER = read("starter")
+
+
+@pytest.fixture(scope="module")
+def design():
+    return load_design("starter")
+
+
+@pytest.fixture(scope="module")
+def scan(design):
+    return scan_design(design)
+
+
+def test_low_frequency_is_the_direct_current_network(design):
+    sweep = sweep_design(design, [500.0, 1000.0])
+    L = couple_design(design).inductance.values
+    R = dc_resistance(design.array)
+    capacitance = scan_design(design).winding_capacitance
+    for k in range(3):
+        expected = active_coil(L, R, k, 1000.0, short_resistance=design.circuit.short_resistance)
+        # the measured coil's own two switches; at 1 kHz capacitance and eddy currents are worth 1e-6
+        assert float(sweep.impedance_real[1, k]) == pytest.approx(
+            expected.effective_resistance + design.circuit.short_resistance, rel=1e-5
+        )
+        # a capacitance across a resistance takes R² C from L: Im 1/(1/(R + jωL) + jωC) = ω (L − R² C) to first order
+        taken = R[k] ** 2 * float(capacitance[k])
+        assert float(sweep.apparent_inductance[1, k]) == pytest.approx(expected.effective_inductance - taken, rel=3e-6)
+
+
+def test_capacitance_raises_the_apparent_inductance(design, scan):
+    coupling = couple_design(design)
+    assert (scan.effective_inductance.values > coupling.effective_inductance.values).all()
+    # L/(1 − ω² L C) with the coil's own capacitance and what its neighbours add, at most the mutual capacitance
+    omega = 2 * np.pi * scan.frequency.values
+    L = coupling.effective_inductance.values
+    C = scan.winding_capacitance.values
+    between = -scan.capacitance.values.copy()
+    np.fill_diagonal(between, 0)
+    least = L / (1 - omega**2 * L * C)
+    most = L / (1 - omega**2 * L * (C + between.sum(axis=1)))
+    assert (scan.effective_inductance.values > 0.999 * least).all()
+    assert (scan.effective_inductance.values < 1.001 * most).all()
+
+
+def test_resonance_belongs_to_tank_and_coil(design, scan):
+    # a lossy coil in parallel to the tank: the phase vanishes at ω² = 1/LC · (1 − 1/Q²) to first order in 1/Q²
+    L, Q = scan.effective_inductance.values, scan.quality_factor.values
+    omega = 2 * np.pi * scan.frequency.values
+    C = design.circuit.capacitance
+    np.testing.assert_allclose(omega**2 * L * C, 1 - 1 / Q**2, atol=3 / Q.min() ** 4)
+    # all is stored in tank and coil: Q of the resonator is R_p √(C/L) to first order, with L without the winding's C
+    own = np.diag(couple_design(design).inductance)
+    stored = scan.parallel_resistance * np.sqrt((C + scan.winding_capacitance.values) / own)
+    np.testing.assert_allclose(scan.loaded_quality_factor, stored, rtol=0.02)
+    assert (scan.loaded_quality_factor.values > Q).all()
+    # R_p = (1 + Q²) R
+    np.testing.assert_allclose(scan.parallel_resistance, (1 + Q**2) * scan.effective_resistance, rtol=1e-6)
+
+
+def test_parts_are_those_of_the_modules(design, scan):
+    C = coil_capacitance(design.array, design.sheets, relative_permittivity=design.circuit.elastomer_permittivity)
+    np.testing.assert_allclose(scan.winding_capacitance, C.coil_capacitance, rtol=1e-12)
+    L = couple_design(design).inductance.values
+    np.testing.assert_allclose(scan.self_resonance, self_resonance(np.diag(L), C.coil_capacitance.values), rtol=1e-9)
+    R = resistance_matrix(design.array, scan.attrs["ac_resistance_frequency_Hz"]).resistance.values[0]
+    # interpolated between nine frequencies over a tenth
+    np.testing.assert_allclose(scan.ac_resistance, np.diag(R), rtol=1e-4)
+    assert (scan.resistance_ratio > 1).all()
+    assert (scan.winding_capacitance > scan.bare_winding_capacitance).all()
+    assert (scan.elastomer_delta > 0).all()
+    assert (scan.dent_delta_bound > 0).all()
+    for name, variable in scan.data_vars.items():
+        assert "units" in variable.attrs or name == "resistance_model"
+
+
+def test_the_board_is_its_own_mirror_image(scan):
+    # the outer coils stand alike, but that one's lead is on its neighbour's side: 1e-3
+    assert float(scan.frequency[0]) == pytest.approx(float(scan.frequency[2]), rel=1e-3)
+
+
+def test_states_of_several_coils():
+    text = (
+        STARTER
+        + """
+[[scan]]
+name = "series"
+measure = ["coil1", "coil2"]
+others = "open"
+[[scan]]
+name = "against"
+measure = ["coil1", "-coil2"]
+others = "open"
+"""
+    )
+    design = parse_design(text)
+    sweep = sweep_design(design, [1000.0])
+    L = couple_design(design).inductance.values
+    expected = L[0, 0] + L[1, 1] + 2 * np.array([1, -1]) * L[0, 1]
+    # R² C of the windings is 2e-5 of L at any low frequency
+    np.testing.assert_allclose(sweep.apparent_inductance[0], expected, rtol=4e-5)
+    scan = scan_design(design)
+    # the couplings are negative: against each other there is more inductance, and a lower frequency
+    assert float(scan.frequency[1]) < float(scan.frequency[0])
+    np.testing.assert_allclose(scan.current_real[:, 1], [1, -1], atol=0.02)
+
+
+def test_scan_states_follow_the_terminations():
+    terminations = 'default_termination = "short"\nterminations = { coil3 = "open" }'
+    text = STARTER.replace('default_termination = "short"', terminations)
+    implicit = scan_design(parse_design(text + '\n[[scan]]\nname = "s"\nmeasure = ["coil1"]\n'))
+    explicit = scan_design(
+        parse_design(STARTER + '\n[[scan]]\nname = "s"\nmeasure = ["coil1"]\nexceptions = { coil3 = "open" }\n')
+    )
+    assert float(implicit.frequency[0]) == float(explicit.frequency[0])
+    grounded = scan_design(parse_design(text + '\n[[scan]]\nname = "s"\nmeasure = ["coil1"]\nothers = "ground"\n'))
+    assert float(grounded.frequency[0]) > float(implicit.frequency[0])
+
+
+def test_open_neighbours_with_stray_capacitance_take_part():
+    grounded = scan_design(load_design("starter"))
+    text = STARTER.replace('default_termination = "short"', 'default_termination = "open"')
+    opened = scan_design(parse_design(text))
+    stray = scan_design(parse_design(text.replace("terminal_capacitance_pF = 0 ", "terminal_capacitance_pF = 42 ")))
+    assert (opened.frequency < grounded.frequency).all()
+    assert (stray.frequency < opened.frequency).all()
+
+
+def test_permittivity_is_a_parameter():
+    text = STARTER.replace("elastomer_permittivity = 3.0", "elastomer_permittivity = 1.0")
+    air = scan_design(parse_design(text))
+    np.testing.assert_allclose(air.winding_capacitance, air.bare_winding_capacitance, rtol=1e-12)
+    np.testing.assert_allclose(air.elastomer_delta, 0, atol=1e-15)
+
+
+def test_progress(design):
+    seen = []
+    scan_design(design, lambda done, total: seen.append((done, total)))
+    assert seen[-1][0] == seen[-1][1]
+    seen.clear()
+    sweep_design(design, [1e5, 2e5, 3e5], lambda done, total: seen.append((done, total)))
+    assert seen == [(1, 3), (2, 3), (3, 3)]
+
+
+def test_close_channels():
+    found = close_channels(["a", "b", "c"], [1.0e6, 1.029e6, 1.031e6])
+    assert [(a, b) for a, b, _ in found] == [("b", "c"), ("a", "b")]
+    assert close_channels(["a"], [1e6]) == []
+
+
+@pytest.mark.parametrize("frequencies", [[], [0.0], [-1.0], [1e6, 1e6], [2e6, 1e6], [np.nan], [[1e6]]])
+def test_bad_frequencies(design, frequencies):
+    with pytest.raises(ValueError, match="frequencies must be positive, finite and rising"):
+        sweep_design(design, frequencies)

@@ -1,0 +1,264 @@
+"""The circuit behind the switches, against `coilarray.circuit.active_coil` and against closed forms for two coils."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from coilarray import active_coil, resonance
+from coilarray.circuit.network import Network, loaded_quality, resonate, self_resonance_of, solve_state
+from coilarray.design.scan_states import ScanState, Switches, paper_plan
+from coilarray.errors import NetworkError
+
+L2 = np.array([[50e-6, -3e-6], [-3e-6, 40e-6]])
+F = 1.9e6
+OMEGA = 2 * np.pi * F
+
+
+def network(L, R=0.0, C=0.0, mutual=0.0, **switches):
+    n = len(L)
+    resistance = np.diag(np.broadcast_to(np.asarray(R, dtype=float), (n,)))
+    names = tuple("abcdefgh"[:n])
+    between = np.full((n, n), float(mutual))
+    return Network(names, np.asarray(L), lambda f: resistance, np.full(n, float(C)), between, Switches(**switches))
+
+
+def measure(*coils, connection="series", **others):
+    chosen = tuple((name.lstrip("-"), -1 if name.startswith("-") else 1) for name in coils)
+    return ScanState("+".join(coils), chosen, connection, **others)
+
+
+def random_matrix(n, seed):
+    rng = np.random.default_rng(seed)
+    factor = np.eye(n) + 0.15 * rng.standard_normal((n, n))
+    return 50e-6 * factor @ factor.T
+
+
+@settings(max_examples=30)
+@given(st.integers(1, 6), st.integers(0, 10**6), st.floats(0, 40), st.floats(0, 20))
+def test_the_paper_plan_is_the_reduction_of_the_matrix(n, seed, resistance, on):
+    """Nodal analysis against the direct formula: two independent ways to the same impedance."""
+    L = random_matrix(n, seed)
+    state = paper_plan("abcdef"[:n])[0]
+    result = solve_state(network(L, resistance, on_resistance=on), state, F)
+    # both ends of a grounded coil go through a switch; so do both ends of the measured one
+    expected = active_coil(L, resistance, 0, F, short_resistance=2 * on)
+    assert result.impedance == pytest.approx(expected.impedance + 2 * on, rel=1e-11)
+    np.testing.assert_allclose(result.currents, expected.currents, rtol=0, atol=1e-11)
+
+
+def test_series_and_parallel():
+    M = L2[0, 1]
+    circuit = network(L2)
+    for coils, connection, expected in (
+        (("a", "b"), "series", L2[0, 0] + L2[1, 1] + 2 * M),
+        (("a", "-b"), "series", L2[0, 0] + L2[1, 1] - 2 * M),
+        (("a", "b"), "parallel", (L2[0, 0] * L2[1, 1] - M**2) / (L2[0, 0] + L2[1, 1] - 2 * M)),
+        (("a", "-b"), "parallel", (L2[0, 0] * L2[1, 1] - M**2) / (L2[0, 0] + L2[1, 1] + 2 * M)),
+    ):
+        result = solve_state(circuit, measure(*coils, connection=connection), F)
+        assert result.effective_inductance == pytest.approx(expected, rel=1e-12)
+    # the sense of one coil alone changes nothing
+    assert solve_state(circuit, measure("-a", others="open"), F).effective_inductance == pytest.approx(50e-6, rel=1e-12)
+
+
+def test_series_coils_pass_through_every_switch():
+    result = solve_state(network(L2, 10.0, on_resistance=2.5), measure("a", "b"), F)
+    assert result.effective_resistance == pytest.approx(20 + 4 * 2.5, rel=1e-12)
+
+
+def test_open_and_one_end():
+    circuit = network(L2, 10.0)
+    for others in ("open", "ground one end", "ground other end"):
+        result = solve_state(circuit, measure("a", others=others), F)
+        assert result.effective_inductance == pytest.approx(50e-6, rel=1e-12)
+        assert abs(result.currents[1]) < 1e-12
+
+
+def test_load():
+    result = solve_state(network(L2, 10.0), measure("a", others="load", load_resistance=33.0), F)
+    Z = 10 + 1j * OMEGA * 50e-6 + (OMEGA * 3e-6) ** 2 / (10 + 33 + 1j * OMEGA * 40e-6)
+    assert result.impedance == pytest.approx(Z, rel=1e-12)
+
+
+def test_an_open_coil_with_capacitance_is_not_passive():
+    C = 100e-12
+    result = solve_state(network(L2, 0.0, C=C), measure("a", others="open"), F)
+    # the measured coil has the capacitance as well, in parallel
+    neighbour = 1j * OMEGA * 40e-6 + 1 / (1j * OMEGA * C)
+    Z = 1j * OMEGA * 50e-6 + (OMEGA * 3e-6) ** 2 / neighbour
+    Z = 1 / (1 / Z + 1j * OMEGA * C)
+    assert result.impedance == pytest.approx(Z, rel=1e-11)
+    # below its own resonance it raises the inductance, above it lowers it, as a short does
+    own = 1 / (2 * np.pi * math.sqrt(40e-6 * C))
+    for f, sign in ((0.8 * own, 1), (1.25 * own, -1)):
+        z = solve_state(network(L2, 0.0, C=C), measure("a", others="open"), f).impedance
+        bare = 1 / (1 / z - 2j * np.pi * f * C)
+        assert np.sign(bare.imag / (2 * np.pi * f) - 50e-6) == sign
+
+
+def test_off_capacitance_hangs_on_open_terminals():
+    off = 13e-12
+    result = solve_state(network(L2[:1, :1], 0.0, off_capacitance=off), measure("a"), F)
+    # terminal 1 sits on A: open switches to B and ground; terminal 2 on B: open to A and ground.
+    # Across the coil: two of them, and the two to ground in series
+    C = 2 * off + off / 2
+    assert result.impedance == pytest.approx(1 / (1 / (1j * OMEGA * 50e-6) + 1j * OMEGA * C), rel=1e-12)
+
+
+def test_capacitance_to_a_grounded_neighbour():
+    C = 9e-12
+    L = np.diag([50e-6, 40e-6])
+    result = solve_state(network(L, 0.0, mutual=C), measure("a", exceptions={"b": "ground"}), F)
+    # the coil floats: its mean is at the neighbour's potential and only d²/12 is left, C/12
+    Z = 1 / (1 / (1j * OMEGA * 50e-6) + 1j * OMEGA * C / 12)
+    assert result.impedance == pytest.approx(Z, rel=1e-9)
+    # both neighbours' ends open: it takes the mean as well; the energy is the same
+    free = solve_state(network(L, 0.0, mutual=C), measure("a", others="open"), 1e3)
+    assert free.effective_inductance == pytest.approx(50e-6, rel=1e-6)
+
+
+def test_bus_and_leads():
+    result = solve_state(network(L2[:1, :1], 0.0, bus_capacitance=50e-12, lead_inductance=20e-9), measure("a"), F)
+    Z = 1 / (1 / (1j * OMEGA * 50e-6) + 1j * OMEGA * 25e-12) + 2j * OMEGA * 20e-9
+    assert result.impedance == pytest.approx(Z, rel=1e-12)
+
+
+def test_resonance_where_the_susceptance_vanishes():
+    result = resonate(network(L2, 12.0), measure("a"))
+    assert abs(result.admittance.imag) < 1e-9 * OMEGA * 120e-12
+    # for a series R the phase is zero at ω² = 1/LC − R²/L²
+    state = active_coil(L2, 12.0, 0, result.frequency)
+    L, R = state.effective_inductance, state.effective_resistance
+    expected = math.sqrt(1 / (L * 120e-12) - (R / L) ** 2) / (2 * math.pi)
+    assert result.frequency == pytest.approx(expected, rel=1e-9)
+    # without loss it is that of coilarray.resonance
+    lossless = resonate(network(L2), measure("a"))
+    assert lossless.frequency == pytest.approx(resonance(L2, 0.0, 0, 120e-12).frequency, rel=1e-9)
+    assert lossless.quality_factor == math.inf
+    # R_p = L/(R C) at resonance
+    assert result.parallel_resistance == pytest.approx(L / (R * 120e-12), rel=1e-9)
+
+
+def test_tank_at_the_coil():
+    # with ideal switches it does not matter where the tank stands while all others are grounded
+    at_converter = resonate(network(L2, 12.0), measure("a"))
+    at_coil = resonate(network(L2, 12.0, tank_at="coil"), measure("a"))
+    assert at_coil.frequency == pytest.approx(at_converter.frequency, rel=1e-9)
+    assert at_coil.effective_inductance == pytest.approx(at_converter.effective_inductance, rel=1e-9)
+    # switch resistance is inside the tank at the converter and outside at the coil
+    near = resonate(network(L2, 12.0, on_resistance=5.0), measure("a"))
+    far = resonate(network(L2, 12.0, on_resistance=5.0, tank_at="coil"), measure("a"))
+    assert near.parallel_resistance < 0.7 * far.parallel_resistance
+    # an open neighbour with a tank of its own takes part
+    free = resonate(network(L2, 12.0, tank_at="coil"), measure("a", others="open"))
+    assert free.effective_inductance != pytest.approx(50e-6, rel=1e-3)
+
+
+STRAYS = {
+    "on_resistance": 3.0, "off_capacitance": 1e-12, "terminal_capacitance": 42e-12, "bus_capacitance": 65e-12,
+    "lead_inductance": 20e-9,
+}  # fmt: skip
+
+
+def test_passivity():
+    circuit = network(random_matrix(4, 1), 8.0, C=10e-12, mutual=5e-12, **STRAYS)
+    for state in (measure("a"), measure("b", "-c"), measure("a", "d", connection="parallel", others="open")):
+        for f in np.geomspace(1e3, 1e8, 60):
+            assert solve_state(circuit, state, f).impedance.real > 0
+
+
+def test_mutual_capacitance_with_one_end_of_the_neighbour_grounded():
+    # uncoupled coils; the measured one has its first end on A and the second on B, both joined to ground by the bus
+    C, bus = 9e-12, 1e-6
+    L = np.diag([50e-6, 40e-6])
+    circuit = network(L, 0.0, mutual=C, bus_capacitance=bus)
+    result = solve_state(circuit, measure("a", others="ground"), F)
+    # a huge bus capacitance across the coil, and C/12 that it hides: take it off
+    Z = 1 / (1 / result.impedance - 1j * OMEGA * bus / 2)
+    assert (1 / Z).imag + 1 / (OMEGA * 50e-6) == pytest.approx(OMEGA * C / 12, rel=1e-4)
+    # the energy of any four voltages, by the stamp's own capacitors: C/2 ((m_i − m_j)² + (d_i² + d_j²)/12)
+    v = np.array([0.7, -0.2, 1.3, 0.4])
+    stamp = sum(C / 4 * (v[i] - v[j]) ** 2 / 2 for i in (0, 1) for j in (2, 3))
+    stamp -= C / 6 * ((v[0] - v[1]) ** 2 + (v[2] - v[3]) ** 2) / 2
+    s = np.linspace(0, 1, 201)
+    first, second = v[0] + (v[1] - v[0]) * s, v[2] + (v[3] - v[2]) * s
+    weights = np.ones(201)
+    weights[1:-1:2], weights[2:-1:2] = 4, 2  # Simpson, exact for squares
+    weights /= weights.sum()
+    energy = C / 2 * (weights[:, None] * weights * (first[:, None] - second) ** 2).sum()
+    assert stamp == pytest.approx(energy, rel=1e-12)
+
+
+def test_loaded_quality():
+    # tank and coil alone: ω L/R of the coil to first order; the slope gives R_p √(C/L) (1 − 1/Q²)^½
+    plain = network(L2[:1, :1], 12.0)
+    result = resonate(plain, measure("a"))
+    assert loaded_quality(plain, result) == pytest.approx(result.quality_factor, rel=2 / result.quality_factor**2)
+    assert loaded_quality(network(L2), resonate(network(L2), measure("a"))) == math.inf
+    # strays store too: more Q than the coil with its strays taken for an inductance
+    circuit = network(L2[:1, :1], 12.0, **STRAYS)
+    result = resonate(circuit, measure("a"))
+    stored = result.parallel_resistance * math.sqrt((120e-12 + (65e-12 + 42e-12) / 2) / 50e-6)
+    assert loaded_quality(circuit, result) == pytest.approx(stored, rel=0.03)
+    assert loaded_quality(circuit, result) > 1.2 * result.quality_factor
+
+
+def test_self_resonance_of_a_state():
+    C = 20e-12
+    circuit = network(L2, 5.0, C=C)
+    series = measure("a", "b", others="open")
+    found = self_resonance_of(circuit, resonate(circuit, series))
+    # two coils in series, a capacitance across each: the lowest mode of (L − 1/(ω² C)) i = 0 at the port
+    omega2 = np.linalg.eigvals(np.linalg.inv(L2 * C)).real
+    assert found == pytest.approx(math.sqrt(omega2.min()) / (2 * math.pi), rel=0.05)
+    bare = network(L2, 5.0)
+    assert self_resonance_of(bare, resonate(bare, measure("a"))) == math.inf
+
+
+def test_resonances_far_from_the_bare_coil():
+    heavy = resonate(network(L2, 12.0, bus_capacitance=1e-9), measure("a"))
+    # a lossy coil in parallel to the tank: ω² = (1 − 1/Q²)/LC with the coil's Q, to second order
+    Q = heavy.quality_factor
+    expected = math.sqrt((1 - 1 / Q**2) / (heavy.effective_inductance * 120e-12)) / (2 * math.pi)
+    assert heavy.frequency == pytest.approx(expected, rel=2 / Q**4)
+    # a tank on each of two coils in series: half the capacitance across twice the inductance and more
+    pair = resonate(network(L2, 12.0, tank_at="coil"), measure("a", "b"))
+    one = resonate(network(L2, 12.0, tank_at="coil"), measure("a", others="open"))
+    assert pair.frequency == pytest.approx(one.frequency, rel=0.15)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: solve_state(network(L2), measure("x"), F), "names the coil 'x'; there are a, b"),
+        (lambda: solve_state(network(L2), measure(), F), "measures no coil"),
+        (lambda: solve_state(network(L2), measure("a", "a"), F), "measures a coil twice"),
+        (lambda: solve_state(network(L2), measure("a", exceptions={"a": "open"}), F), "a and also makes it open"),
+        (lambda: solve_state(network(L2), measure("a", exceptions={"q": "open"}), F), "names the coil 'q'"),
+        (lambda: solve_state(network(L2), measure("a", others="loose"), F), "got 'loose'"),
+        (lambda: solve_state(network(L2), measure("a", connection="ring"), F), "in series or parallel; got 'ring'"),
+        (lambda: solve_state(network(L2), ScanState("s", (("a", 2),)), F), "the sense 1 or -1"),
+        (lambda: solve_state(network(L2), measure("a", load_resistance=-1.0), F), "load_resistance of state a must be"),
+        (lambda: solve_state(network(L2), measure("a"), 0.0), "frequency must be positive"),
+        (lambda: network(np.array([[1, 2], [2, 1]])), "must be positive definite"),
+        (lambda: network(np.array([[np.nan]])), "must be finite"),
+        (lambda: network(L2, on_resistance=-1), "on_resistance must be finite and not negative"),
+        (lambda: network(L2, tank_capacitance=0), "tank_capacitance must be positive"),
+        (lambda: network(L2, tank_at="moon"), "tank_at must be 'converter' or 'coil'; got 'moon'"),
+        (lambda: network(L2, mutual=-1e-12), "a mutual capacitance matrix"),
+        (lambda: network(L2, C=-1e-12), "winding capacitances, finite and not negative"),
+        (
+            lambda: Network(("a",), L2, lambda f: L2, np.zeros(1), np.zeros((1, 1)), Switches()),
+            "1 coils need an inductance matrix",
+        ),
+        (lambda: resonate(network(L2, 1e6), measure("a")), "state a has no resonance between"),
+    ],
+)  # fmt: skip
+def test_bad_networks_are_refused_by_name(call, message):
+    with pytest.raises(NetworkError, match=message):
+        call()

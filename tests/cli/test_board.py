@@ -1,0 +1,155 @@
+"""``coilarray board``: who answers, which ports there are, the self-test of a board with and without a fault."""
+
+from __future__ import annotations
+
+import json
+import sys
+
+import pytest
+from support.command_line import runner
+
+from coilarray.cli import board as command
+from coilarray.hardware.board import connect as boards
+from coilarray.hardware.wire import ports
+
+run, refused = runner("board")
+
+
+@pytest.fixture(autouse=True, scope="module")
+def kept_circuit(tmp_path_factory):
+    """The circuit of the emulated coils takes seconds: computed once for all tests here."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("COILARRAY_CACHE", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
+@pytest.fixture(autouse=True)
+def known_ports(monkeypatch):
+    monkeypatch.setattr(ports, "linux_buses", lambda: ("i2c:1", "spi:0.0"))
+    monkeypatch.setattr(ports, "ft232h_adapters", tuple)
+    monkeypatch.setattr(ports, "_serial_ports", lambda: ("/dev/ttyACM0 1366:0105 usb:000591234567 (J-Link)",))
+
+
+@pytest.fixture
+def broken(monkeypatch):
+    """Let the emulator open with something done to it."""
+
+    def breaking(action):
+        make = boards._emulator
+
+        def made(*arguments):
+            emulator = make(*arguments)
+            action(emulator)
+            return emulator
+
+        monkeypatch.setattr(boards, "_emulator", made)
+
+    return breaking
+
+
+def test_it_says_who_answers_and_what_ports_there_are(capsys):
+    code, out, err = run(capsys)
+    assert (code, err) == (0, "")
+    lines = out.splitlines()
+    assert all(line.startswith("[emulator] ") for line in lines)
+    assert lines[:3] == [
+        "[emulator] serial ports: /dev/ttyACM0 1366:0105 usb:000591234567 (J-Link)",
+        "[emulator] buses of this computer: i2c:1, spi:0.0",
+        "[emulator] adapters: none",
+    ]
+    assert lines[3].startswith("[emulator] emulator: emulator; LDC1614 (5449/3055); wiring six_coils; session ")
+    assert len(lines) == 4
+
+
+def test_the_same_as_json(capsys):
+    code, out, err = run(capsys, "--json", "--wiring", "six_coils_4")
+    assert (code, err) == (0, "")
+    told = json.loads(out)
+    assert (told["emulated"], told["port"], told["wiring"]) == (True, "emulator", "six_coils_4")
+    assert (told["identity"]["manufacturer"], told["identity"]["device"]) == (0x5449, 0x3055)
+    assert told["ports"]["linux"] == ["i2c:1", "spi:0.0"]
+    assert set(told["assumed"]) == {"wiring", "ADG739.bits"}
+    assert (told["drives"], told["self_test"]) == (None, None)
+
+
+def test_the_emulator_has_the_coils_of_any_design(capsys):
+    code, out, err = run(capsys, "starter", "--json")  # three coils
+    assert (code, err) == (0, "")
+    told = json.loads(out)
+    assert (told["wiring"], told["chain"]) == ("one_device_a_coil", None)
+    code, _, err = run(capsys, "starter", "--wiring", "six_coils")
+    assert code == 2
+    assert "the wiring has the coil 'coil4', the design starter only coil1, coil2, coil3" in err
+
+
+def test_a_good_board_passes_its_self_test(capsys):
+    code, out, err = run(capsys, "--self-test", "--find-drives")
+    assert (code, err) == (0, "")
+    assert all(line.startswith("[emulator] ") for line in out.splitlines())
+    assert "self-test passed: the board is as its wiring says, as far as can be seen" in out
+    assert "--drive coil1=9 --drive coil2=9" in out  # 59 µA into the 22 kΩ of these coils: 1.65 V
+    rows = {line.split()[1]: line.split()[2:] for line in out.splitlines() if line.startswith("[emulator] coil")}
+    assert float(rows["coil1"][0]) == pytest.approx(1.7747, abs=1e-4)  # coilarray impedance: 1.7747 MHz
+    assert rows["coil1"][2] == "coil2"
+
+
+def test_a_switch_that_is_stuck_is_named_and_the_exit_code_is_2(capsys, broken):
+    broken(lambda emulator: emulator.chain.stick(*emulator.chain.find(2, 0, "INA"), "open"))
+    code, out, err = run(capsys, "--self-test")
+    assert code == 2
+    assert "[emulator]   coil3 does not oscillate with all others grounded" in out
+    assert "[emulator] each of these alone explains it:" in out
+    assert "[emulator]   U3.S2A (coil3.a to INA) stays open" in out
+    assert err == (
+        "coilarray: error: the self-test of emulator has failed: coil3 does not oscillate with all others grounded.\n"
+    )
+
+
+def test_the_findings_are_in_the_json_too(capsys, broken):
+    broken(lambda emulator: emulator.chain.stick(*emulator.chain.find(2, 0, "ground"), "closed"))
+    code, out, _ = run(capsys, "--self-test", "--json")
+    assert code == 2
+    told = json.loads(out)["self_test"]
+    assert not told["passed"]
+    assert told["findings"] == ["U3.S1A (coil3.a to ground) stays closed"]
+    assert told["coils"][2]["frequency"] is None
+
+
+def test_a_converter_that_does_not_answer_is_told(capsys, broken):
+    broken(lambda emulator: emulator.bus.refuse(10**6))
+    code, out, err = run(capsys)
+    assert (code, err) == (0, "")
+    assert "no converter answers" in out
+    code, out, err = run(capsys, "--self-test")
+    assert (code, out) == (2, "")
+    assert err.startswith("coilarray: error: the converter did not acknowledge")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--port", "nowhere"), "port 'nowhere' cannot be: it must be emulator, a serial port"),
+        (("--port", "/dev/ttyACM99"), "port /dev/ttyACM99 does not exist."),
+        (("--port", "i2c:1:0x50"), "the address of the converter must be 0x2a or 0x2b"),
+        (("--port", "i2c:99"), "there is no /dev/i2c-99"),
+        (("--wiring", "seven_coils"), "there is no wiring file seven_coils"),
+        (("--drive", "32", "--self-test"), "--drive must be 0 to 31"),
+        (("--emulate", "seed=1", "--port", "/dev/ttyACM99"), "--emulate is for the emulator"),
+        (("--external-clock", "--self-test"), "--external-clock needs --clock-MHz"),
+    ],
+)
+def test_wrong_arguments_are_one_line(capsys, arguments, message):
+    assert message in refused(capsys, *arguments)
+
+
+def test_a_missing_library_is_one_line_that_names_the_extra(capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "serial", None)
+    line = refused(capsys, "--port", "COM5")
+    assert "microcontroller boards need pyserial, which" in line
+
+
+def test_nothing_of_a_long_list_is_lost():
+    lines = command._listed("title", tuple(f"line {k}" for k in range(9)))
+    assert lines[0] == "title"
+    assert lines[-1] == "  … and 3 more (--json)"
+    assert len(lines) == 8

@@ -1,0 +1,177 @@
+"""``coilarray import``: boards become designs that every other command takes; each mistake is one line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.board_text import array_text, board, pads, path, segment, square_spiral, via
+from support.boards import FOUR_LAYERS, LEADS, VIA
+from support.command_line import runner
+
+from coilarray import load_design
+from coilarray.cli.main import main
+from coilarray.electromagnetics.inductance import inductance_matrix
+from coilarray.geometry import CoilArray, Placement, Spiral, spiral_coil
+
+run, refused = runner("import")
+
+SPIRAL = square_spiral()
+
+
+@pytest.fixture(autouse=True)
+def _in_a_folder_of_its_own(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
+def write(tmp_path):
+    def _write(text, name="b.kicad_pcb"):
+        (tmp_path / name).write_text(text, encoding="utf-8")
+        return name
+
+    return _write
+
+
+def small_array():
+    coil = spiral_coil(Spiral(6, 4e-3, 5, 0.15e-3, 0.15e-3), 2, VIA, LEADS)
+    pairs = (("L1", "L2"), ("L3", "L4"))
+    placements = (Placement(f"c{k + 1}", coil, pairs[k], 8e-3 * k, 0.0) for k in range(2))
+    return CoilArray(FOUR_LAYERS, tuple(placements))
+
+
+def test_a_board_becomes_a_design_with_the_same_matrix(capsys, write):
+    array = small_array()
+    code, out, err = run(capsys, write(array_text(array)), "--out", "back.toml")
+    assert (code, err) == (0, "")
+    assert out.splitlines()[-1] == "wrote back.toml; next: coilarray check back.toml"
+    rows = [line.split() for line in out.splitlines() if line.startswith("c")]
+    assert rows[1][:6] == ["coil", "net", "shape", "layers", "turns", "length"]
+    assert [row[:5] for row in rows[2:]] == [["c1", "c1", "shape1", "L1", "L2"], ["c2", "c2", "shape1", "L3", "L4"]]
+    design = load_design("back.toml")
+    assert design.name == "b"
+    assert design.source == "imported from b.kicad_pcb"
+    # 0.5 nm of rounding over gaps of 0.15 mm
+    L, before = (inductance_matrix(each.conductors()) for each in (design.array, array))
+    np.testing.assert_allclose(L, before, rtol=1e-6)
+    for command in (("check",), ("matrix", "--allow-violations"), ("impedance", "--allow-violations")):
+        assert main([command[0], "back.toml", *command[1:]]) == 0
+
+
+def test_json_says_what_was_found_and_what_was_left_out(capsys, write):
+    text = board(
+        path(*SPIRAL[:6], width="0.3"),
+        path(*SPIRAL[5:], width="0.2"),
+        pads(SPIRAL[0], SPIRAL[-1]),
+        path((20, 0), (30, 0), (30, 5), net="2"),
+        nets=("/coil A", "GND"),
+    ).replace('(net 1 "A")', '(net 1 "/coil A")')
+    code, out, _ = run(capsys, write(text), "--json")
+    found = json.loads(out)
+    assert code == 0
+    assert (found["board"], found["design"]) == ("b.kicad_pcb", "design.toml")
+    (coil,) = found["coils"]
+    assert (coil["name"], coil["net"], coil["shape"], coil["layers"], coil["vias"]) == (
+        "coil_A", "/coil A", "shape1", ["F.Cu"], 0
+    )  # fmt: skip
+    assert coil["trace_widths_m"] == [0.2e-3, 0.3e-3]
+    assert coil["turns"] == pytest.approx(3, abs=0.1)
+    assert set(found["left_out"]) == {"GND"}
+    assert set(found["assumed"]) >= {"stackup.copper_thickness_um", "board.margin_mm", "coils.*.via.plating_um"}
+    assert load_design("design.toml").array.placements[0].coil.widths[0].min() == 0.2e-3
+
+
+def test_what_is_left_out_and_noted_is_printed(capsys, write):
+    text = board(path(*SPIRAL), via(*SPIRAL[3]), path((20, 0), (30, 0), net="2"), version=20260101)
+    code, out, _ = run(capsys, write(text))
+    assert code == 0
+    assert "nets with tracks that are no coils\n  B: it makes 0.00 turns" in out
+    assert "assumed: stackup.dielectric_epsilon_r: the board file does not say; FR-4, 4.5\n" in out
+    assert "note: The board has KiCad's format 20260101" in out
+    assert "note: A: 1 of the holes on the path join none" in out
+
+
+def test_copper_without_a_net_has_none_in_the_table(capsys, write):
+    text = board(path(*SPIRAL, net="0"))
+    code, out, _ = run(capsys, write(text))
+    assert code == 0
+    assert ["coil1", "–", "shape1"] in [line.split()[:3] for line in out.splitlines()]
+    assert "note: coil1: the current enters at (-5, 5) mm on F.Cu, where its first track is" in out
+    assert "note: Board files have no fab rules and the design has no [fab]" in out
+    _, out, _ = run(capsys, "b.kicad_pcb", "--json", "--force")
+    assert json.loads(out)["coils"][0]["net"] is None
+    assert "no [fab]" in json.loads(out)["notes"][-1]
+
+
+def test_folders_that_cannot_be_searched_are_named(capsys, write, monkeypatch):
+    file = write(board(path(*SPIRAL)))
+    found = Path.stat
+
+    def refuse(path, **options):
+        if "closed" in path.parts:
+            raise PermissionError(13, "Permission denied", str(path))
+        return found(path, **options)
+
+    monkeypatch.setattr(Path, "stat", refuse)
+    assert "closed/b.kicad_pcb: cannot be read: Permission denied" in refused(capsys, "closed/b.kicad_pcb")
+    assert "closed/d.toml" in refused(capsys, file, "--out", "closed/d.toml")
+
+
+def test_only_the_wanted_nets(capsys, write):
+    text = board(path(*SPIRAL), path((20, 0), (30, 0), net="2"))
+    code, _, _ = run(capsys, write(text), "--nets", " B , A", "--out", "d.toml")
+    assert code == 0
+    assert load_design("d.toml").array.names == ("B", "A")
+
+
+def test_a_stackup_from_a_design(capsys, write):
+    file = write(array_text(small_array()))
+    assert run(capsys, file, "--stackup", "gast2020")[0] == 0
+    assert load_design("design.toml").array.stackup == load_design("gast2020").array.stackup
+    message = refused(capsys, file, "--stackup", "gast_fem", "--force")
+    assert "the board has 4 copper layers and the given stack-up 2" in message
+
+
+def test_a_file_that_exists_is_only_replaced_when_told(capsys, write, tmp_path):
+    file = write(board(path(*SPIRAL)))
+    design = tmp_path / "design.toml"
+    design.write_text("precious")
+    assert "design.toml exists; --force replaces it" in refused(capsys, file)
+    assert design.read_text() == "precious"
+    assert run(capsys, file, "--force")[0] == 0
+    assert load_design("design.toml").array.names == ("A",)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["none.kicad_pcb"], "none.kicad_pcb: there is no such file or folder"),
+        (["b.kicad_pcb", "--nets", "C"], "b.kicad_pcb: there is no net 'C'; the board has A, B."),
+        (["b.kicad_pcb", "--nets", " , "], "b.kicad_pcb: --nets must name at least one net; got ' , '"),
+        (["b.kicad_pcb", "--nets", "B"], "net B must have two ends; 3 ways meet at (25, 0) mm"),
+        (["b.kicad_pcb", "--stackup", "none.toml"], "there is no design file none.toml"),
+        (["b.kicad_pcb", "--out", "."], "--out must end in .toml; got ."),
+        (["b.kicad_pcb", "--out", "no/such/folder.toml"], "cannot write no/such/folder.toml"),
+        (["b.kicad_pcb/x.kicad_pcb"], "b.kicad_pcb/x.kicad_pcb: there is no such file or folder"),
+        (["b.txt"], "b.txt: a board must be a .kicad_pcb file, or Gerber files in a .zip or a folder"),
+        (["cut.kicad_pcb"], "cut.kicad_pcb:9: the file ends inside"),
+        (
+            ["empty.kicad_pcb"],
+            "empty.kicad_pcb: no net is one path from end to end with a whole turn; it has no tracks",
+        ),
+        (["far.kicad_pcb"], "must lie within 10000 mm; got 200095, 95"),
+        ([], "Missing argument 'BOARD'"),
+    ],
+)
+def test_mistakes_are_one_line_and_leave_no_file(capsys, write, tmp_path, arguments, message):
+    text = board(path(*SPIRAL), segment((20, 0), (30, 0), net="2"), segment((25, 0), (25, 5), net="2"))
+    write(text)
+    write(text, "b.txt")
+    write("\n".join(text.splitlines()[:9]), "cut.kicad_pcb")
+    write(board(), "empty.kicad_pcb")
+    write(board(path(*((x + 2e5, y) for x, y in SPIRAL))), "far.kicad_pcb")
+    before = sorted(tmp_path.iterdir())
+    assert message in refused(capsys, *arguments)
+    assert sorted(tmp_path.iterdir()) == before

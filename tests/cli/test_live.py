@@ -1,0 +1,443 @@
+"""The command ``live`` against the emulator, recordings, broken boards, a terminal, and a reader that goes away."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import pty
+import select
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tomli_w
+from support.command_line import runner
+from support.patience import PATIENCE, until
+from support.quick_recordings import campaign_file, stream_file
+from support.recorded_boards import WIRING_TEXT, configured, quick_board, two_coils
+
+from coilarray import load_design
+from coilarray.cli import live as live_command
+from coilarray.cli.board_options import BoardOptions, opened_board
+from coilarray.compute.netcdf import save_dataset
+from coilarray.hardware.emulator import VirtualClock
+from coilarray.hardware.record.campaign import Campaign
+from coilarray.hardware.wire import buses
+from coilarray.hardware.wire.faults import DeviceLost
+from coilarray.response.map import response_map
+
+run, refused = runner("live")
+
+FINGER = [(0.0, 0.0, 0.0, 0.0), (4.0, 1e-3, 0.0, 0.0), (4.5, 1e-3, 0.0, 1e-3), (90.0, 1e-3, 0.0, 1e-3)]
+"""Lifted for the baseline, then pressed: time in s, x, y and depth in m."""
+
+
+@pytest.fixture(scope="module")
+def board(tmp_path_factory):
+    """Folder with a design of two coils, its wiring and a table of one depth."""
+    folder = tmp_path_factory.mktemp("board")
+    path = folder / "two_coils.toml"
+    path.write_text(tomli_w.dumps(two_coils().document))
+    (folder / "wiring.toml").write_text(WIRING_TEXT)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("COILARRAY_CACHE", str(folder / "cache"))
+        axis = np.linspace(-8e-3, 8e-3, 9)
+        save_dataset(response_map(load_design(str(path)), x=axis, y=axis), folder / "table.nc")
+        yield folder
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    """Sixty scans of the quick board, at rest for 4 s and then pressed."""
+    return stream_file(tmp_path_factory.mktemp("run") / "run.sqlite", 60, noise=1e-7, path_of_finger=FINGER)
+
+
+@pytest.fixture(autouse=True)
+def _in_a_folder_of_its_own(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+def lines_of(out):
+    return [json.loads(line) for line in out.splitlines()]
+
+
+def test_help_has_an_example(capsys):
+    code, out, _ = run(capsys, "--help")
+    assert code == 0
+    assert "Example: coilarray live" in out
+
+
+# a recording
+
+
+def test_a_recording_is_replayed(capsys, recording):
+    code, out, err = run(capsys, "--recording", recording, "--speed", "0", "--no-locate", "--json")
+    assert (code, err) == (0, "")
+    answers = lines_of(out)
+    assert len(answers) == 60
+    assert all(answer["emulated"] is True for answer in answers)
+    assert [answer["baseline_scans_missing"] for answer in answers[:11]] == [9, 8, 7, 6, 5, 4, 3, 2, 1, 0, 0]
+    assert answers[0]["delta"] == {"coil1": None, "coil2": None}
+    assert abs(answers[20]["delta"]["coil1"]) < 2e-6  # ten times the noise
+    assert answers[-1]["delta"]["coil1"] == pytest.approx(0.8e-3 * np.exp(-1 / 64), rel=3e-3)  # Q: 1e-3 of it
+    assert answers[-1]["rate_per_s"] == pytest.approx(19 / (answers[-1]["time_s"] - answers[-20]["time_s"]))
+    assert {answer["position"] for answer in answers} == {None}
+    assert set(answers[-1]["verdicts"].values()) == {"good"}
+
+
+def test_plain_lines_say_emulator(capsys, recording):
+    code, out, err = run(capsys, "--recording", recording, "--speed", "0", "--no-locate", "--scans", "50")
+    assert (code, err) == (0, "")
+    lines = out.splitlines()
+    assert len(lines) == 50
+    assert all(line.startswith("[emulator] ") for line in lines)
+    assert lines[0].endswith("baseline: 9 more scans without an indentation")
+    assert "coil1 +78" in lines[-1]
+
+
+def test_a_campaign_counts_from_its_baselines(capsys, tmp_path):
+    path = campaign_file(tmp_path / "campaign.sqlite", Campaign(x=(0.0,), y=(0.0, 1e-3), depths=(1e-3,), repeats=4))
+    code, out, _ = run(capsys, "--recording", path, "--speed", "0", "--no-locate", "--json", "--baseline-scans", "4")
+    assert code == 0
+    answers = lines_of(out)
+    assert [one["baseline_scans_missing"] for one in answers[:7]] == [3, 3, 2, 2, 1, 1, 0]  # every other scan presses
+    assert answers[8]["delta"]["coil1"] == pytest.approx(0.0, abs=1e-6)
+    assert answers[9]["delta"]["coil1"] == pytest.approx(0.8e-3, rel=3e-3)
+
+
+def test_a_replay_keeps_the_recorded_time(capsys, recording):
+    start = time.monotonic()
+    run(capsys, "--recording", recording, "--speed", "20", "--no-locate", "--scans", "41")
+    assert time.monotonic() - start > 40 / 10.3 / 20  # 0.0979 s a scan of two coils
+
+
+def test_positions_of_a_recording(capsys, recording, board):
+    """The quick board's bells are no response of the design: what counts is that the library is asked and answers."""
+    code, out, err = run(
+        capsys,
+        board / "two_coils.toml",
+        "--recording",
+        recording,
+        "--speed",
+        "0",
+        "--table",
+        board / "table.nc",
+        "--json",
+    )
+    assert (code, err) == (0, "")
+    answers = lines_of(out)
+    assert answers[5]["position"] is None
+    assert answers[20]["position"]["status"] == "nothing pressed"
+    assert answers[-1]["position"]["status"] != "nothing pressed"
+    assert "x_m" in answers[-1]["position"]
+    assert answers[-1]["noise"] == pytest.approx(1e-5, rel=0.1)
+
+
+# the emulator, in real time
+
+
+def test_the_emulator_is_located(capsys, board, monkeypatch):
+    def finger(setup, start):
+        return [(start, 4e-3, 2e-3, 0.0), (start + 0.2, 4e-3, 2e-3, 1e-3)]
+
+    monkeypatch.setattr(live_command, "_tour", finger)
+    code, out, err = run(
+        capsys, board / "two_coils.toml", "--wiring", board / "wiring.toml", "--table", board / "table.nc",
+        "--rate", "40", "--scans", "60", "--baseline-scans", "5", "--noise", "2e-6", "--json",
+    )  # fmt: skip
+    assert (code, err) == (0, "")
+    answers = lines_of(out)
+    assert len(answers) == 60
+    assert answers[4]["position"]["status"] == "nothing pressed"
+    pressed = [one["position"] for one in answers[-20:] if one["position"] is not None]
+    assert pressed
+    for position in pressed:
+        assert position["status"] == "located"
+        near = min(abs(mode["x_m"] - 4e-3) + abs(abs(mode["y_m"]) - 2e-3) for mode in position["modes"])
+        assert near < 0.5e-3  # two coils tell x and |y|
+
+
+def test_every_line_of_an_emulator_says_so(capsys, board):
+    code, out, err = run(
+        capsys, board / "two_coils.toml", "--wiring", board / "wiring.toml", "--no-locate",
+        "--rate", "30", "--scans", "10", "--baseline-scans", "3",
+    )  # fmt: skip
+    assert (code, err) == (0, "")
+    first, *lines = out.splitlines()
+    assert first.startswith("[emulator] emulator: emulator; LDC1614")
+    assert len(lines) == 10
+    assert all(line.startswith("[emulator] ") for line in lines)
+    assert all("coil1 " in line for line in lines[3:])
+
+
+def test_without_a_path_a_finger_goes_round(capsys, board, monkeypatch):
+    monkeypatch.setattr(buses, "ComputerClock", VirtualClock)  # on a busy computer scans may come late
+    begun, tour = [], live_command._tour
+    monkeypatch.setattr(live_command, "_tour", lambda setup, start: begun.append(start) or tour(setup, start))
+    code, out, err = run(
+        capsys, board / "two_coils.toml", "--wiring", board / "wiring.toml", "--no-locate", "--json",
+        "--rate", "30", "--scans", "75", "--baseline-scans", "3",
+    )  # fmt: skip
+    assert (code, err) == (0, "")
+    after = [(answer["time_s"] - begun[-1], answer["delta"]["coil1"]) for answer in lines_of(out)[3:]]
+    assert all(abs(delta) < 10e-6 for time, delta in after if time < 0.5)  # the finger comes down from then on
+    assert max(abs(delta) for time, delta in after if time > 1.0) > 30e-6
+
+
+def test_a_finger_that_presses_is_not_in_the_baseline(capsys, board):
+    code, out, err = run(
+        capsys, board / "two_coils.toml", "--wiring", board / "wiring.toml", "--no-locate", "--json",
+        "--rate", "30", "--scans", "15", "--baseline-scans", "5", "--emulate", "press=0,0,1",
+    )  # fmt: skip
+    assert (code, err) == (0, "")
+    answers = lines_of(out)
+    assert abs(answers[4]["delta"]["coil1"]) < 1e-5  # noise: ten times that of a scan at this rate
+    # a conversion may have begun before the finger came
+    assert all(answer["delta"]["coil1"] > 3e-4 for answer in answers[7:])
+
+
+@pytest.mark.parametrize("emulate", [None, ["press=0,0,1"]])
+def test_the_table_of_the_emulator_is_there_before_the_first_scan(board, emulate):
+    options = BoardOptions(wiring=str(board / "wiring.toml"), rate=30, emulate=emulate)
+    opened = []
+
+    def opening(*arguments, **keywords):
+        @contextlib.contextmanager
+        def remembered():
+            with opened_board(*arguments, **keywords) as (one, settings):
+                opened.append(one)
+                yield one, settings
+
+        return remembered()
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(live_command, "opened_board", opening)
+        with live_command._stream(options, load_design(str(board / "two_coils.toml")), quiet=True):
+            (one,) = opened
+            assert "table" in vars(one.emulator.world)
+            assert one.emulator.place().depth == 0
+
+
+def test_a_finger_beside_the_sample_is_refused_before_the_first_scan(capsys, board):
+    assert "x of the emulated indenter must be" in refused(
+        capsys, board / "two_coils.toml", "--wiring", board / "wiring.toml", "--no-locate", "--json",
+        "--emulate", "press=500,0,1",
+    )  # fmt: skip
+
+
+# boards that break, and interrupts
+
+
+class Failing:
+    """A reader that stops with an error."""
+
+    def __init__(self, inner, after, error):
+        self.inner, self.after, self.error = inner, after, error
+
+    def __getattr__(self, name):
+        return getattr(self.inner, name)
+
+    def scans(self, interval=0.0):
+        for count, scan in enumerate(self.inner.scans(interval)):
+            if count == self.after:
+                raise self.error
+            yield scan
+
+
+@pytest.fixture
+def broken(monkeypatch):
+    """Let the command open a quick board whose reader fails; returns the boards it opened."""
+    opened = []
+
+    def breaking(after, error):
+        @contextlib.contextmanager
+        def opened_board(options, design, *, real_time, progress=None):
+            with quick_board() as board:
+                settings = configured(board)
+                board.reader = Failing(board.reader, after, error)
+                opened.append(board)
+                yield board, settings
+
+        monkeypatch.setattr(live_command, "opened_board", opened_board)
+        return opened
+
+    return breaking
+
+
+def at_rest(board):
+    return board.emulator.chain.words == board.wiring.safe_words and board.emulator.chip.asleep
+
+
+@pytest.mark.parametrize("arguments", [(), ("--json",)])
+def test_a_board_that_is_unplugged(capsys, board, broken, arguments):
+    (opened,) = [broken(3, DeviceLost("the port /dev/ttyACM0 is gone."))]
+    code, out, err = run(capsys, board / "two_coils.toml", "--no-locate", *arguments)
+    assert code == 2
+    assert err == "coilarray: error: the port /dev/ttyACM0 is gone.\n"
+    assert len(out.splitlines()) == 3 + (not arguments)
+    assert [at_rest(one) for one in opened] == [True]
+
+
+def test_an_interrupt_leaves_the_board_at_rest(capsys, board, broken):
+    opened = broken(5, KeyboardInterrupt())
+    code, out, err = run(capsys, board / "two_coils.toml", "--no-locate", "--json")
+    assert (code, len(out.splitlines())) == (130, 5)
+    assert "interrupted" in err
+    assert [at_rest(one) for one in opened] == [True]
+
+
+def test_the_end_leaves_the_board_at_rest(capsys, board, broken):
+    opened = broken(99, KeyboardInterrupt())
+    code, _, _ = run(capsys, board / "two_coils.toml", "--no-locate", "--scans", "2")
+    assert code == 0
+    assert [at_rest(one) for one in opened] == [True]
+
+
+def test_ctrl_c_ends_a_process(board):
+    process = command(
+        "live", str(board / "two_coils.toml"), "--wiring", str(board / "wiring.toml"), "--no-locate", "--json"
+    )
+    assert process.stdout.readline()
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=PATIENCE)
+    assert (process.returncode, err.strip()) == (130, "coilarray: interrupted")
+
+
+def test_a_reader_that_goes_away(recording):
+    with command("live", "--recording", str(recording), "--speed", "4", "--no-locate", "--json") as process:
+        assert json.loads(process.stdout.readline())["emulated"] is True
+        process.stdout.close()
+        assert process.stderr.read() == ""
+    assert process.returncode == 0
+
+
+PROGRAM = [sys.executable, "-c", "import sys; from coilarray.cli.main import main; sys.exit(main())"]
+
+
+def command(*arguments):
+    return subprocess.Popen([*PROGRAM, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+# the terminal
+
+
+def on_terminal(*arguments, keys=()):
+    """Run on a terminal of its own; press each key, or none, once its text is shown, one after the other.
+
+    Returns the exit code and what was shown before each key and after the last one.
+    """
+    here, there = pty.openpty()
+    environment = {**os.environ, "TERM": "xterm", "COLUMNS": "120", "LINES": "30"}
+    process = subprocess.Popen(
+        [*PROGRAM, *map(str, arguments)], stdin=there, stdout=there, stderr=there, env=environment, close_fds=True
+    )
+    os.close(there)
+    shown, left = [b""], list(keys)
+
+    def ended():
+        if not select.select([here], [], [], 0.2)[0]:
+            return False
+        try:
+            shown[-1] += os.read(here, 65536)
+        except OSError:  # the other side has ended
+            return True
+        if left and left[0][0].encode() in shown[-1]:
+            os.write(here, left.pop(0)[1].encode())
+            shown.append(b"")
+        return False
+
+    try:
+        until(ended, pause=0.0)
+        code = process.wait(timeout=PATIENCE)
+    finally:
+        process.kill()  # which is nothing to one that has ended
+        process.wait()
+        os.close(here)
+    assert left == []
+    return code, *(text.decode(errors="replace") for text in shown)  # a key may come within a letter
+
+
+def test_bars_on_a_terminal(recording):
+    code, shown = on_terminal("live", "--recording", recording, "--speed", "4", "--no-locate")
+    assert code == 0
+    assert "█" in shown
+    assert "[emulator] coil1" in shown
+    assert "scans/s" in shown
+    assert "baseline: " in shown
+    drawn = [line for line in shown.replace("\x1b[2K", "").splitlines() if "coil1" in line or "scans/s" in line]
+    assert drawn
+    assert all("[emulator] " in line for line in drawn)
+
+
+def test_keys(tmp_path):
+    # 127 s at this speed, which nobody waits for: it ends by the key
+    recording = stream_file(tmp_path / "long.sqlite", 2600, noise=1e-7)
+    keys = [("noise of δ", "z"), ("more scans without an indentation", ""), ("noise of δ", "q")]
+    code, *shown = on_terminal("live", "--recording", recording, "--speed", "2", "--no-locate", keys=keys)
+    assert code == 0
+    assert "9 more scans without an indentation" in shown[0]
+
+
+def test_screen_lines():
+    from coilarray.hardware.record.live_tracking import LiveReading, LiveState
+
+    states = (
+        LiveState("coil1", 1e-3, "good"),
+        LiveState("coil22", -5e-4, "doubtful", ("amplitude below 1.2 V",)),
+        LiveState("coil3", None, "bad", ("under-range",)),
+    )
+    reading = LiveReading(7, 99.0, 1.5, states, 0, None, "too few", 1e-5, 3.4, 2)
+    head, first, second, third, place, last = live_command.screen_lines(reading, 1e-3)
+    assert head == "δ in 10⁻⁶; bars end at 1000"
+    assert first.startswith("coil1    +1000.0 ")
+    assert first.count("█") == 32
+    assert second.startswith("coil22    −500.0 ")
+    assert second.index("█") < second.index("│") == first.index("│")
+    assert second.endswith("doubtful: amplitude below 1.2 V")
+    assert third.split()[:2] == ["coil3", "bad"]
+    assert "█" not in third
+    assert third.endswith("bad: under-range")
+    assert place == "too few"
+    assert last.startswith("3.40 scans/s, 2 lost, noise of δ 1.0e-05")
+    assert live_command.plain_line(reading) == "1.500 s  coil1 +1000.0  coil22 −500.0  coil3 bad  too few"
+    full = live_command.screen_lines(reading, 1e-4)
+    assert full[1].count("█") == 32  # longer than the bar is the whole bar
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--port", "/dev/ttyNOTTHERE"), "/dev/ttyNOTTHERE"),
+        (("--port", "nonsense"), "port 'nonsense' cannot be"),
+        (("--recording", "none.sqlite"), "none.sqlite"),
+        (("--recording", "text.sqlite"), "text.sqlite"),
+        (("--recording", "RUN", "--port", "COM5"), "cannot be given with --port"),
+        (("--recording", "RUN", "--emulate", "seed=1"), "cannot be given with --port or --emulate"),
+        (("--recording", "RUN", "--speed", "-1"), "--speed must be 0 to 1000; got -1"),
+        (("--recording", "RUN", "--speed", "nan"), "--speed must be 0 to 1000"),
+        (("--recording", "RUN", "--table", "t.csv"), "--table must end in .nc"),
+        (("--scans", "0"), "--scans must be 1 to"),
+        (("--baseline-scans", "1"), "at least 2 scans; got 1"),
+        (("--noise", "-1"), "noise must be positive and finite; got -1"),
+        (("none.toml",), "none.toml"),
+        (("--rate", "1e9", "--no-locate"), "rate must be at most"),
+        (("--emulate", "noise=x"), "--emulate noise must be 1 finite numbers"),
+    ],
+)
+def test_bad_input(capsys, recording, board, arguments, words):
+    Path("text.sqlite").write_text("no recording")
+    given = [recording if one == "RUN" else one for one in arguments]
+    if "--recording" not in given and "none.toml" not in given:
+        given = [board / "two_coils.toml", "--wiring", board / "wiring.toml", "--no-locate", *given]
+    assert words in refused(capsys, *given)
+
+
+def test_a_table_of_another_design(capsys, recording, board):
+    assert "is the table of another design" in refused(
+        capsys, "gast2020", "--recording", recording, "--table", board / "table.nc"
+    )

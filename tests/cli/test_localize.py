@@ -1,0 +1,614 @@
+"""The commands ``fit``, ``distortion`` and ``locate``: numbers of the library, one line for every mistake, streams."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from support.command_line import runner
+from support.localize_boards import FIELD, ROW, bells, board
+
+import coilarray.localize.calibration
+import coilarray.localize.distortion
+import coilarray.localize.forward
+import coilarray.response.map
+from coilarray import load_design
+from coilarray.cli.main import main
+from coilarray.compute.netcdf import save_dataset
+from coilarray.localize.ellipse import fit_ellipses
+from coilarray.localize.ellipse_model import ellipse_model, locate_x, model_from_json
+from coilarray.localize.forward import forward_model
+from coilarray.localize.inverse import Location, Mode, locate
+from coilarray.localize.published import published_map, published_model, table_a1
+from coilarray.report.localize_tables import location_record
+from coilarray.response.map import response_map
+
+run, refused = runner()
+
+NAMES = [f"coil{k + 1}" for k in range(len(FIELD))]
+POINT = (3e-3, 2e-3, 1e-3)
+
+
+@pytest.fixture(scope="module")
+def maps(tmp_path_factory):
+    """Folder with a board without symmetry, one with it, and the map of Table A1."""
+    folder = tmp_path_factory.mktemp("maps")
+    save_dataset(board(FIELD), folder / "field.nc")
+    save_dataset(board(ROW), folder / "row.nc")
+    save_dataset(published_map(), folder / "a1.nc")
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def _in_a_folder_of_its_own(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+def reading(point=POINT, centres=FIELD):
+    """δ of the coils at a point, by name."""
+    return {f"coil{k + 1}": float(value) for k, value in enumerate(bells(np.array(point), centres))}
+
+
+def text_of(values):
+    return ",".join(f"{name}={value!r}" for name, value in values.items())
+
+
+def streamed(monkeypatch, capsys, data, *arguments):
+    """Run a stream of bytes through ``locate``; one mapping a line."""
+    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(data)))
+    code, out, err = run(capsys, "locate", *arguments, "-")
+    return code, [json.loads(line) for line in out.splitlines()], err
+
+
+@pytest.mark.parametrize("command", ["fit", "distortion", "locate"])
+def test_help_has_an_example(capsys, command):
+    code, out, _ = run(capsys, command, "--help")
+    assert code == 0
+    assert f"coilarray {command}" in out
+    assert "Example:" in out
+
+
+# fit
+
+
+def test_fit_is_that_of_the_library(capsys, maps):
+    code, out, _ = run(capsys, "fit", maps / "a1.nc", "--json", "--out", "m.json", "--plot", "m.svg")
+    assert code == 0
+    fits = fit_ellipses(published_map())
+    model = ellipse_model(fits)
+    assert model_from_json(Path("m.json").read_text(encoding="utf-8")) == model
+    assert json.loads(Path("m.json").read_text(encoding="utf-8"))["schema"] == 1
+    assert Path("m.svg").read_text(encoding="utf-8").startswith("<?xml")
+    answer = json.loads(out)
+    rows = {(row["coil"], row["parameter"], row["source"]): row for row in answer["polynomials"]}
+    assert len(rows) == 18
+    for coil in model.coils:
+        for key in ("A", "B", "x0"):
+            found = [rows[coil.name, key, "this map"][f"p{power}_m"] for power in (4, 3, 2, 1, 0)]
+            assert found == list(getattr(coil, key))
+            printed = [rows[coil.name, key, "Table A1"][f"p{power}_m"] for power in (4, 3, 2, 1, 0)]
+            np.testing.assert_allclose(printed, np.array(table_a1()[key, coil.name]) * 1e-3, rtol=1e-12)
+    steps = {row["coil"]: row for row in answer["fits"]}
+    at = np.linspace(1e-4, 1e-3, 37)
+    apart = np.polyval(model["coil2"].A, at) - np.polyval(published_model()["coil2"].A, at)
+    assert steps["coil2"]["A_less_published_rms_m"] == pytest.approx(np.sqrt(np.mean(apart**2)), rel=1e-12)
+    of = fits.sel(state="coil2")
+    assert steps["coil2"]["steps"] == (of.refused == "").sum()
+    assert steps["coil2"]["ellipse_rms_m"] == pytest.approx(float(np.sqrt((of.rms**2).mean())), rel=1e-12)
+
+
+def test_fit_prints_millimetres_beside_table_a1(capsys, maps):
+    code, out, err = run(capsys, "fit", maps / "a1.nc")
+    assert (code, err) == (0, "")
+    rows = [line.split() for line in out.splitlines() if line.startswith("coil1")]
+    (row,) = [row for row in rows if row[1:4] == ["x0", "Table", "A1"]]
+    assert [float(cell.replace("−", "-")) for cell in row[4:]] == [-2.721e12, 1.245e10, -2.012e7, 1.424e4, -17.24]
+
+
+def test_fit_of_one_coil_and_depth_without_table_a1(capsys, maps):
+    code, out, _ = run(capsys, "fit", maps / "row.nc", "--depth-mm", "1", "--coil", "coil4", "--json")
+    assert code == 0
+    answer = json.loads(out)
+    assert {row["coil"] for row in answer["polynomials"]} == {"coil4"}
+    assert {row["source"] for row in answer["polynomials"]} == {"this map"}
+    assert answer["fits"][0]["x0_less_published_rms_m"] == ""
+    assert answer["polynomials"][2]["p0_m"] == pytest.approx(26e-3, abs=1e-4)  # the bell is centred there
+
+
+def test_fit_of_a_design_computes_its_first_depth(capsys, monkeypatch):
+    asked = {}
+
+    def computed(design, **options):
+        asked.update(options, name=design.name)
+        return published_map()
+
+    monkeypatch.setattr(coilarray.response.map, "response_map", computed)
+    assert run(capsys, "fit", "gast2020")[0] == 0
+    assert asked["name"] == "gast2020"
+    assert list(asked["depths"]) == list(load_design("gast2020").indentation.depths[:1])
+    assert run(capsys, "fit", "--depth-mm", "0.5")[0] == 0
+    assert asked["depths"] == [0.5e-3]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("none.nc",), "there is no file none.nc"),
+        (("text.nc",), "cannot read text.nc: it is no netCDF file"),
+        (("other.nc",), "other.nc is no response: it must have delta over depth, y, x and state"),
+        (("small.nc",), "at least 4 positions along x; got 3"),
+        (("nan.nc",), "a map must be finite"),
+        (("flat.nc",), "the map has no closed curves"),
+        (("a1.nc", "--coil", "coil9"), "the response has no state 'coil9'"),
+        (("a1.nc", "--depth-mm", "0.7"), "the response has the depths 1 mm; got 0.7 mm"),
+        (("a1.nc", "--depth-mm", "nan"), "--depth-mm must be positive and finite; got nan"),
+        (("a1.nc", "--depth-mm", "-1"), "--depth-mm must be positive"),
+        (("a1.nc", "--out", "m.txt"), "--out must end in .json; got m.txt"),
+        (("a1.nc", "--plot", "m.gif"), "--plot must end in .png, .svg or .pdf; got m.gif"),
+        (("a1.nc", "--out", "no/m.json"), "there is no folder no"),
+        (("a1.nc", "--plot", "dir.png"), "it is a folder"),
+        (("no_such_design",), "no_such_design"),
+    ],
+)
+def test_mistakes_of_fit(capsys, arguments, message):
+    save_dataset(published_map(), Path("a1.nc"))
+    Path("text.nc").write_text("no netCDF", encoding="utf-8")
+    Path("dir.png").mkdir()
+    save_dataset(xr.Dataset({"delta": ("x", [1.0])}), Path("other.nc"))
+    save_dataset(published_map(x=[-2e-3, 0.0, 2e-3]), Path("small.nc"))
+    save_dataset(published_map() * np.nan, Path("nan.nc"))
+    save_dataset(published_map() * 0, Path("flat.nc"))
+    assert message in refused(capsys, "fit", *arguments)
+
+
+# distortion
+
+
+def made_up(design, states=("coil1", "coil2", "coil3"), **_):
+    """A dataset like that of the library: x0 is 1 mm and 0.5 mm, published 0.25 mm; coil3 is not published."""
+    delta, states = np.array([1e-4, 5e-4, 1e-3]), list(states)
+    shape = (len(states), 3)
+    both = np.stack([np.full(shape, 1e-3), np.full(shape, 0.5e-3)])
+    published = np.full(shape, 0.25e-3)
+    published[2:] = np.nan
+    effect = np.stack([np.full(shape, 0.3e-3), np.full(shape, -0.1e-3)])
+    effect[:, 0, 2] = np.nan
+    both[:, 0, 2] = np.nan
+    data = dict.fromkeys(("x0", "A", "B"), (("neighbours", "state", "delta"), both))
+    data |= {f"published_{name}": (("state", "delta"), published) for name in ("x0", "A", "B")}
+    data["effect"] = (("cause", "state", "delta"), effect)
+    data["rms"] = (("cause", "state"), np.sqrt(np.nanmean(effect**2, axis=-1)))
+    data["centre"] = ("state", np.zeros(len(states)))
+    coords = {"neighbours": ["grounded", "open"], "state": states, "delta": delta, "cause": ["all neighbours", "noise"]}
+    return xr.Dataset(data, coords, {"design": design.name})
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """Neither maps nor calibrations are computed; what was asked for is kept."""
+    asked = []
+
+    def split(design, states, *, progress):
+        asked.append(("distortion", design.indentation.base, list(states)))
+        return made_up(design, states)
+
+    def fitted(design, states, *, base, progress):
+        asked.append(("calibrate", base, list(states)))
+        unknown = ["tilt", "poissons_ratio"]
+        result = xr.Dataset(
+            {
+                "start": ("unknown", [0.0, 0.49]),
+                "value": ("unknown", [0.002, 0.4999]),
+                "low": ("unknown", [0.001, np.nan]),
+                "high": ("unknown", [0.003, np.nan]),
+                "at_bound": ("unknown", [False, True]),
+                "correlation": (("unknown", "other"), [[1.0, -0.25], [-0.25, 1.0]]),
+                "misfit_before": 8.0,
+                "misfit_after": 2.0,
+            },
+            {"unknown": unknown, "other": unknown, "unit": ("unknown", ["1", "1"])},
+        )
+        changed, faults = coilarray.localize.calibration.apply(design, {}, base)
+        return coilarray.localize.calibration.Calibration(changed, faults, result)
+
+    def curves(response, states, levels):
+        x0 = np.full((len(states), len(levels)), 0.75e-3)
+        return coilarray.localize.distortion.EllipseCurves(x0, x0, x0)
+
+    monkeypatch.setattr(coilarray.localize.distortion, "distortion", split)
+    monkeypatch.setattr(coilarray.localize.calibration, "calibrate", fitted)
+    monkeypatch.setattr(coilarray.localize.distortion, "ellipse_curves", curves)
+    monkeypatch.setattr(coilarray.response.map, "response_map", lambda design, **_: None)
+    return asked
+
+
+def test_distortion_tells_what_remains(capsys, quick):
+    code, out, err = run(capsys, "distortion", "gast2020", "--out", "d.csv", "--plot", "d.svg")
+    assert (code, err) == (0, "")
+    assert quick == [("distortion", "bonded", ["coil1", "coil2", "coil3"])]
+    rows = {line.split("  ")[0]: line.split() for line in out.splitlines() if line}
+    assert rows["all neighbours"][2:] == ["0.300"] * 3
+    last = out.splitlines()[-3]
+    # 1 mm predicted, 0.25 mm published; coil3 has nothing to compare with
+    assert last.endswith("rms: coil1 as designed 0.75 of 0.25 mm; coil2 as designed 0.75 of 0.25 mm.")
+    assert Path("d.svg").read_text(encoding="utf-8").startswith("<?xml")
+    with Path("d.csv").open(encoding="utf-8") as lines:
+        table = list(csv.DictReader(lines))
+    assert len(table) == 9
+    assert [table[0][key] for key in ("coil", "delta", "x0_grounded_m", "x0_open_m", "x0_published_m")] == [
+        "coil1", "0.0001", "0.001", "0.0005", "0.00025",
+    ]  # fmt: skip
+    assert table[2]["x0_grounded_m"] == ""
+    assert table[0]["effect_all_neighbours_m"] == "0.0003"
+
+
+def test_distortion_as_json_has_no_nan(capsys, quick):
+    code, out, _ = run(capsys, "distortion", "--coil", "coil1", "--coil", "coil2", "--coil", "coil3", "--json")
+    assert code == 0
+    answer = json.loads(out, parse_constant=pytest.fail)
+    rows = {row["coil"]: row for row in answer["residuals"]}
+    assert rows["coil1"]["residual_rms_m"] == pytest.approx(0.75e-3, rel=1e-12)
+    assert rows["coil1"]["residual_mean_m"] == pytest.approx(0.75e-3, rel=1e-12)
+    assert rows["coil1"]["compared"] == 2  # of three levels the map reaches two
+    assert rows["coil3"]["residual_rms_m"] == ""
+    assert rows["coil3"]["predicted_rms_m"] == pytest.approx(1e-3, rel=1e-12)
+    assert "calibration" not in answer
+
+
+def test_calibration_of_both_bases_and_the_prediction_after_it(capsys, quick):
+    code, out, _ = run(capsys, "distortion", "gast2020", "--calibrate", "--json", "--out", "d.nc", "--plot", "d.svg")
+    assert code == 0
+    assert [one[:2] for one in quick] == [
+        ("distortion", "bonded"),
+        ("calibrate", "bonded"),
+        ("calibrate", "frictionless"),
+    ]
+    answer = json.loads(out, parse_constant=pytest.fail)
+    assert [(row["base"], row["unknown"], row["at_bound"]) for row in answer["calibration"]] == [
+        ("bonded", "tilt", False), ("bonded", "poissons_ratio", True),
+        ("frictionless", "tilt", False), ("frictionless", "poissons_ratio", True),
+    ]  # fmt: skip
+    assert answer["calibration"][0]["value"] == 0.002
+    assert answer["calibration"][1]["low"] == ""
+    assert answer["misfit"][1] == {"base": "frictionless", "misfit_before": 8.0, "misfit_after": 2.0}
+    assert answer["correlation_bonded"][0]["correlation_poissons_ratio"] == -0.25
+    rows = {(row["coil"], row["prediction"]): row["residual_rms_m"] for row in answer["residuals"]}
+    assert rows["coil2", "as designed"] == pytest.approx(0.75e-3, rel=1e-12)
+    assert rows["coil2", "calibrated, frictionless"] == pytest.approx(0.5e-3, rel=1e-12)
+    with xr.open_dataset("d.nc", engine="h5netcdf") as saved:
+        assert saved.calibration.values.tolist() == ["bonded", "frictionless"]
+        np.testing.assert_allclose(saved.calibrated_x0, 0.75e-3)
+
+
+def test_one_base_is_that_of_prediction_and_calibration(capsys, quick):
+    code, out, _ = run(capsys, "distortion", "--base", "frictionless", "--calibrate")
+    assert code == 0
+    assert [one[:2] for one in quick] == [("distortion", "frictionless"), ("calibrate", "frictionless")]
+    assert "coil1 calibrated, frictionless 0.50 of 0.25 mm" in out.splitlines()[-1]
+    assert "correlation, frictionless" in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--coil", "coil9"), "a state must be measured and named after its coil; got 'coil9'"),
+        (("--base", "glued"), "'glued'"),
+        (("--out", "d.txt"), "--out must end in .nc or .csv; got d.txt"),
+        (("--plot", "d.gif"), "--plot must end in .png, .svg or .pdf"),
+        (("--out", "no/d.nc"), "there is no folder no"),
+    ],
+)
+def test_mistakes_of_distortion(capsys, arguments, message):
+    assert message in refused(capsys, "distortion", "gast2020", *arguments)
+    assert list(Path().iterdir()) == []
+
+
+# locate
+
+
+def test_one_reading_is_that_of_the_library(capsys, maps):
+    values = reading()
+    code, out, _ = run(capsys, "locate", "--model", maps / "field.nc", text_of(values), "--json")
+    assert code == 0
+    (found,) = json.loads(out)["positions"]
+    expected = locate(forward_model(board(FIELD)), values)
+    assert found["status"] == "located"
+    assert [found[key] for key in ("x_m", "y_m", "depth_m")] == [
+        pytest.approx(value, abs=1e-9) for value in (expected.best.x, expected.best.y, expected.best.depth)
+    ]
+    sigma = [found[f"sigma_{name}_m"] for name in ("x", "y", "depth")]
+    np.testing.assert_allclose(sigma, expected.best.deviations, rtol=1e-6)
+    assert len(found["modes"]) == len(expected.modes)
+    # the table is 1 mm fine; the bells are 7 mm wide
+    np.testing.assert_allclose([found["x_m"], found["y_m"], found["depth_m"]], POINT, atol=1e-5)
+
+
+def test_both_signs_of_y_are_told(capsys, maps):
+    code, out, _ = run(capsys, "locate", "--model", maps / "row.nc", text_of(reading(centres=ROW)))
+    assert code == 0
+    header, *rows = [line.replace("−", "-").split() for line in out.splitlines()]
+    assert header[:3] == ["reading", "status", "x"]
+    assert sorted(row[3] for row in rows) == ["-2.000", "2.000"]
+    assert {tuple(row[:3]) for row in rows} == {("1", "located", "3.000")}
+
+
+def test_files_of_readings(capsys, maps):
+    values = [reading(), reading((-4e-3, 1e-3, 0.8e-3))]
+    with Path("r.csv").open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(NAMES)
+        writer.writerows([[*one.values()] for one in values])
+        writer.writerow([1e-3])
+        writer.writerow([*"abcde"])
+    Path("r.json").write_text(json.dumps([*values, "word"]), encoding="utf-8")
+    Path("one.json").write_text(json.dumps(list(values[1].values())), encoding="utf-8")
+    Path("r.jsonl").write_text("\n".join(json.dumps(one) for one in values), encoding="utf-8")
+    names = ("r.csv", "r.json", "one.json", "r.jsonl")
+    code, out, _ = run(capsys, "locate", "--model", maps / "field.nc", *names, "--json")
+    assert code == 0
+    found = json.loads(out)["positions"]
+    assert [one.get("status", "error") for one in found] == [
+        *("located", "located", "error", "error"),
+        *("located", "located", "error"),
+        "located",
+        *("located", "located"),
+    ]
+    assert found[2] == {"error": "a line must have 5 values; got 1."}
+    assert found[3] == {"error": "δ of coil1 must be a number; got 'a'."}
+    assert found[6] == {"error": """a reading must be an object or a list of numbers; got '"word"'."""}
+    for k in (1, 5, 7, 9):
+        assert found[k]["x_m"] == pytest.approx(-4e-3, abs=1e-5)
+    code, out, _ = run(capsys, "locate", "--model", maps / "field.nc", "r.csv")
+    assert code == 0
+    assert "reading 3: a line must have 5 values; got 1." in out.splitlines()
+
+
+def test_without_a_coil(capsys, maps):
+    broken = reading() | {"coil2": float("nan")}
+    for given in (broken, {name: value for name, value in broken.items() if name != "coil2"}):
+        command = ("locate", "--model", maps / "field.nc", text_of(given), "--json")
+        assert "coil2" in refused(capsys, *command)
+        code, out, _ = run(capsys, *command, *(part for name in NAMES if name != "coil2" for part in ("--coil", name)))
+        assert code == 0
+        assert json.loads(out)["positions"][0]["x_m"] == pytest.approx(POINT[0], abs=1e-5)
+
+
+@pytest.mark.parametrize("more", [(), ("--ellipse",)])
+def test_other_columns_are_left_alone(capsys, maps, more):
+    given = {"coil1": 8.0895e-4, "coil2": 6.4684e-4, "coil3": 0} if more else reading()
+    model = "published" if more else maps / "field.nc"
+    answers = [
+        run(capsys, "locate", "--model", model, *more, text_of(one), "--json") for one in (given, {"time": 3.5} | given)
+    ]
+    assert answers[0][0] == 0
+    assert answers[0] == answers[1]
+
+
+BAD_LINES = [
+    b"",
+    b"   ",
+    b"word",
+    b"{",
+    b"3",
+    b"null",
+    b"true",
+    b'"coil1"',
+    b"\xff\xfe",
+    b"[" * 100_000,
+    b"[]",
+    b"{}",
+    b"[1e-4]",
+    b'{"coil1": 1e-4}',
+    b'{"coil1": NaN, "coil2": 0, "coil3": 0, "coil4": 0, "coil5": 0}',
+    b'{"coil1": Infinity, "coil2": 0, "coil3": 0, "coil4": 0, "coil5": 0}',
+    b'{"coil1": "1e-4", "coil2": 0, "coil3": 0, "coil4": 0, "coil5": 0}',
+    b'{"coil1": true, "coil2": 0, "coil3": 0, "coil4": 0, "coil5": 0}',
+    b'{"coil1": null, "coil2": 0, "coil3": 0, "coil4": 0, "coil5": 0}',
+    b'{"coil1": [0], "coil2": 0, "coil3": 0, "coil4": 0, "coil5": 0}',
+    b'{"coil1": 5, "coil2": 0, "coil3": 0, "coil4": 0, "coil5": 0}',
+    b'{"coil1": 1' + b"0" * 400 + b', "coil2": 0, "coil3": 0, "coil4": 0, "coil5": 0}',
+    b'{"coil1": 1' + b"0" * 5000 + b', "coil2": 0, "coil3": 0, "coil4": 0, "coil5": 0}',
+    b"[[0, 0, 0, 0, 0]]",
+]
+
+
+@pytest.mark.parametrize("ellipse", [False, True])
+def test_a_stream_outlives_every_bad_line(monkeypatch, capsys, maps, ellipse):
+    good = json.dumps(reading((0.0, 2e-3, 1e-3))).encode()
+    lines = [part for bad in BAD_LINES for part in (bad, good)]
+    arguments = ("--model", maps / "field.nc")
+    if ellipse:
+        good = b'{"coil1": 8.0895e-4, "coil2": 6.4684e-4, "coil3": 0}'
+        lines = [part for bad in BAD_LINES for part in (bad, good)]
+        # δ of 5 is a number, but beyond the model: no position fits
+        arguments = ("--model", "published", "--ellipse")
+    code, found, err = streamed(monkeypatch, capsys, b"\n".join(lines) + b"\n", *arguments)
+    assert (code, err) == (0, "")
+    assert len(found) == len(lines)
+    assert {one["status"] for one in found[1::2]} == {"located"}
+    for bad, one in zip(BAD_LINES, found[::2], strict=True):
+        if ellipse and bad.startswith(b'{"coil1": 5,'):
+            assert one["status"] == "no position fits"
+        else:
+            assert list(one) == ["error"], bad
+            assert "\n" not in one["error"]
+            assert len(one["error"]) < 250
+
+
+def test_a_stream_is_answered_line_by_line(monkeypatch, capsys, maps):
+    written = []
+
+    def source():
+        for k in range(3):
+            assert len(capsys.readouterr().out.splitlines()) == (k > 0)  # the answer to the line before, flushed
+            written.append(k)
+            yield json.dumps(reading()).encode()
+
+    class Live:
+        buffer = source()
+
+    monkeypatch.setattr(sys, "stdin", Live())
+    assert main(["locate", "--model", str(maps / "field.nc"), "-"]) == 0
+    assert written == [0, 1, 2]
+
+
+@pytest.mark.parametrize("data", [b"", b"\n\n", b"word\n", b"\n".join(BAD_LINES)])
+def test_a_stream_of_nothing_is_bad_input(monkeypatch, capsys, maps, data):
+    code, found, err = streamed(monkeypatch, capsys, data, "--model", maps / "field.nc")
+    assert code == 2
+    assert all(list(one) == ["error"] for one in found)
+    (line,) = err.splitlines()
+    assert line.startswith("coilarray: error: there is no reading in the stream")
+
+
+def test_status_of_readings_without_a_position(monkeypatch, capsys, maps):
+    beyond = 1.8 * bells(np.array([6e-3, 2e-3, 1.8e-3]), FIELD)
+    data = [[0.0] * 5, [0.0, 0.0, 0.0, 1e-3, 1e-3], beyond.tolist()]
+    lines = b"\n".join(json.dumps(one).encode() for one in data)
+    code, found, _ = streamed(monkeypatch, capsys, lines, "--model", maps / "field.nc")
+    assert code == 0
+    assert [one["status"] for one in found] == ["nothing pressed", "no position fits", "outside"]
+    assert "x_m" not in found[0]
+    assert found[0]["modes"] == []
+    assert "noise" in found[1]["reason"]
+    assert "depth" in found[2]["reason"]
+
+
+def test_the_ellipse_model_of_a_file_of_table_a1_and_of_a_map(capsys, maps):
+    values = {"coil1": 8.0895e-4, "coil2": 6.4684e-4, "coil3": 0.0}
+    assert run(capsys, "fit", maps / "a1.nc", "--out", "m.json")[0] == 0
+    fitted = model_from_json(Path("m.json").read_text(encoding="utf-8"))
+    for name, model in (("published", published_model()), ("m.json", fitted), (maps / "a1.nc", fitted)):
+        for addition in (0.2, 0.0):
+            options = ("--model", name, "--ellipse", "--addition-mm", str(addition), "--json")
+            code, out, _ = run(capsys, "locate", *options, text_of(values))
+            assert code == 0
+            (found,) = json.loads(out)["positions"]
+            place = locate_x(model.with_semiaxis_addition(addition * 1e-3), values)
+            assert (found["x_m"], found["y_m"]) == pytest.approx((place.x, place.y), rel=1e-9)
+            assert [mode["y_m"] for mode in found["modes"]] == pytest.approx([place.y, -place.y], rel=1e-9)
+            assert found["coils"] == ["coil1", "coil2"]
+
+
+def test_the_table_of_a_design_is_computed_once(capsys, monkeypatch):
+    design, computed = load_design("starter"), []
+
+    def table(given, *, progress):
+        computed.append(given.name)
+        return board(FIELD).assign_attrs(design_hash=given.digest)
+
+    monkeypatch.setattr(coilarray.localize.forward, "table_for", table)
+    command = ("locate", "--model", "starter", "--table", "t.nc", text_of(reading()), "--json")
+    first, second = run(capsys, *command), run(capsys, *command)
+    assert first == second
+    assert first[0] == 0
+    assert computed == ["starter"]
+    with xr.open_dataset("t.nc", engine="h5netcdf") as saved:
+        assert saved.attrs["design_hash"] == design.digest
+    assert run(capsys, "locate", "--model", "starter", text_of(reading()))[0] == 0
+    assert computed == ["starter", "starter"]
+    message = refused(capsys, "locate", "--model", "gast2020", "--table", "t.nc", text_of(reading()))
+    assert "t.nc is the table of another design than gast2020" in message
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("coil1",), "READINGS must be coil1=7.1e-4,coil2=..., a file .csv, .json or .jsonl, or -; got 'coil1'"),
+        (("coil1=a",), "δ of coil1 must be a number; got 'a'"),
+        (("coil1=1e-4,coil1=1e-4",), "must name a coil once; got 'coil1' again"),
+        (("coil1=1e-4",), "that of coil2 is missing"),
+        (("coil9=1e-4",), "that of coil1 is missing"),
+        (("none.csv",), "cannot read none.csv: No such file"),
+        (("empty.csv",), "there is no reading in empty.csv"),
+        (("names.csv",), "there is no reading in names.csv"),
+        (("twice.csv",), "the first line must name every coil once"),
+        (("bytes.csv",), "cannot read bytes.csv: it is no UTF-8 text"),
+        (("word.json",), "a reading must be JSON; got 'word'"),
+        (("list.json",), "there is no reading in list.json"),
+        (("-", "coil1=1e-4"), "a stream (-) must be the only READINGS"),
+        (("GOOD", "--noise", "0"), "noise must be positive and finite; got 0"),
+        (("GOOD", "--noise", "nan"), "noise must be positive and finite"),
+        (("GOOD", "--coil", "coil9"), "the model has no state 'coil9'"),
+        (("GOOD", "--coil", "coil1", "--coil", "coil2"), "3 unknowns need at least as many states"),
+        (("GOOD", "--table", "t.nc"), "--table is for the table of a design"),
+        (("GOOD", "--depth-mm", "1"), "--depth-mm is for --ellipse"),
+        (("GOOD", "--model", "published"), "published is an ellipse model; it needs --ellipse"),
+        (("GOOD", "--model", "m.json"), "m.json is an ellipse model; it needs --ellipse"),
+        (("GOOD", "--model", "none.nc"), "there is no file none.nc"),
+        (("GOOD", "--ellipse", "--model", "m.json"), "cannot read m.json"),
+        (("GOOD", "--ellipse", "--model", "word.json"), "an ellipse model must be a JSON file"),
+        (("GOOD", "--ellipse", "--model", "published", "--addition-mm", "nan"), "--addition-mm must be from -10 to 10"),
+        (("GOOD", "--ellipse", "--model", "published", "--coil", "coil9"), "the model has no coil 'coil9'"),
+        (("GOOD", "--ellipse", "--model", "published", "--coil", "coil1"), "two coils are needed"),
+        (("coil1=1e-4", "--ellipse", "--model", "published"), "the reading of coil2 is missing"),
+        ((), "READINGS"),
+    ],
+)
+def test_mistakes_of_locate(capsys, maps, arguments, message):
+    Path("empty.csv").touch()
+    Path("names.csv").write_text("coil1,coil2\n", encoding="utf-8")
+    Path("twice.csv").write_text("coil1,coil1\n1,1\n", encoding="utf-8")
+    Path("bytes.csv").write_bytes(b"\xff\xfe\xff")
+    Path("word.json").write_text("word", encoding="utf-8")
+    Path("list.json").write_text("[]", encoding="utf-8")
+    given = [text_of(reading()) if one == "GOOD" else one for one in arguments]
+    model = () if "--model" in given else ("--model", maps / "field.nc")
+    assert message in refused(capsys, "locate", *model, *given)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"schema": 2}, "the schema of an ellipse model must be 1; got 2"),
+        ({"kind": "map"}, 'must have "kind": "coilarray ellipse model"'),
+        ({"coils": None}, "must have a list of coils"),
+        ({"coils": []}, "a model must have one coil or more"),
+        ({"coils": [1]}, "a coil of an ellipse model must have a name"),
+        ({"coils": [{"name": "a"}]}, "a of an ellipse model must have x0_m, A_m, B_m"),
+        ({"A_m": [1, 2]}, "must have 5 numbers in x0_m, A_m and B_m"),
+        ({"A_m": ["a"] * 5}, "must have 5 numbers"),
+        ({"A_m": 3}, "must have 5 numbers"),
+        ({"lowest": None}, "must have 5 numbers"),
+        ({"lowest": 1.0}, "the range of δ of coil1 must rise"),
+    ],
+)
+def test_model_files_that_are_none(capsys, maps, change, message):
+    assert run(capsys, "fit", maps / "a1.nc", "--out", "m.json")[0] == 0
+    data = json.loads(Path("m.json").read_text(encoding="utf-8"))
+    (data if set(change) & set(data) else data["coils"][0]).update(change)
+    Path("m.json").write_text(json.dumps(data), encoding="utf-8")
+    assert message in refused(capsys, "locate", "--ellipse", "--model", "m.json", "coil1=1e-4,coil2=1e-4,coil3=0")
+
+
+def test_the_table_of_a_real_board_finds_what_pressed_on_it(capsys, tmp_path):
+    """The whole way with nothing replaced: table of the design, map of the design, position and depth."""
+    place = (4.3e-3, 3.1e-3, 1.15e-3)
+    design = load_design("gast2020")
+    pressed = response_map(design, depths=[place[2]], x=[place[0]], y=[place[1]])
+    delta = pressed.delta[0, 0, 0]
+    given = {str(name): float(value) for name, value in zip(delta.state.values, delta.values, strict=True)}
+    command = ("locate", "--table", tmp_path / "t.nc", text_of(given), "--noise", "3e-7", "--json")
+    code, out, _ = run(capsys, *command)
+    assert code == 0
+    (answer,) = json.loads(out)["positions"]
+    assert answer["status"] == "located"
+    near = min(answer["modes"], key=lambda mode: abs(mode["y_m"] - place[1]))
+    # the spacing of the table and the meshes of its depths err by up to 1e-3 of δ, 1 % of the depth and 0.1 mm here
+    assert near["x_m"] == pytest.approx(place[0], abs=0.1e-3)
+    assert near["y_m"] == pytest.approx(place[1], abs=0.1e-3)
+    assert near["depth_m"] == pytest.approx(place[2], rel=0.01)
+
+
+def test_a_deviation_beyond_any_board_is_not_told():
+    mode = Mode(1e-3, 0.0, 1e-3, np.diag([1e8, 1e-4, 1e10]), 1.0)
+    record = location_record(Location("found", modes=(mode,), chi_square=1.0, degrees_of_freedom=3, probability=0.8))
+    assert record["sigma_x_m"] == pytest.approx(1e-4, rel=1e-12)
+    assert record["sigma_y_m"] is None
+    assert record["sigma_depth_m"] == pytest.approx(1e-5, rel=1e-12)

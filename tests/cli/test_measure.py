@@ -1,0 +1,496 @@
+"""The commands measure and scan-info, on an emulated board of two coils."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import sqlite3
+import sys
+import time
+
+import numpy as np
+import pytest
+from support.command_line import runner
+from support.recorded_boards import board_files
+
+from coilarray import load_design
+from coilarray.cli import board_options
+from coilarray.cli import measure as measure_command
+from coilarray.compute.netcdf import load_part
+from coilarray.errors import HardwareError
+from coilarray.hardware.board.direct import DirectReader
+from coilarray.hardware.record import campaign as campaign_module
+from coilarray.hardware.record.recording import open_recording
+from coilarray.hardware.scan.readings import read_scan
+
+measure, measure_refused = runner("measure")
+scan_info, scan_info_refused = runner("scan-info")
+locate, _ = runner("locate")
+GRID = ("--campaign", "--x-mm", "-3,0,3", "--y-mm", "0,2", "--depth-mm", "0.5,1")
+
+
+@pytest.fixture(scope="module")
+def board(tmp_path_factory):
+    """Arguments for the small board, whose physics is computed once."""
+    folder = tmp_path_factory.mktemp("board")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("COILARRAY_CACHE", str(folder / "cache"))
+        yield board_files(folder)
+
+
+@pytest.fixture
+def campaign(board, tmp_path, capsys):
+    path = tmp_path / "campaign.sqlite"
+    code, _, err = measure(capsys, *board, *GRID, "--out", path)
+    assert (code, err) == (0, "")
+    return path
+
+
+def all_marked(text):
+    lines = text.splitlines()
+    return bool(lines) and all(line.startswith("[emulator]") for line in lines)
+
+
+# ----------------------------------------------------------------------------------- measuring
+
+
+def test_single(board, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    code, out, err = measure(capsys, *board, "--single", "--emulate", "noise=0")
+    assert (code, err) == (0, "")
+    assert all_marked(out)
+    assert [line.split()[1] for line in out.splitlines()] == ["emulator:", "state", "coil1", "coil2"]
+    code, out, _ = measure(capsys, *board, "--single", "--json", "--coil", "coil2", "--emulate", "press=0,0,1")
+    pressed = json.loads(out)
+    assert pressed["emulated"] is True
+    (state,) = pressed["states"]
+    assert (state["state"], state["verdict"], state["reasons"]) == ("coil2", "good", [])
+    assert list(tmp_path.iterdir()) == []  # no file
+
+
+def test_single_with_a_name_is_recorded(board, tmp_path, capsys):
+    path = tmp_path / "one.sqlite"
+    code, out, err = measure(capsys, *board, "--single", "--out", path, "--json")
+    assert (code, err) == (0, "")
+    with open_recording(path) as recording:
+        (scan,) = recording.scans()
+        told = recording.sessions[0]
+        frequencies = [state.frequency for state in read_scan(scan.scan, told.settings, told.capacitances).states]
+    assert scan.stage == "single"
+    assert [state["frequency_Hz"] for state in json.loads(out)["states"]] == frequencies
+    assert "is a recording of 1 scans already" in measure_refused(capsys, *board, "--single", "--out", path)
+
+
+def test_folders_where_nothing_may_be_written(board, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(os, "access", lambda *_: False)  # root may write everywhere
+    line = measure_refused(capsys, *board, "--out", tmp_path / "run.sqlite")
+    assert f"run.sqlite: nothing may be written in the folder {tmp_path}" in line
+
+
+def test_a_rate_that_is_not_reached_is_told(board, tmp_path, capsys, monkeypatch):
+    code, out, _ = measure(capsys, *board, "--scans", 20, "--rate", 20, "--out", tmp_path / "a.sqlite", "--json")
+    reached = json.loads(out)["rate_per_s"]
+    assert reached == pytest.approx(20, rel=0.02)
+    code, out, _ = measure(capsys, *board, "--scans", 20, "--rate", 20, "--out", tmp_path / "b.sqlite")
+    assert "asked for" not in out
+    slow = DirectReader.scan  # a board that takes its time between two scans
+
+    def scans(self, interval=0.0):
+        while True:
+            self._clock.sleep(0.01)
+            yield slow(self)
+
+    monkeypatch.setattr(DirectReader, "scans", scans)
+    code, out, _ = measure(capsys, *board, "--scans", 20, "--rate", 20, "--out", tmp_path / "c.sqlite")
+    assert code == 0
+    (line,) = [line for line in out.splitlines() if "asked for" in line]
+    assert line.startswith("[emulator] the board reached 16.")  # 50 ms and 10 ms
+    assert line.endswith(" scans/s; --rate asked for 20")
+
+
+def test_stream(board, tmp_path, capsys):
+    path = tmp_path / "run.sqlite"
+    code, out, err = measure(capsys, *board, "--scans", 12, "--out", path)
+    assert (code, err) == (0, "")
+    assert all_marked(out)
+    assert "12 scans of 2 states" in out
+    code, out, _ = measure(capsys, *board, "--scans", 20, "--out", path, "--resume", "--json")
+    record = json.loads(out)
+    assert (code, record["scans"], record["emulated"]) == (0, 20, True)  # the 12 count
+    assert [session["scans"] for session in record["sessions"]] == [12, 8]
+    code, out, _ = measure(capsys, *board, "--scans", 20, "--out", path, "--resume", "--json")
+    assert [session["scans"] for session in json.loads(out)["sessions"]] == [12, 8, 0]
+    assert [one.name for one in tmp_path.iterdir()] == ["run.sqlite"]
+
+
+def test_seconds_and_rate(board, tmp_path, capsys):
+    code, out, _ = measure(capsys, *board, "--seconds", 2, "--rate", 50, "--out", tmp_path / "run.sqlite", "--json")
+    record = json.loads(out)
+    assert code == 0
+    assert record["scans"] == pytest.approx(100, abs=2)
+    assert record["seconds"] == pytest.approx(2.0, abs=0.021)  # less than a scan is missing
+    assert record["lost_scans"] == 0
+
+
+def test_campaign(board, campaign, tmp_path, capsys):
+    code, out, err = scan_info(capsys, campaign, "--to", "nc")
+    assert (code, err) == (0, "")
+    assert all_marked(out)
+    assert "campaign: 12 of 12 positions are measured" in out
+    assert [line for line in out.splitlines() if "self-test" in line] == ["[emulator] self-test passed"] * 2
+    response = load_part(tmp_path / "campaign.nc")
+    assert response.delta.shape == (2, 2, 3, 2)
+    assert response.attrs["emulated"] == 1
+    code, out, _ = scan_info(capsys, campaign, "--out", tmp_path / "long.csv", "--json")
+    assert json.loads(out)["campaign"] == {
+        "positions": 12,
+        "measured": 12,
+        "x_m": [-0.003, 0.0, 0.003],
+        "y_m": [0.0, 0.002],
+        "depths_m": [0.0005, 0.001],
+        "repeats": 1,
+        "scans": 1,
+        "dwell_s": 0.5,
+        "speed_m_per_s": 0.0015,
+    }
+    lines = (tmp_path / "long.csv").read_text().splitlines()
+    assert lines[0] == "depth_m,y_m,x_m,state,delta,delta_std"
+    assert len(lines) == 1 + response.delta.size
+    before = campaign.read_bytes()
+    code, out, err = measure(capsys, *board, *GRID, "--out", campaign, "--resume")  # nothing is left to do
+    assert (code, err) == (0, "")
+    with open_recording(campaign) as recording:
+        assert recording.count() == 24
+    assert before != campaign.read_bytes()  # but that it was tried
+
+
+@pytest.fixture
+def stuck(monkeypatch):
+    """Let a switch to ground stay open, which changes L by little: every scan is good."""
+    opened_board = measure_command.opened_board
+
+    @contextlib.contextmanager
+    def with_fault(*arguments, **options):
+        with opened_board(*arguments, **options) as (opened, settings):
+            chain = opened.emulator.chain
+            chain.stick(*chain.find(1, 0, "ground"), "open")
+            yield opened, settings
+
+    monkeypatch.setattr(measure_command, "opened_board", with_fault)
+
+
+def test_a_campaign_on_a_board_with_a_stuck_switch_is_refused(board, stuck, tmp_path, capsys):
+    path = tmp_path / "run.sqlite"
+    line = measure_refused(capsys, *board, *GRID, "--out", path)
+    assert "the self-test before the campaign has failed: " in line
+    assert line.endswith("or go on with --ignore-self-test.")
+    assert list(tmp_path.iterdir()) == []
+    code, out, _ = measure(capsys, *board, *GRID, "--out", path, "--ignore-self-test")
+    assert code == 0
+    assert out.count("[emulator] self-test failed: ") == 2
+    code, out, _ = scan_info(capsys, path, "--json")
+    record = json.loads(out)
+    assert [test["passed"] for test in record["self_tests"]] == [False, False]
+    assert any("stays open" in text for text in record["self_tests"][0]["findings"])
+    assert {state["bad"] for state in record["states"]} == {0}  # the scans do not tell
+
+
+def test_a_switch_that_sticks_during_a_campaign_is_told(board, tmp_path, capsys, monkeypatch):
+    run_campaign = campaign_module.run_campaign
+
+    def sticking(plan, reader, stage, recorder, clock, progress, **options):
+        run_campaign(plan, reader, stage, recorder, clock, progress, **options)
+        chain = stage._board.chain
+        chain.stick(*chain.find(1, 0, "ground"), "open")
+
+    monkeypatch.setattr(campaign_module, "run_campaign", sticking)
+    code, out, _ = measure(capsys, *board, *GRID, "--out", tmp_path / "run.sqlite")
+    lines = [line.split(":")[0] for line in out.splitlines() if "self-test" in line]
+    assert (code, lines) == (0, ["[emulator] self-test passed", "[emulator] self-test failed"])
+
+
+def test_series_for_locate(board, tmp_path, capsys):
+    path = tmp_path / "path.csv"
+    path.write_text("time_s,x_mm,y_mm,depth_mm\n0,0,0,0\n4,0,0,0\n4.5,2,1,0.8\n100,2,1,0.8\n")
+    run = tmp_path / "run.sqlite"
+    code, _, _ = measure(capsys, *board, "--scans", 60, "--out", run, "--emulate", f"path={path}")
+    assert code == 0
+    code, out, _ = scan_info(capsys, run, "--to", "csv", "--baseline", 20)
+    assert (code, (tmp_path / "run.csv").read_text().splitlines()[0]) == (0, "time_s,coil1,coil2")
+    code, _, _ = scan_info(capsys, run, "--to", "nc", "--baseline", 20)
+    series = load_part(tmp_path / "run.nc")
+    assert series.delta.sel(state="coil1")[-1] > 1e-4
+    assert np.abs(series.delta[:20]).max() < 5e-6
+    rows = (tmp_path / "run.csv").read_text().splitlines()
+    (tmp_path / "last.csv").write_text("\n".join([rows[0], rows[-1]]) + "\n")
+    # a recorded reading on the table of a recorded campaign of that depth: the position comes out
+    grid = ("--campaign", "--x-mm", "-6:6:7", "--y-mm", "-4:4:5", "--depth-mm", "0.8")
+    code, _, _ = measure(capsys, *board, *grid, "--out", tmp_path / "map.sqlite")
+    assert code == 0
+    code, _, _ = scan_info(capsys, tmp_path / "map.sqlite", "--to", "nc")
+    code, out, err = locate(capsys, "--model", tmp_path / "map.nc", tmp_path / "last.csv", "--noise", 1e-6, "--json")
+    assert code == 0
+    assert all_marked(err)  # that the map is of an emulator
+    (position,) = json.loads(out)["positions"]
+    assert position["x_m"] == pytest.approx(2e-3, abs=0.1e-3)  # a cubic through steps of 2 mm
+    assert abs(position["y_m"]) == pytest.approx(1e-3, abs=0.2e-3)  # both coils are symmetric in y
+
+
+def test_person_at_the_keyboard(board, tmp_path, capsys, monkeypatch):
+    """The same campaign as a real board without a machine has it; the emulator plays the board."""
+    asked = []
+
+    class Person:
+        def __init__(self, indenter):
+            self.indenter, self.where = indenter, (0.0, 0.0)
+
+        def __call__(self, text):
+            asked.append(text)
+            numbers = [
+                float(part) for part in text.replace(",", " ").split() if part.lstrip("-").replace(".", "").isdigit()
+            ]
+            if text.startswith("Move"):
+                self.where = tuple(value * 1e-3 for value in numbers)
+            elif text.startswith("Press"):
+                self.indenter.press(*self.where, numbers[0] * 1e-3)
+            else:
+                self.indenter.lift()
+
+    from coilarray.hardware.record.stages import PersonStage
+
+    monkeypatch.setattr(
+        measure_command, "_mover", lambda *_: lambda board: PersonStage(Person(board.emulator.indenter))
+    )
+    code, _, _ = measure(capsys, *board, *GRID, "--out", tmp_path / "person.sqlite")
+    assert code == 0
+    assert len(asked) == 3 * 12
+    scan_info(capsys, tmp_path / "person.sqlite", "--to", "nc")
+    monkeypatch.undo()
+    monkeypatch.setenv("COILARRAY_CACHE", os.environ["COILARRAY_CACHE"])
+    measure(capsys, *board, *GRID, "--out", tmp_path / "machine.sqlite")
+    scan_info(capsys, tmp_path / "machine.sqlite", "--to", "nc")
+    person, machine = (load_part(tmp_path / f"{name}.nc").delta for name in ("person", "machine"))
+    np.testing.assert_allclose(person, machine, atol=2e-6)  # the noise of two readings, four deviations
+
+
+def test_nobody_answers(monkeypatch, capsys):
+    import io
+
+    monkeypatch.setattr(sys, "stdin", io.StringIO("\n"))
+    measure_command._ask("Move.")
+    assert capsys.readouterr().err == "Move. Then press Enter. "
+    with pytest.raises(HardwareError, match="nobody answers"):
+        measure_command._ask("Move.")
+
+
+def test_resume_of_a_campaign(board, campaign, tmp_path, capsys):
+    """Positions that are taken back out of a recording are the ones that are measured again."""
+    scan_info(capsys, campaign, "--out", tmp_path / "before.nc")
+    connection = sqlite3.connect(campaign)
+    connection.execute("UPDATE position SET finished = NULL WHERE place IN (0, 5, 11)")
+    connection.commit()
+    connection.close()
+    code, out, _ = measure(capsys, *board, *GRID, "--out", campaign, "--resume", "--json")
+    assert (code, json.loads(out)["scans"]) == (0, 24 + 6)
+    scan_info(capsys, campaign, "--out", tmp_path / "after.nc")
+    before, after = (load_part(tmp_path / f"{name}.nc") for name in ("before", "after"))
+    np.testing.assert_allclose(after.delta, before.delta, atol=2e-6)  # the noise of two readings, four deviations
+    assert int((after.delta != before.delta).any("state").sum()) <= 3
+
+
+# ------------------------------------------------------------------------------------ bad input
+
+
+def test_never_overwritten(board, campaign, tmp_path, capsys):
+    before = campaign.read_bytes()
+    line = measure_refused(capsys, *board, "--out", campaign)
+    assert line.endswith(f"{campaign} is a recording of 24 scans already; resume it or name another file.")
+    assert "it is of a campaign" in measure_refused(capsys, *board, "--out", campaign, "--resume")
+    other = [*GRID, "--repeats", 2]
+    assert "it is of another campaign" in measure_refused(capsys, *board, *other, "--out", campaign, "--resume")
+    assert "its hash of settings was" in measure_refused(
+        capsys, *board, *GRID, "--rate", 20, "--out", campaign, "--resume"
+    )
+    assert "its hash of settings was" in measure_refused(
+        capsys, *board, *GRID, "--coil", "coil1", "--out", campaign, "--resume"
+    )
+    assert campaign.read_bytes() == before
+    foreign = tmp_path / "notes.txt"
+    foreign.write_text("my notes\n" * 1000)
+    assert "is no recording" in measure_refused(capsys, *board, "--out", foreign)
+    assert foreign.read_text() == "my notes\n" * 1000
+    assert sorted(one.name for one in tmp_path.iterdir()) == ["campaign.sqlite", "notes.txt"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--single", "--campaign"], "--single and --campaign cannot be given together"),
+        (["--scans", 3, "--seconds", 3], "--scans and --seconds cannot be given together"),
+        (["--scans", 0], "--scans must be 1 to"),
+        (["--scans", "x"], "--scans"),
+        (["--seconds", 0], "--seconds must be positive"),
+        (["--seconds", "nan"], "--seconds must be positive"),
+        (["--x-mm", "0"], "--x-mm is for --campaign"),
+        (["--y-mm", "0", "--stage", "person"], "--y-mm and --stage are for --campaign"),
+        (["--repeats", 1], "--repeats is for --campaign"),
+        (["--average", 4], "--average is for --campaign"),
+        (["--dwell-s", 0], "--dwell-s is for --campaign"),
+        (["--single", "--speed-mm-s", 1.5], "--speed-mm-s is for --campaign"),
+        (["--scans", 3, "--clearance-mm", 2], "--clearance-mm is for --campaign"),
+        (["--seconds", 3, "--ignore-self-test"], "--ignore-self-test is for --campaign"),
+        (["--single", "--resume"], "--resume is not for --single"),
+        (["--campaign", "--clearance-mm", 2], "--clearance-mm is for a stage of G-code"),
+        (["--campaign", "--x-mm", "3,1"], "--x-mm must be rising"),
+        (["--campaign", "--depth-mm", "0"], "depths of a campaign must be positive"),
+        (["--campaign", "--repeats", 0], "repeats of a campaign must be"),
+        (["--campaign", "--average", 0], "scans of a campaign must be"),
+        (["--campaign", "--dwell-s", -1], "dwell of a campaign must be"),
+        (["--campaign", "--speed-mm-s", 0], "speed of a campaign must be"),
+        (["--campaign", "--x-mm", "0,500"], "x of the emulated indenter must be"),
+        (["--campaign", "--stage", "person"], "--stage is for a real board"),
+        (["--campaign", "--stage", "robot", "--port", "COM5"], "--stage must be person, grbl:PORT or marlin:PORT"),
+        (["--campaign", "--stage", "grbl:", "--port", "COM5"], "--stage must be person, grbl:PORT or marlin:PORT"),
+        (["--campaign", "--stage", "grbl:COM4", "--port", "COM5"], "--reach-mm must be given with a stage of G-code"),
+        (
+            ["--campaign", "--reach-mm", "0,1,0,1,1", "--port", "COM5"],
+            "--reach-mm must be given with a stage of G-code",
+        ),
+        (
+            ["--campaign", "--stage", "grbl:COM5", "--reach-mm", "0,1,0,1,1", "--port", "COM5"],
+            "--stage and --port must be different",
+        ),
+        (
+            ["--campaign", "--stage", "grbl:COM4", "--reach-mm", "0,1,0", "--port", "COM5"],
+            "--reach-mm must be XMIN,XMAX,YMIN,YMAX,DEPTH",
+        ),
+        (
+            ["--campaign", "--stage", "grbl:COM4", "--reach-mm", "1,0,0,1,1", "--port", "COM5"],
+            "x of a stage must rise",
+        ),
+        (["--port", "nowhere"], "nowhere"),
+        (["--port", "/dev/nothing-here"], "/dev/nothing-here"),
+        (["--wiring", "no.toml"], "no.toml"),
+        (["--coil", "coil9"], "has no state 'coil9'"),
+        (["--coil", "coil1", "--coil", "coil1"], "named once"),
+        (["--rate", 0], "--rate must be positive"),
+        (["--rate", 1e9], "rate"),
+        (["--clock-MHz", "inf"], "--clock-MHz must be positive and finite"),
+        (["--external-clock"], "--external-clock needs --clock-MHz"),
+        (["--drive", 32], "--drive must be 0 to 31, or COIL=CODE; got '32'"),
+        (["--drive", "coil1="], "--drive must be 0 to 31"),
+        (["--drive", "coil1=3", "--drive", 3], "one number for all coils, or COIL=CODE for each"),
+        (["--drive", "coil1=3", "--drive", "coil1=4"], "--drive must name a coil once"),
+        (["--drive", "coil7=3"], "a drive names the coil 'coil7'"),
+        (["--emulate", "seed=1", "--port", "COM5"], "--emulate is for the emulator"),
+        (["--emulate", "colour=1"], "--emulate must be KEY=VALUE with the key seed, noise, drift, press, path"),
+        (["--emulate", "seed"], "--emulate must be KEY=VALUE"),
+        (["--emulate", "seed=-1"], "--emulate seed must be a whole number"),
+        (["--emulate", "seed=" + "9" * 30], "--emulate seed must be a whole number"),
+        (["--emulate", "noise=-1"], "--emulate noise must not be negative"),
+        (["--emulate", "noise=nan"], "--emulate noise must be 1 finite numbers"),
+        (["--emulate", "drift=fast"], "--emulate drift must be 1 finite numbers"),
+        (["--emulate", "press=1,2"], "--emulate press must be 3 finite numbers"),
+        (["--emulate", "press=1,2,-3"], "--emulate press must not have a negative depth"),
+        (["--emulate", "press=0,0,1", "--emulate", "path=x.csv"], "cannot read x.csv"),
+        (["--emulate", "press=0,0,1", "--emulate", "press=0,0,1"], "--emulate must say press once"),
+        (["--out", "no/folder/run.sqlite"], "cannot write no/folder/run.sqlite: there is no folder no/folder"),
+        (["--single", "--out", "no/run.sqlite"], "cannot write no/run.sqlite: there is no folder no"),
+        (["--out", "."], "cannot write .: it is a folder"),
+        (["--out", "/proc/self"], "cannot write /proc/self: it is a folder"),
+    ],
+)
+def test_bad_input(board, tmp_path, capsys, monkeypatch, arguments, message):
+    monkeypatch.chdir(tmp_path)
+    line = measure_refused(capsys, *board, *arguments)
+    assert any(part in line for part in message.split("|"))
+    assert list(tmp_path.iterdir()) == []  # nothing is made
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "must have the columns time_s, x_mm, y_mm, depth_mm"),
+        ("t,x,y,d\n1,2,3,4\n", "must have the columns"),
+        ("time_s,x_mm,y_mm,depth_mm\n1,2,3\n", "must have the columns"),
+        ("time_s,x_mm,y_mm,depth_mm\n1,2,3,deep\n", "cannot read"),
+        ("time_s,x_mm,y_mm,depth_mm\n", "at least one point"),
+        ("time_s,x_mm,y_mm,depth_mm\n1,0,0,0\n0,0,0,0\n", "must rise"),
+        ("time_s,x_mm,y_mm,depth_mm\n1,0,0,nan\n", "finite"),
+    ],
+)
+def test_bad_paths(board, tmp_path, capsys, text, message):
+    path = tmp_path / "path.csv"
+    path.write_text(text)
+    assert message in measure_refused(capsys, *board, "--single", "--emulate", f"path={path}")
+
+
+def test_a_design_of_other_coils(board, tmp_path, capsys):
+    _, *wiring = board
+    line = measure_refused(capsys, "gast2020", *wiring, "--out", tmp_path / "run.sqlite")
+    assert "has no coil 'coil3' of the design gast2020" in line
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_bad_conversions(campaign, tmp_path, capsys):
+    assert "there is no file" in scan_info_refused(capsys, tmp_path / "nothing.sqlite")
+    assert f"cannot read {tmp_path}: it is a folder" in scan_info_refused(capsys, tmp_path)
+    assert "cannot read /: it is a folder" in scan_info_refused(capsys, "/", "--to", "nc")
+    assert "--to must be nc or csv; got 'xls'" in scan_info_refused(capsys, campaign, "--to", "xls")
+    assert "--out must end in .nc" in scan_info_refused(capsys, campaign, "--to", "nc", "--out", tmp_path / "a.csv")
+    assert "--out must end in .nc or .csv" in scan_info_refused(capsys, campaign, "--out", tmp_path / "a.txt")
+    assert "there is no folder" in scan_info_refused(capsys, campaign, "--out", tmp_path / "no" / "a.csv")
+    assert "--baseline must be at least 1" in scan_info_refused(capsys, campaign, "--baseline", 0)
+    renamed = tmp_path / "campaign.nc"
+    campaign.rename(renamed)
+    assert "must be another file than the recording" in scan_info_refused(capsys, renamed, "--to", "nc")
+    with open_recording(renamed) as recording:
+        assert recording.count() == 24
+
+
+def test_calibration(campaign, tmp_path, capsys):
+    calibrate, _ = runner("calibrate-board")
+    constants, plain, scaled = tmp_path / "board.toml", tmp_path / "plain.nc", tmp_path / "scaled.nc"
+    code, _, _ = calibrate(capsys, campaign, "--inductance-uH", 50, "--out", constants)
+    assert code == 0
+    scan_info(capsys, campaign, "--out", plain)
+    code, _, _ = scan_info(capsys, campaign, "--out", scaled, "--calibration", constants)
+    assert code == 0
+    np.testing.assert_allclose(load_part(scaled).base_inductance, 50e-6, rtol=1e-6)
+    np.testing.assert_allclose(load_part(scaled).delta, load_part(plain).delta, atol=2e-6)  # noise of the drift
+    constants.write_text(constants.read_text().replace('board = "emulator"', 'board = "XMC 2Go"'))
+    code, out, _ = scan_info(capsys, campaign, "--out", scaled, "--calibration", constants)
+    assert out.endswith("[emulator] the calibration is of the board “XMC 2Go”, the recording of “emulator”\n")
+    assert "--calibration is for the response" in scan_info_refused(
+        capsys, campaign, "--series", "--to", "nc", "--calibration", constants
+    )
+    assert "no.toml" in scan_info_refused(capsys, campaign, "--to", "nc", "--calibration", tmp_path / "no.toml")
+
+
+def test_series_of_a_campaign(campaign, tmp_path, capsys):
+    code, out, _ = scan_info(capsys, campaign, "--series", "--out", tmp_path / "series.nc")
+    assert (code, all_marked(out)) == (0, True)
+    series = load_part(tmp_path / "series.nc")
+    assert series.sizes == {"scan": 24, "state": 2}
+    assert series.stage.values.tolist() == ["baseline", "peak"] * 12
+    assert np.unique(series.depth).tolist() == [0.0, 0.5e-3, 1e-3]
+
+
+def test_marks():
+    assert board_options.marked("a\n\nb", emulated=True) == "[emulator] a\n[emulator]\n[emulator] b"
+    assert board_options.marked("a\nb", emulated=False) == "a\nb"
+
+
+def test_real_time(board, tmp_path):
+    """The path of an emulated indenter counts from the opening of the board, by the computer's clock."""
+    path = tmp_path / "path.csv"
+    path.write_text("time_s,x_mm,y_mm,depth_mm\n0,1,2,0\n0.1,1,2,1\n")
+    design, _, wiring = board
+    options = board_options.BoardOptions(wiring=str(wiring), rate=50, emulate=[f"path={path}"])
+    with board_options.opened_board(options, load_design(design), real_time=True) as (opened, settings):
+        before = time.monotonic()
+        opened.reader.scan()
+        assert time.monotonic() - before > settings.scan_time
+        time.sleep(0.1)
+        assert opened.emulator.place() == pytest.approx((1e-3, 2e-3, 1e-3))

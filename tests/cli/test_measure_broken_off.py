@@ -1,0 +1,198 @@
+"""The command measure when it is broken off, and with the real firmware behind a pseudo-terminal."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from support.command_line import runner
+from support.firmware_host import FirmwareHost, needs_compiler
+from support.patience import PATIENCE
+from support.recorded_boards import board_files, dent, quick_board
+
+from coilarray.cli import measure as measure_command
+from coilarray.compute.netcdf import load_part
+from coilarray.errors import HardwareError
+from coilarray.hardware.board import microcontroller
+from coilarray.hardware.record.recording import open_recording
+from coilarray.hardware.wire.link import LinkTimes
+
+measure, measure_refused = runner("measure")
+scan_info, scan_info_refused = runner("scan-info")
+
+
+@pytest.fixture(scope="module")
+def board(tmp_path_factory):
+    """Arguments for the small board, whose physics is computed once."""
+    folder = tmp_path_factory.mktemp("board")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("COILARRAY_CACHE", str(folder / "cache"))
+        yield board_files(folder)
+
+
+@pytest.fixture(autouse=True)
+def _patient_with_the_board(monkeypatch, patient_writing):
+    """The board is a thread of this process: where the process is stopped, it is as silent as a board that is gone."""
+    times = LinkTimes(reply=PATIENCE, opening=PATIENCE, least_gap=PATIENCE, heartbeat=PATIENCE)
+    monkeypatch.setattr(microcontroller, "LinkTimes", lambda: times)
+
+
+@contextlib.contextmanager
+def firmware(world=None):
+    """Quick coils behind the firmware."""
+    emulator = quick_board(world=world).emulator
+    with FirmwareHost(emulator.bus, emulator.switches, emulator.clock, safe_words=b"\x11\x11") as host:
+        yield emulator, host
+
+
+@needs_compiler
+def test_stream_of_a_microcontroller(board, tmp_path, capsys, monkeypatch):
+    path = tmp_path / "run.sqlite"
+
+    @contextlib.contextmanager
+    def unplugging(_):
+        """In place of a progress bar, pull the cable at the twentieth scan of the session."""
+        yield lambda done, _: host.unplug() if done == 50 else None
+
+    with firmware() as (emulator, host):
+        code, out, err = measure(capsys, *board, "--port", host.port, "--scans", 30, "--rate", 50, "--out", path)
+        assert (code, err) == (0, "")
+        with host.paused():
+            assert emulator.chip.asleep
+            assert emulator.chain.words == b"\x11\x11"
+        # another session of the same firmware, in which the cable is pulled
+        arguments = ("--port", host.port, "--scans", 1_000_000, "--rate", 50, "--out", path, "--resume")
+        with monkeypatch.context() as patch:
+            patch.setattr(measure_command, "progress_bar", unplugging)
+            code, out_of_lost, err = measure(capsys, *board, *arguments)
+        assert code == 2
+        kept, error = err.splitlines()
+        assert re.fullmatch(rf"coilarray: \d+ scans are kept in {path}; --resume goes on from there", kept)
+        assert error.startswith("coilarray: error: ")
+        port = host.replug()
+        scans = int(kept.split()[1])
+        arguments = ("--port", port, "--scans", scans + 10, "--rate", 50, "--out", path, "--resume", "--json")
+        code, out_of_last, _ = measure(capsys, *board, *arguments)
+        assert code == 0
+    assert "[emulator]" not in out + out_of_lost  # for the program it is a real board
+    record = json.loads(out_of_last)
+    assert record["emulated"] is False
+    assert record["scans"] == scans + 10
+    assert [session["scans"] for session in record["sessions"]] == [30, scans - 30, 10]
+    assert len({session["boot"] for session in record["sessions"]}) == 2  # replugged: restarted
+    assert all(state["bad"] == 0 for state in record["states"])
+    # a board and an emulator do not go into one recording
+    line = measure_refused(capsys, *board, "--rate", 50, "--out", path, "--resume")
+    assert "its board was real; now it is emulated" in line
+
+
+@needs_compiler
+def test_campaign_of_a_microcontroller(board, tmp_path, capsys, monkeypatch):
+    """A person at the keyboard, the firmware, and the indenter in between: the bell of `dent` comes out."""
+    path = tmp_path / "run.sqlite"
+    grid = ("--campaign", "--x-mm", "-3,2", "--y-mm", "0", "--depth-mm", "1", "--dwell-s", 0.01, "--rate", 20)
+    with firmware() as (emulator, host):
+        where = [0.0, 0.0]
+
+        def ask(text):
+            with host.paused():
+                if text.startswith("Move"):
+                    where[0] = float(re.search(r"x = (\S+),", text)[1]) * 1e-3
+                elif text.startswith("Press"):
+                    emulator.indenter.press(where[0], 0.0, 1e-3)
+                else:
+                    emulator.indenter.lift()
+
+        monkeypatch.setattr(measure_command, "_ask", ask)
+        # quick coils do not feel each other, which the self-test misses
+        code, _, err = measure(capsys, *board, *grid, "--port", host.port, "--out", path, "--ignore-self-test")
+    assert code == 0
+    assert err.splitlines() == [f"{k} of 2 positions are measured." for k in range(3)]
+    scan_info(capsys, path, "--to", "nc")
+    delta = load_part(tmp_path / "run.nc").delta.sel(state="coil1").values.ravel()
+    expected = [dent("coil1", x, 0.0, 1e-3) for x in (-3e-3, 2e-3)]
+    # the losses have 9e-4 of δ; a code at 20 scans/s is 4e-8 of the frequency as well
+    np.testing.assert_allclose(delta, expected, rtol=1e-3, atol=2e-7)
+
+
+@needs_compiler
+def test_a_microcontroller_that_restarts_in_a_campaign(board, tmp_path, capsys, monkeypatch):
+    """It is opened again, and the position is measured anew: nobody has to run the command again."""
+    path = tmp_path / "run.sqlite"
+    grid = ("--campaign", "--x-mm", "-3,0,2", "--y-mm", "0", "--depth-mm", "1", "--dwell-s", 0, "--rate", 20)
+    with firmware() as (_, host):
+        presses = 0
+
+        def ask(text):
+            nonlocal presses
+            presses += text.startswith("Press")
+            if text.startswith("Press") and presses == 2:
+                host.reset()
+
+        monkeypatch.setattr(measure_command, "_ask", ask)
+        code, _, err = measure(capsys, *board, *grid, "--port", host.port, "--out", path, "--ignore-self-test")
+    assert code == 0
+    assert err.splitlines() == [f"{k} of 3 positions are measured." for k in range(4)]
+    assert presses == 4
+    with open_recording(path) as recording:
+        assert len(recording.positions()) == 3
+        assert len({session.identity.boot for session in recording.sessions}) == len(recording.sessions) == 2
+
+
+def started(board, *arguments):
+    return subprocess.Popen(
+        [sys.executable, "-c", "from coilarray.cli.main import run; run()", "measure", *map(str, (*board, *arguments))],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+    )
+
+
+def wait_for_scans(path, scans, process):
+    """Return when the recording has some scans."""
+    deadline = time.monotonic() + 5 * PATIENCE  # it computes the physics of the board first
+    while time.monotonic() < deadline and process.poll() is None:
+        try:
+            with open_recording(path) as recording:
+                if recording.count() >= scans:
+                    return
+        except HardwareError:
+            pass
+        time.sleep(0.01)
+    raise AssertionError(f"no scans came: {process.communicate()}")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals are for POSIX systems")
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+def test_broken_off_and_resumed(board, tmp_path, capsys, number):
+    path = tmp_path / "run.sqlite"
+    # so long that it is not over before the signal, however late this process is to send it
+    grid = ("--campaign", "--x-mm", "-6:6:200", "--y-mm", "-4:4:100", "--depth-mm", "0.5", "--out", path)
+    with started(board, *grid, "--emulate", "noise=0") as process:
+        wait_for_scans(path, 20, process)
+        process.send_signal(number)
+        _, err = process.communicate(timeout=PATIENCE)
+    assert process.returncode == {signal.SIGKILL: -9, signal.SIGTERM: 143, signal.SIGINT: 130}[number]
+    assert "Traceback" not in err
+    with open_recording(path) as recording:
+        recording.check()
+        kept = recording.count()
+    if number != signal.SIGKILL:
+        assert f"[emulator] coilarray: {kept} scans are kept in {path}; --resume goes on from there" in err
+        assert [one.name for one in tmp_path.iterdir()] == ["run.sqlite"]
+    code, out, _ = scan_info(capsys, path)
+    assert code == 0
+    assert "of 20000 positions are measured" in out
+    assert "is not whole" in scan_info_refused(capsys, path, "--to", "nc")
+    code, _, _ = scan_info(capsys, path, "--to", "nc", "--partial")
+    part = load_part(tmp_path / "run.nc")
+    assert kept // 2 - 1 <= int(part.delta.notnull().all("state").sum()) <= kept // 2

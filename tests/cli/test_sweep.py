@@ -1,0 +1,248 @@
+"""The command ``sweep``: the numbers of the library, one line for every mistake, and sweeps that go on."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from support.command_line import runner
+from support.patience import until
+
+from coilarray import load_design
+from coilarray.cli.main import main
+from coilarray.compute.workers import workers
+from coilarray.studies.sweep import Axis, plan_sweep, run_sweep
+
+run, _ = runner("sweep", "starter")
+
+PATIENCE = 300.0  # s for what takes a few where nobody else computes
+PITCHES = (12.0, 14.0, 16.0)
+SMALL = ("--vary", "array.pitch_mm=12:16:3", "--quantity", "span_mm", "--quantity", "board_area_mm2")
+ONE = ("--workers", "1")
+
+
+@pytest.fixture(autouse=True)
+def _in_a_folder_of_its_own(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COILARRAY_CACHE", str(tmp_path / "cache"))
+
+
+@pytest.fixture(scope="module")
+def expected():
+    """What the library says."""
+    plan = plan_sweep(load_design("starter"), [Axis("array.pitch_mm", PITCHES)], ["span_mm", "board_area_mm2"])
+    with workers() as pool:
+        return run_sweep(plan, pool)
+
+
+def kept(folder="cache"):
+    """Entries of a cache; what begins with a dot is still being written."""
+    return sorted(path for path in Path(folder).rglob("*.json") if not path.name.startswith("."))
+
+
+def test_help_has_an_example(capsys):
+    assert main(["sweep", "--help"]) == 0
+    assert "Example: coilarray sweep" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("where", [ONE, ("--workers", "2"), ()])
+def test_the_file_is_the_dataset_of_the_library(capsys, expected, where):
+    code, out, err = run(capsys, *SMALL, "--out", "s.nc", "--plot", "s.svg", *where)
+    assert (code, err) == (0, "")
+    with xr.open_dataset("s.nc", engine="h5netcdf") as saved:
+        xr.testing.assert_identical(saved.load(), expected)
+    assert Path("s.svg").read_text(encoding="utf-8").startswith("<?xml")
+    assert out.splitlines()[-2:] == ["wrote s.nc: 3 points over array.pitch_mm", "wrote s.svg"]
+    assert len(kept()) == 3
+
+
+def test_the_table_shows_the_extremes_and_where_they_are(capsys, expected):
+    _, out, _ = run(capsys, *SMALL, "--quantity", "k[coil1,coil2]", "--accuracy", "screen", "--out", "s.csv", *ONE)
+    header, span, area, k, last = out.splitlines()
+    assert header.split() == ["quantity", "unit", "smallest", "where", "largest", "where"]
+    low, high = f"{expected.span_mm.values.min():.6g}", f"{expected.span_mm.values.max():.6g}"
+    assert " ".join(span.split()) == f"span_mm mm {low} array.pitch_mm = 12 {high} array.pitch_mm = 16"
+    assert area.split()[:2] == ["board_area_mm2", "mm²"]
+    assert k.split()[0] == "k[coil1,coil2]"  # brackets are not markup
+    assert last == "wrote s.csv: 3 points over array.pitch_mm"
+
+
+def test_every_point_as_csv(capsys, expected):
+    assert run(capsys, *SMALL, "--vary", "circuit.tank=coil,nowhere", "--out", "s.csv", *ONE)[0] == 0
+    with Path("s.csv").open(encoding="utf-8") as lines:
+        rows = list(csv.DictReader(lines))
+    assert list(rows[0]) == ["array.pitch_mm", "circuit.tank", "span_mm", "board_area_mm2", "reason"]
+    good = [row for row in rows if row["circuit.tank"] == "coil"]
+    assert [float(row["span_mm"]) for row in good] == expected.span_mm.values.tolist()
+    assert {row["reason"] for row in good} == {""}
+    bad = [row for row in rows if row["circuit.tank"] == "nowhere"]
+    assert len(bad) == 3
+    assert {row["span_mm"] for row in bad} == {""}
+    assert all(row["reason"].startswith("starter: circuit.tank must be 'converter' or 'coil'") for row in bad)
+
+
+def test_json_has_every_point_with_its_reason(capsys, expected):
+    code, out, err = run(capsys, *SMALL, "--vary", "circuit.tank=coil,nowhere", "--json", *ONE)
+    assert (code, err) == (0, "")
+    answer = json.loads(out)
+    assert answer["design_hash"] == expected.attrs["design_hash"]
+    assert (answer["file"], answer["sampling"], answer["accuracy"]) == ("sweep.nc", "grid", "full")
+    assert Path("sweep.nc").is_file()
+    points = answer["points"]
+    assert [point["array.pitch_mm"] for point in points] == np.repeat(PITCHES, 2).tolist()
+    assert [point["span_mm"] for point in points[::2]] == expected.span_mm.values.tolist()
+    assert [point["span_mm"] for point in points[1::2]] == [None] * 3
+    assert all("circuit.tank" in point["reason"] for point in points[1::2])
+
+
+def test_points_without_a_result_are_told(capsys):
+    code, out, err = run(capsys, *SMALL, "--vary", "circuit.tank=coil,nowhere", *ONE)
+    assert (code, err) == (0, "")
+    assert "3 of 6 points have no result; the first: starter: circuit.tank must be" in out
+
+
+def test_a_sweep_without_any_result_has_an_empty_table(capsys):
+    """Designs there are, but none has the quantity."""
+    code = main(["sweep", "gast_fem", "--vary", "board.margin_mm=1,2", "--quantity", "worst_k", *ONE])
+    out = capsys.readouterr().out
+    assert code == 0
+    assert out.splitlines()[1].split() == ["worst_k", "1", "–", "–"]
+    assert "2 of 2 points have no result; the first: the design gast_fem has one coil alone" in out
+
+
+def test_samples_are_repeatable_by_their_seed(capsys):
+    def points(*options):
+        vary = ("--vary", "array.pitch_mm=12:16", "--quantity", "span_mm", "--json")
+        code, out, _ = run(capsys, *vary, *ONE, *options)
+        assert code == 0
+        return json.loads(out)
+
+    four = points("--samples", "4", "--seed", "1")
+    assert four["sampling"] == "4 points of a Sobol sequence, seed 1"
+    assert four["points"] == points("--samples", "4", "--seed", "1")["points"]
+    assert four["points"] == points("--samples", "9", "--seed", "1")["points"][:4]
+    assert four["points"] != points("--samples", "4", "--seed", "2")["points"]
+    assert set(four["points"][0]) == {"array.pitch_mm", "span_mm", "reason"}
+
+
+def test_nothing_is_computed_twice(capsys, monkeypatch):
+    assert run(capsys, *SMALL, *ONE, "--cache", "mine")[0] == 0
+    before = {path: path.stat().st_mtime_ns for path in kept("mine")}
+    assert len(before) == 3
+    assert not kept()
+    monkeypatch.setattr("coilarray.studies.evaluate.evaluate", lambda *_, **__: pytest.fail("computed again"))
+    first = Path("sweep.nc").read_bytes()
+    assert run(capsys, *SMALL, *ONE, "--cache", "mine")[0] == 0
+    assert {path: path.stat().st_mtime_ns for path in kept("mine")} == before
+    with xr.open_dataset("sweep.nc", engine="h5netcdf") as again:
+        assert again.span_mm.notnull().all()
+    assert len(Path("sweep.nc").read_bytes()) == len(first)
+
+
+VARY = ("--vary", "array.pitch_mm=12,13")
+SPAN = ("--quantity", "span_mm")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (SPAN, "a sweep must have at least one entry to vary."),
+        (VARY, "a sweep must have at least one quantity."),
+        ((*VARY, *SPAN, "--out", "s.txt"), "--out must end in .nc or .csv; got s.txt"),
+        ((*VARY, *SPAN, "--plot", "s.gif"), "--plot must end in .png, .svg or .pdf; got s.gif"),
+        ((*VARY, *SPAN, "--out", "no/such/s.nc"), "cannot write no/such/s.nc: there is no folder no/such"),
+        (("--vary", "array.pitch_mm", *SPAN), "--vary must be KEY=START:STOP:COUNT or KEY=A,B,…; got 'array.pitch_mm'"),
+        (("--vary", "array.pitch_mm=", *SPAN), "array.pitch_mm must have at least one value."),
+        (("--vary", "array.pitch_mm=12:13", *SPAN), "array.pitch_mm must have a count of values"),
+        (("--vary", "array.pich_mm=1,2", *SPAN), "array has no key 'pich_mm'; did you mean pitch_mm?"),
+        ((*VARY, "--vary", "array.columns=1:900:900", "--vary", "fab.x=1:900:900", *SPAN), "points; got 1620000."),
+        ((*VARY, "--quantity", "span"), "there is no quantity 'span'; did you mean span_mm?"),
+        ((*VARY, "--quantity", "k[coil1,coil7]"), "no design of the sweep has a coil 'coil7'"),
+        ((*VARY, *SPAN, "--samples", "0"), "a sweep must have 1 to 100000 points; got 0."),
+        ((*VARY, *SPAN, "--samples", "2", "--seed", "-1"), "the seed must not be negative; got -1."),
+        ((*VARY, *SPAN, "--accuracy", "half"), "'half'"),
+        ((*VARY, *SPAN, "--workers", "0"), "the number of workers must be 1 to 1024; got 0."),
+        ((*VARY, *SPAN, "--workers", "2", "--cluster", "tcp://a:1"), "it cannot be given with --cluster."),
+        ((*VARY, *SPAN, "--cluster", "here"), "the address of a cluster must be tcp://host:port; got 'here'."),
+        ((*VARY, *SPAN, "--cache", "taken"), "cannot make the folder taken: a file has that name."),
+    ],
+)
+def test_a_mistake_is_one_line_before_any_work(capsys, monkeypatch, arguments, message):
+    monkeypatch.setattr("coilarray.studies.evaluate.evaluate", lambda *_, **__: pytest.fail("work has begun"))
+    Path("taken").touch()
+    code, out, err = run(capsys, *arguments)
+    assert (code, out) == (2, "")
+    (line,) = err.splitlines()
+    assert line.startswith("coilarray: error: ")
+    assert message in line
+    assert not list(Path().glob("s*.*"))
+
+
+def test_an_unknown_design_is_one_line(capsys):
+    assert main(["sweep", "nowhere", *VARY, *SPAN]) == 2
+    assert capsys.readouterr().err.startswith("coilarray: error: there is no design file nowhere")
+
+
+START = """
+import sys, time
+from contextlib import contextmanager
+import coilarray.cli.shared as shared
+
+def tell(done, total):
+    while done >= 30:  # however late the interrupt is sent, the sweep is not over
+        time.sleep(0.01)  # not long: another thread may take the signal, which does not wake this one
+
+@contextmanager
+def telling(*_):
+    yield tell
+
+shared.progress_bar = telling
+from coilarray.cli.main import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+@pytest.mark.parametrize("count", ["1", "2"])
+def test_an_interrupted_sweep_tells_what_is_kept_and_goes_on(capsys, monkeypatch, count):
+    vary = [f"{12 + k / 8:g}" for k in range(150)]
+    arguments = ["--vary", f"array.pitch_mm={','.join(vary)}", "--quantity", "worst_k", "--out", "s.csv"]
+    process = subprocess.Popen(
+        [sys.executable, "-c", START, "sweep", "starter", *arguments, "--workers", count],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    with process:
+        try:
+            until(lambda: len(kept()) >= 3, within=PATIENCE)
+            os.killpg(process.pid, signal.SIGINT)  # to all of the group, as a terminal does
+            out, err = process.communicate(timeout=PATIENCE)
+        finally:
+            process.kill()
+    assert process.returncode == 130
+    assert out == ""
+    told, last = err.splitlines()
+    assert last == "coilarray: interrupted"
+    done = len(kept())
+    assert 3 <= done < 150
+    number, rest = told.removeprefix("coilarray: ").split(" ", 1)
+    # one may be written when the interrupt comes, and not be counted
+    assert int(number) in (done, done - 1)
+    assert rest == f"of 150 points are kept in {Path('cache').resolve()}; the same command goes on from there"
+    assert not Path("s.csv").exists()
+    computed = []
+    monkeypatch.setattr("coilarray.studies.evaluate.evaluate", lambda *_, **__: computed.append(1) or {"worst_k": 0.25})
+    assert run(capsys, *arguments, "--workers", "1")[0] == 0  # in this process
+    assert len(computed) == 150 - done
+    assert len(kept()) == 150
+    values = [float(row["worst_k"]) for row in csv.DictReader(Path("s.csv").read_text().splitlines())]
+    assert values.count(0.25) == 150 - done

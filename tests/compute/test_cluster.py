@@ -1,0 +1,295 @@
+"""A real Dask scheduler with real worker processes on the loopback, started as a user starts them."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import socket
+import sys
+import threading
+
+import pytest
+from support import worker_tasks as tasks
+from support.dask_cluster import PATIENCE, Dask
+from support.patience import lasting, until
+
+from coilarray import load_design
+from coilarray.cli.main import main
+from coilarray.compute.code_version import code_version
+from coilarray.compute.workers import IN_FLIGHT, cluster, workers
+from coilarray.errors import ClusterError, MissingDependencyError
+from coilarray.studies.evaluate import evaluate_points
+
+pytest.importorskip("distributed", reason="the extra [cluster] is not installed")
+
+KERNEL = '''
+"""A kernel in a folder of its own, so that nothing of it is compiled before."""
+
+import os
+
+from coilarray.electromagnetics.kernels.compiled import kernel
+
+
+@kernel
+def twice(x):
+    return 2.0 * x
+
+
+def compiled(x):
+    """Use the kernel; process, and how often it was compiled and read from disk there."""
+    assert twice(x) == 2.0 * x
+    stats = twice.stats
+    return os.getpid(), sum(stats.cache_misses.values()), sum(stats.cache_hits.values())
+'''
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _patient():
+    """A scheduler and workers may take long to start and to answer; `impatient` is for those that never do."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(cluster, "ANSWER_WITHIN", PATIENCE)
+        patch.setattr(cluster, "_ALONE", PATIENCE)
+        yield
+
+
+@pytest.fixture(scope="module")
+def dask(tmp_path_factory):
+    """A scheduler and two workers under nannies, which start them again."""
+    import distributed
+
+    folder = tmp_path_factory.mktemp("dask")
+    (folder / "fresh_kernel.py").write_text(KERNEL, encoding="utf-8")
+    with contextlib.closing(Dask(folder)) as running:
+        for _ in range(2):
+            running.add_worker()
+        with distributed.Client(running.address, timeout=PATIENCE, set_as_default=False) as client:
+            client.wait_for_workers(2, timeout=PATIENCE)
+        yield running
+
+
+@pytest.fixture(scope="module")
+def pool(dask):
+    """One connection for many tests; two workers."""
+    with workers(cluster=dask.address) as remote:
+        until(lambda: remote.capacity == 2 * IN_FLIGHT, within=PATIENCE)
+        yield remote
+
+
+@pytest.fixture
+def impatient(monkeypatch):
+    """As if ten seconds were one."""
+    monkeypatch.setattr(cluster, "ANSWER_WITHIN", 1.0)
+
+
+def processes(pool):
+    """Processes of the workers that answer."""
+    return set(pool._client.run(os.getpid, on_error="ignore").values())
+
+
+def refused(address):
+    """The line with which a cluster at an address is refused."""
+    with pytest.raises((ClusterError, MissingDependencyError)) as caught, workers(cluster=address):
+        pass
+    line = str(caught.value)
+    assert len(line.splitlines()) == 1
+    return line
+
+
+def test_outcomes_are_those_of_any_pool(pool):
+    assert sorted(pool.run(tasks.square, range(9))) == [(k, k * k) for k in range(9)]
+    outcomes = dict(pool.run(tasks.refuse_odd, range(4)))
+    assert outcomes == {k: f"{k} is odd." if k % 2 else {"half": k / 2} for k in range(4)}
+    with pytest.raises(ZeroDivisionError):
+        list(pool.run(tasks.divide, [1, 0]))
+    assert sorted(pool.run(tasks.square, [5])) == [(0, 25)]
+    with pytest.raises(IndexError):
+        pool.collect()
+
+
+def test_both_workers_take_part_with_one_thread_each(pool):
+    pids = {pid for _, pid in pool.run(tasks.nap, [0.3] * 6)}
+    assert len(pids) == 2
+    assert os.getpid() not in pids
+    for _, (counts, ours, cores) in pool.run(tasks.threads, range(4)):
+        assert cores == 1
+        assert set(counts) == {1}
+        assert ours == "1"
+
+
+def test_numbers_are_those_of_this_process_to_the_last_bit(pool):
+    design = load_design("gast2020")
+    changes = [{"array.pitch_mm": pitch, "array.columns": 2} for pitch in (12.0, 13.5, 15.0, -1.0)]
+    quantities = ["worst_k", "inductance_uH[coil1]"]
+
+    def evaluate(where):
+        return dict(evaluate_points(design, changes, quantities, where, accuracy="screen"))
+
+    with workers() as here:
+        expected = evaluate(here)
+    assert evaluate(pool) == expected
+    assert [type(outcome) for _, outcome in sorted(expected.items())] == [dict, dict, dict, str]
+
+
+def test_kernels_compile_at_most_once_a_worker_and_are_kept_on_disk(dask, pool):
+    """The second of two equal tasks finds the kernel compiled, a new process finds it on disk."""
+    sys.path.append(str(dask.folder))  # to name the function here; nothing is compiled here
+    try:
+        import fresh_kernel
+    finally:
+        sys.path.remove(str(dask.folder))
+    first = {pid: (misses, hits) for _, (pid, misses, hits) in pool.run(fresh_kernel.compiled, map(float, range(12)))}
+    assert all(misses + hits == 1 for misses, hits in first.values()), first
+    assert sum(misses for misses, _ in first.values()) >= 1
+    before = processes(pool)
+    for pid in before:
+        os.kill(pid, signal.SIGKILL)  # the nanny starts another
+    until(lambda: len(processes(pool) - before) == 2, within=PATIENCE)
+    later = {pid: (misses, hits) for _, (pid, misses, hits) in pool.run(fresh_kernel.compiled, [1.0, 2.0])}
+    assert not later.keys() & before
+    assert set(later.values()) == {(0, 1)}
+
+
+def test_a_worker_that_is_lost_costs_only_time(pool, tmp_path):
+    items = [(k, str(tmp_path / str(k)) if k == 3 else None) for k in range(8)]
+    assert sorted(pool.run(tasks.die_once, items)) == [(k, k) for k in range(8)]
+    assert (tmp_path / "3").exists()
+
+
+def test_a_task_that_ends_every_worker_ends_the_run(pool):
+    with pytest.raises(ClusterError, match="a task ended several workers of the cluster, one after another"):
+        list(pool.run(tasks.die, [1]))
+    assert sorted(pool.run(tasks.square, [2])) == [(0, 4)]  # by a worker that was started again
+
+
+def test_a_run_that_is_left_does_not_mix_with_the_next(pool):
+    for _ in pool.run(tasks.nap, [0.2] * 8):
+        break
+    assert pool.in_flight == 0
+    assert sorted(pool.run(tasks.square, range(5))) == [(k, k * k) for k in range(5)]
+
+
+def test_a_sweep_on_the_cluster_from_the_command_line(dask, tmp_path, capsys):
+    def sweep(name, *where):
+        arguments = ["--vary", "array.pitch_mm=12:14:3", "--vary", "array.columns=2", "--quantity", "worst_k"]
+        kept = ["--accuracy", "screen", "--cache", str(tmp_path / name), "--out", str(tmp_path / f"{name}.csv")]
+        assert main(["sweep", "gast2020", *arguments, *kept, *where]) == 0
+        return capsys.readouterr()
+
+    here, there = sweep("here", "--workers", "1"), sweep("there", "--cluster", dask.address)
+    assert (tmp_path / "here.csv").read_bytes() == (tmp_path / "there.csv").read_bytes()
+    assert (here.err, there.err) == ("", "")
+    assert here.out.replace("here.csv", "there.csv") == there.out
+    assert len(list((tmp_path / "there").rglob("*.json"))) == 3  # the cache is where the command runs
+
+
+def test_another_version_of_coilarray_on_a_worker_is_refused_by_name(dask, monkeypatch):
+    monkeypatch.setattr(cluster, "code_version", lambda: "9.9.9+0")
+    # asked of every worker, which has its own function of that name
+    line = refused(dask.address)
+    assert line.startswith("the worker tcp://127.0.0.1:")
+    assert line.endswith(f"has coilarray {code_version()}; here it is 9.9.9+0: install the same on all machines.")
+    with pytest.raises(
+        ClusterError, match=r"^a worker has coilarray 9\.9\.9\+0; here it is 0\.0: install the same on all"
+    ):
+        cluster.compute("0.0", b"")  # as on one that joins later
+
+
+def test_a_worker_without_coilarray_is_told_of():
+    assert cluster._differs("the worker tcp://x:1", ModuleNotFoundError("No module named 'coilarray'"), "1.0") == (
+        "the worker tcp://x:1 has no coilarray that can be loaded (No module named 'coilarray'); here it is 1.0: "
+        "install the same on all machines."
+    )
+
+
+def test_a_worker_is_no_scheduler(dask):
+    import distributed
+
+    with distributed.Client(dask.address, set_as_default=False) as client:
+        worker = next(iter(client.nthreads()))
+    assert refused(worker) == f"at {worker} answers no Dask scheduler but a Worker."
+
+
+def test_where_nothing_answers_there_is_one_line(impatient, capfd, tmp_path):
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))  # no listen: refuses connections
+        address = f"tcp://127.0.0.1:{taken.getsockname()[1]}"
+        arguments = ["--vary", "array.pitch_mm=12,13", "--quantity", "span_mm", "--cache", str(tmp_path)]
+        assert main(["sweep", "--cluster", address, "--out", str(tmp_path / "s.nc"), *arguments]) == 2
+    out, err = capfd.readouterr()
+    assert out == ""
+    assert err == f"coilarray: error: no Dask scheduler answers at {address} within 1 s.\n"
+    assert not (tmp_path / "s.nc").exists()
+
+
+@pytest.mark.parametrize("answer", [None, b"HTTP/1.1 400 Bad Request\r\nContent-Length: 0\r\n\r\n" + 64 * b" "])
+def test_a_stranger_at_the_address_is_no_scheduler(impatient, answer):
+    """A port that accepts and says nothing, and one that says something else."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def greet():
+            with contextlib.suppress(OSError):
+                connection, _ = server.accept()
+                with connection:
+                    if answer is not None:
+                        connection.sendall(answer)
+                    connection.settimeout(PATIENCE)
+                    while connection.recv(1024):
+                        pass
+
+        thread = threading.Thread(target=greet)
+        thread.start()
+        address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
+        with lasting(PATIENCE / 2):  # a second where the machine is not busy
+            assert refused(address).startswith(f"no Dask scheduler answers at {address} within 1 s")
+        # in a second in which this process was stopped nobody may have come
+        socket.create_connection(server.getsockname()).close()
+        thread.join()
+
+
+@pytest.mark.parametrize(
+    "address", ["", "host:8786", "http://host:8786", "tcp://host", "tcp://:1", "tcp://host:0", "tcp://h:x"]
+)
+def test_the_address_must_have_its_form(address):
+    assert refused(address) == f"the address of a cluster must be tcp://host:port; got {address!r}."
+
+
+def test_without_the_package_one_line_names_it(monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    line = refused("tcp://127.0.0.1:8786")
+    assert line == "a cluster needs the package distributed: pip install 'coilarray[cluster]'."
+
+
+def test_workers_and_scheduler_that_are_lost_end_the_run(tmp_path, monkeypatch, impatient, capfd):
+    """No worker at first, then one that is killed, then the scheduler is."""
+    monkeypatch.setattr(cluster, "_ALONE", 1.0)
+    with contextlib.closing(Dask(tmp_path)) as own:
+
+        def no_worker():
+            line = refused(own.address)
+            return line if "has no worker" in line else None
+
+        # in a second in which the scheduler was stopped it does not answer at all
+        line = until(no_worker, within=PATIENCE)
+        assert line == f"the Dask scheduler at {own.address} has no worker; start one: dask worker {own.address}"
+        monkeypatch.setattr(cluster, "ANSWER_WITHIN", PATIENCE)
+        worker = own.add_worker("--no-nanny")
+        with workers(cluster=own.address) as pool:
+            assert sorted(pool.run(tasks.square, [3])) == [(0, 9)]
+            running = pool.run(tasks.nap, [0.0, *[PATIENCE] * 3])
+            assert next(running)[0] == 0
+            worker.kill()
+            with pytest.raises(
+                ClusterError, match=r"all workers of the cluster are lost, and none came back within 1 s\."
+            ):
+                next(running)
+        worker = own.add_worker("--no-nanny")
+        with workers(cluster=own.address) as pool:
+            running = pool.run(tasks.nap, [0.0, *[PATIENCE] * 3])
+            assert next(running)[0] == 0
+            own.scheduler.kill()
+            with pytest.raises(ClusterError, match="Dask scheduler is lost"):
+                next(running)
+        worker.kill()  # else it would end its nap first
+    assert all(process.poll() is not None for process in own.processes)
+    assert capfd.readouterr() == ("", "")  # Dask's own log stays off the terminal

@@ -1,0 +1,177 @@
+"""Arrays written as design files: what is read back is the array to 1 nm, with its assumptions and shared shapes."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.boards import FOUR_LAYERS, LEADS, VIA, many_layers, reference_board
+
+from coilarray import load_design
+from coilarray.design.model import parse_design
+from coilarray.design.write import design_names, design_text, shape_names
+from coilarray.errors import DesignError
+from coilarray.geometry import CoilArray, Placement, PlatedHole, Spiral, Stackup, path_coil, spiral_coil
+
+GRID = 1e-9  # m: places are rounded to it
+
+
+def text(array, name="copy", assumed=None):
+    return design_text(name, array, source="a test", assumed=assumed or {})
+
+
+def same(found, array):
+    assert [p.layers for p in found.placements] == [p.layers for p in array.placements]
+    assert (found.through_holes, found.board_margin) == (array.through_holes, pytest.approx(array.board_margin))
+    for new, old in zip(found.conductors(), array.conductors(), strict=True):
+        # half a grid step of the line and half of the placement, in x and in y
+        np.testing.assert_allclose(new.vertices, old.vertices, rtol=0, atol=1.5 * GRID)
+        np.testing.assert_allclose(new.areas, old.areas, rtol=1e-9)
+    for new, old in zip(found.placements, array.placements, strict=True):
+        for one, other in ((new.coil.via, old.coil.via), (new.coil.terminal, old.coil.terminal)):
+            assert (one is None) == (other is None)
+            if one is not None:
+                assert (one.drill, one.pad) == pytest.approx((other.drill, other.pad))
+        assert new.coil.gap == pytest.approx(old.coil.gap)
+
+
+@pytest.mark.parametrize("name", ["gast2020", "gast_fem", "starter"])
+def test_bundled_designs_come_back(name):
+    array = load_design(name).array
+    found = parse_design(text(array)).array
+    assert found.names == array.names
+    same(found, array)
+
+
+def mixed_array():
+    tapered = path_coil(
+        [[(0, 0), (4e-3, 0), (4e-3, 3e-3)], [(4e-3, 3e-3), (0, 3e-3)], [(0, 3e-3), (0, 1e-3), (3e-3, 1e-3)]],
+        [[0.2e-3, 0.35e-3], [0.3e-3], [0.2e-3, 0.2e-3]],
+        0.25e-3,
+        PlatedHole(0.25e-3, 0.5e-3, 20e-6),
+    )
+    spiral = spiral_coil(Spiral(5, 4e-3, 5, 0.15e-3, 0.15e-3), 2, VIA, LEADS)
+    placements = (
+        Placement("tapered", tapered, ("L1", "L2", "L1"), 1.23456e-3, -2e-3, 0.3),
+        Placement("one", spiral, ("L1", "L2"), 20e-3, 0, -2.0),
+        Placement("two", spiral, ("L3", "L4"), 20e-3, 10e-3),
+    )
+    return CoilArray(FOUR_LAYERS, placements, board_margin=0.5e-3, through_holes=False)
+
+
+def test_widths_repeated_layers_rotations_and_bare_ends_come_back():
+    array = mixed_array()
+    found = parse_design(text(array)).array
+    same(found, array)
+    assert found.placements[0].coil.terminal is None
+    assert found.placements[0].coil.via.plating == pytest.approx(20e-6)
+    assert found.placements[0].coil.widths[0].tolist() == [0.2e-3, 0.35e-3]
+    assert found.placements[1].coil is found.placements[2].coil
+    document = tomllib.loads(text(array))
+    assert list(document["coils"]) == ["shape1", "shape2"] == sorted(set(shape_names(array)))
+    assert document["coils"]["shape2"]["trace_width_mm"] == 0.15
+
+
+@given(
+    x=st.floats(-0.2, 0.2),
+    rotation=st.floats(-7, 7),
+    width=st.floats(0.05e-3, 2e-3),
+    thickness=st.floats(1e-6, 1e-3),
+    epsilon=st.floats(1, 20),
+)
+@settings(max_examples=40)
+def test_numbers_keep_their_digits(x, rotation, width, thickness, epsilon):
+    stackup = Stackup(("a", "b"), (thickness, 35e-6), (thickness,), (epsilon,))
+    coil = path_coil([[(0, 0), (3e-3, 0), (3e-3, 2e-3)]], width, 1e-4, VIA)
+    found = parse_design(text(CoilArray(stackup, (Placement("A", coil, ("a",), x, 0, rotation),)))).array
+    assert found.placements[0].x == pytest.approx(x, abs=0.51 * GRID)
+    assert found.placements[0].rotation == pytest.approx(rotation, rel=1e-11, abs=1e-14)  # 12 digits of degrees
+    assert found.placements[0].coil.trace_width == pytest.approx(width, abs=0.51 * GRID)
+    for values in ("copper_thickness", "dielectric_thickness", "epsilon_r"):
+        assert getattr(found.stackup, values) == pytest.approx(getattr(stackup, values), rel=1e-11)
+
+
+def test_points_stand_one_a_line_and_no_line_is_long():
+    lines = text(mixed_array()).splitlines()
+    assert "        [4.0, 3.0]," in lines
+    assert 'layers = ["L1", "L2", "L1"]' in lines
+    assert max(map(len, lines)) <= 120
+    many = path_coil([np.column_stack((np.arange(200) * 1e-3, np.arange(200) % 2 * 1e-3))], 2e-4, 2e-4, VIA)
+    varied = path_coil(many.lines, [np.linspace(2e-4, 3e-4, 199).round(9)], 2e-4, VIA)
+    array = CoilArray(many_layers(1), (Placement("A", varied, ("L1",), 0, 0),))
+    assert max(map(len, text(array).splitlines())) <= 120
+    same(parse_design(text(array)).array, array)
+
+
+# ---- names
+
+
+@pytest.mark.parametrize(
+    ("given_names", "expected"),
+    [
+        (["/coil1", "coil1"], ["coil1", "coil1_2"]),
+        (["Net-(J1-Pad1)", "-x", "", "a b/c"], ["Net-_J1-Pad1_", "x", "_", "a_b_c"]),
+        (["Ω1", "µ2"], ["_1", "_2"]),
+        (["a b", "a/b", "a_b"], ["a_b", "a_b_2", "a_b_3"]),
+        (["F.Cu", "In1.Cu", "+3V3"], ["F.Cu", "In1.Cu", "+3V3"]),
+    ],
+)
+def test_names_become_ones_that_a_design_can_have(given_names, expected):
+    assert design_names(given_names) == dict(zip(given_names, expected, strict=True))
+
+
+@given(names=st.lists(st.text(min_size=0, max_size=8), min_size=1, max_size=6, unique=True))
+@settings(max_examples=60)
+def test_any_names_make_a_readable_design(names):
+    coil = path_coil([[(0, 0), (1e-3, 0)]], 2e-4, 2e-4, VIA)
+    placements = tuple(Placement(name, coil, (names[0],), 0, k * 1e-3) for k, name in enumerate(names))
+    array = CoilArray(Stackup((names[0],), (35e-6,), (), ()), placements)
+    found = parse_design(text(array, name=names[0])).array
+    assert len(set(found.names)) == len(names)
+
+
+# ---- assumptions
+
+
+def test_assumptions_are_carried_to_the_keys_they_are_of():
+    assumed = {
+        "stackup.dielectric_epsilon_r": "FR-4",
+        "coils.*.via.plating_um": "usual",
+        "coils.two.gap_mm": "a guess",
+        "board.margin_mm": "none given",
+    }
+    design = parse_design(text(mixed_array(), assumed=assumed))
+    assert design.assumed == {
+        "stackup.dielectric_epsilon_r": "FR-4",
+        "coils.shape1.via.plating_um": "usual",
+        "coils.shape2.via.plating_um": "usual",
+        "coils.shape2.gap_mm": "a guess",
+        "board.margin_mm": "none given",
+    }
+    assert design.source == "a test"
+    assert parse_design(text(mixed_array())).assumed == {}
+
+
+def test_names_with_dots_find_their_shape():
+    coil = path_coil([[(0, 0), (1e-3, 0)]], 2e-4, 2e-4, VIA)
+    other = path_coil([[(0, 0), (2e-3, 0)]], 2e-4, 2e-4, VIA)
+    placements = (Placement("a", coil, ("L1",), 0, 0), Placement("a.gap_mm", other, ("L1",), 0, 1e-3))
+    array = CoilArray(many_layers(1), placements)
+    reasons = parse_design(text(array, assumed={"coils.a.gap_mm": "1", "coils.a.gap_mm.gap_mm": "2"})).assumed
+    assert reasons == {"coils.shape1.gap_mm": "1", "coils.shape2.gap_mm": "2"}
+
+
+def test_an_assumption_of_nothing_is_refused_when_read():
+    with pytest.raises(DesignError, match=r"assumed\.'board\.colour' names no value of the design"):
+        parse_design(text(reference_board(), assumed={"board.colour": "green"}))
+
+
+def test_the_design_of_a_rotated_coil_turns_it():
+    coil = path_coil([[(0, 0), (1e-3, 0)]], 2e-4, 2e-4, VIA)
+    array = CoilArray(many_layers(1), (Placement("A", coil, ("L1",), 0, 0, math.pi / 2),))
+    (wire,) = parse_design(text(array)).array.conductors()
+    np.testing.assert_allclose(wire.vertices[1, :2], (0, 1e-3), atol=1e-15)

@@ -1,0 +1,428 @@
+"""AC resistance of the coils.
+
+Who checks whom:
+
+    quantity            reference tables   closed form        other model           finer mesh or rule
+    mean logarithms                        GMD of a square    Gauss quadrature
+    single trace        ac_single_trace    low f: ω², √f                            x
+    parallel traces     ac_parallel_traces one trace alone                          x (basis)
+    resistance matrix   (via the above)    DC, induced loss   2-D bundle of a       x (Gauss points)
+                                           of a square loop   long racetrack
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.references import rows
+
+import coilarray.electromagnetics.ac_resistance as module
+from coilarray import dc_resistance, load_design, magnetic_field
+from coilarray.constants import MU_0, RESISTIVITY_COPPER
+from coilarray.electromagnetics.ac_resistance import WIDE, cross_section, parallel_traces, resistance_matrix, skin_depth
+from coilarray.electromagnetics.kernels.cuts import nearest_crossing, radial_cut
+from coilarray.electromagnetics.kernels.eddy_modes import isolated_modes
+from coilarray.electromagnetics.kernels.sections import NEAR, mean_log
+from coilarray.errors import GeometryError
+from coilarray.geometry import Conductor, Spiral
+
+W, T = 0.15e-3, 35e-6
+
+
+def spiral_path(spiral, layers=(0.0,)):
+    lines = []
+    for k, z in enumerate(layers):
+        line = spiral.centre_line(k)
+        lines.append(np.column_stack((line, np.full(len(line), z))))
+    return Conductor(np.vstack(lines), spiral.trace_width, T)
+
+
+def racetrack(turns, width, pitch, inner, length):
+    """A long rectangular spiral with its long sides along y, the first at x = inner."""
+    points = []
+    for k in range(turns):
+        a, b = inner + k * pitch, length / 2 + k * pitch
+        points += [(a, -b + pitch if k else -b), (a, b), (-a, b), (-a, -b)]
+    return Conductor([(x, y, 0.0) for x, y in points], width, T, name="racetrack")
+
+
+def switch_frequency(width, resistivity=RESISTIVITY_COPPER):
+    return resistivity / (np.pi * MU_0 * (width / WIDE) ** 2)
+
+
+# mean logarithms
+
+
+def gauss_mean_log(x, z, w1, t1, w2, t2, n=16):
+    node, weight = np.polynomial.legendre.leggauss(n)
+    a, b = node[:, None] / 2, node[None, :] / 2
+    dx = (x + w2 * a - w1 * b).ravel()
+    dz = (z + t2 * a - t1 * b).ravel()
+    both = (weight[:, None] * weight[None, :]).ravel() / 4
+    return float(both @ (0.5 * np.log(dx[:, None] ** 2 + dz**2)) @ both)
+
+
+@pytest.mark.nojit
+@pytest.mark.parametrize("place", [(2.0, 1.0), (0.0, 3.0), (-4.0, 0.2)])
+def test_mean_log_against_quadrature(place):
+    sizes = (1.0, 0.5, 0.7, 1.0)
+    # 16 Gauss points leave 1e-12 at these distances; the closed form cancels (distance/size)⁴ of 1e-16
+    assert mean_log(*place, *sizes) == pytest.approx(gauss_mean_log(*place, *sizes), abs=1e-11)
+
+
+@pytest.mark.nojit
+def test_mean_log_of_a_square_with_itself():
+    # geometric mean distance of a square of side 1: Maxwell, A Treatise on Electricity and Magnetism, art. 692
+    expected = np.log(2) / 3 + np.pi / 3 - 25 / 12
+    assert mean_log(0.0, 0.0, 1.0, 1.0, 1.0, 1.0) == pytest.approx(expected, rel=1e-14)  # rounding
+
+
+def test_far_expansion_meets_the_closed_form():
+    sizes = (1.0, 0.4, 0.8, 1.0)
+    for angle in np.linspace(0, np.pi, 9):
+        x, z = np.cos(angle), np.sin(angle)
+        inside = mean_log(NEAR * (1 - 1e-12) * x, NEAR * (1 - 1e-12) * z, *sizes)
+        outside = mean_log(NEAR * (1 + 1e-12) * x, NEAR * (1 + 1e-12) * z, *sizes)
+        # the sixth moments that the expansion leaves out: about (1/6)⁶/800
+        assert outside == pytest.approx(inside, abs=1e-7)
+
+
+# one trace
+
+
+@pytest.mark.parametrize("row", rows("ac_single_trace"), ids=lambda r: "-".join(list(r.values())[:3]))
+def test_single_trace_reference(row):
+    width, thickness = float(row["w_mm"]) * 1e-3, float(row["t_mm"]) * 1e-3
+    trace = cross_section(width, thickness, float(row["f_MHz"]) * 1e6)
+    # both meshes are converged to 1e-3 or so (the table's header); asked for are 1 % and 3 %, measured 2e-3 at most
+    assert float(trace.resistance_ratio) == pytest.approx(float(row["ratio_extrap"]), rel=3e-3)
+
+
+@pytest.mark.parametrize(("aspect", "mesh"), [(1.0, (72, 72)), (0.35, (80, 36)), (0.035, (112, 36))])
+def test_single_mesh(aspect, mesh):
+    # the study that set SINGLE_MESH, up to MOST_SKIN_DEPTHS
+    beta = np.array([2.0, 10, 50, 100, module.MOST_SKIN_DEPTHS]) ** 2 / np.pi
+    coarse, fine = isolated_modes(1.0, aspect, *module.SINGLE_MESH), isolated_modes(1.0, aspect, *mesh)
+    for k in range(3):
+        a, b = (module._answer(modes[k], beta) + (k == 0) for modes in (coarse, fine))
+        # measured at most 2.3e-3; 5e-3 for the lateral field of thin traces (third set), which has few cells
+        np.testing.assert_allclose(a, b, rtol=3e-3 if k < 2 else 6e-3)
+
+
+def test_uniform_field_at_low_frequency():
+    f = 1e3
+    omega = 2 * np.pi * f
+    trace = cross_section(W, T, f)
+    # ω²µ0² t w³/12ρ: eddy currents of a thin strip in a uniform field, no reaction (w/δ = 0.07: 1e-6);
+    # cells of constant density miss their own inner variation, 1e-3 with 48 cells and 6e-3 with 22
+    assert trace.normal_field_loss == pytest.approx((omega * MU_0) ** 2 * T * W**3 / 12 / RESISTIVITY_COPPER, rel=1e-3)
+    assert trace.lateral_field_loss == pytest.approx((omega * MU_0) ** 2 * W * T**3 / 12 / RESISTIVITY_COPPER, rel=6e-3)
+
+
+def test_single_trace_limits():
+    trace = cross_section(W, T, [1e2, 2e4, 4e4])
+    # f → 0: R_dc; the excess, 1e-12 at 100 Hz, is ∝ f² up to (w/δ)⁴/500 at 40 kHz
+    assert trace.resistance_ratio[0] == pytest.approx(1.0, abs=1e-10)
+    assert (trace.resistance_ratio[2] - 1) / (trace.resistance_ratio[1] - 1) == pytest.approx(4.0, rel=1e-3)
+    # skin limit of a square: R ∝ √f; corners add O(δ/w), 3 % here
+    side = 1e-3
+    f = RESISTIVITY_COPPER / (np.pi * MU_0 * (side / np.array([75.0, 150.0])) ** 2)
+    ratio = cross_section(side, side, f).resistance_ratio
+    assert ratio[1] / ratio[0] == pytest.approx(2.0, rel=3e-2)
+    # and more than the current spread evenly over the perimeter would lose: w/4δ
+    assert ratio[1] > 150 / 4
+
+
+@settings(max_examples=25)
+@given(st.floats(0.05, 20.0), st.floats(1e5, 1e7), st.floats(0.5, 3.0))
+def test_only_sizes_in_skin_depths_count(scale, frequency, conductivity):
+    first = cross_section(W, T, frequency)
+    second = cross_section(scale * W, scale * T, frequency / scale**2 / conductivity, RESISTIVITY_COPPER / conductivity)
+    # rounding of the aspect ratio in the cache, 1e-12
+    assert second.resistance_ratio == pytest.approx(first.resistance_ratio, rel=1e-9)
+    unit = second.normal_field_loss / second.resistivity
+    assert unit == pytest.approx(first.normal_field_loss / RESISTIVITY_COPPER, rel=1e-9)
+
+
+def test_width_and_thickness_change_places():
+    flat, upright = cross_section(W, T, 5e6), cross_section(T, W, 5e6)
+    assert upright.resistance_ratio == pytest.approx(flat.resistance_ratio, rel=1e-9)  # same mesh turned, rounding
+    assert upright.normal_field_loss == pytest.approx(flat.lateral_field_loss, rel=1e-9)
+
+
+# parallel traces
+
+
+def reference_bundle(row):
+    n, levels = int(row["n_traces"]), [float(z) * 1e-3 for z in row["z_list_mm"].split(";")]
+    width, pitch = float(row["w_mm"]) * 1e-3, float(row["pitch_mm"]) * 1e-3
+    x, z = np.tile(np.arange(n) * pitch, len(levels)), np.repeat(levels, n)
+    return width, float(row["t_mm"]) * 1e-3, x, z, float(row["f_MHz"]) * 1e6
+
+
+@pytest.mark.parametrize("row", rows("ac_parallel_traces"), ids=lambda r: "-".join(list(r.values())[:6]))
+def test_parallel_traces_reference(row):
+    width, thickness, x, z, f = reference_bundle(row)
+    result = parallel_traces(width, thickness, x, z, 1.0, f)
+    ratio = result.resistance_ratio
+    assert result.loss_ratio.mean() == pytest.approx(ratio.mean(), rel=1e-10)  # energy: all heat is fed in, rounding
+    # the table's two meshes differ by up to 0.5 %, ours is the finer one on one layer and between them on two, and
+    # four digits are printed; asked for are 1 % and 3 %, measured 9e-3 at most, 1e-3 for traces up to two skin depths
+    narrow = width <= WIDE * skin_depth(f)
+    expected = [float(row[key]) for key in ("ratio_fine", "Rmax_ratio", "Rmin_ratio")]
+    np.testing.assert_allclose([ratio.mean(), ratio.max(), ratio.min()], expected, rtol=1e-3 if narrow else 1e-2)
+
+
+def test_one_parallel_trace_is_the_single_trace():
+    for f in (1e6, 1e7, 3e7):
+        alone = parallel_traces(W, T, 0.0, 0.0, 2.0, f)
+        # meshes of 48 and 30 cells; the coarser one costs 4e-3 at 30 MHz
+        np.testing.assert_allclose(alone.loss_ratio, cross_section(W, T, f).resistance_ratio, rtol=5e-3)
+
+
+def test_basis_tolerance(monkeypatch):
+    x, z = np.tile(np.arange(6) * 0.25e-3, 2), np.repeat([0.0, 0.15e-3], 6)
+    default = [parallel_traces(0.2e-3, T, x, z, 1.0, f).loss_ratio for f in (1e6, 5e6, 2e7)]
+    monkeypatch.setattr(module, "BASIS_TOLERANCE", 1e-4)
+    module._basis.cache_clear()
+    module._section.cache_clear()
+    fine = [parallel_traces(0.2e-3, T, x, z, 1.0, f).loss_ratio for f in (1e6, 5e6, 2e7)]
+    module._basis.cache_clear()
+    module._section.cache_clear()
+    # gaps of a quarter width, where the Taylor series of the basis is stretched most
+    np.testing.assert_allclose(default, fine, rtol=2e-3)
+
+
+def test_opposite_currents_crowd_and_mirror():
+    f = 5e6
+    same, opposite = (parallel_traces(W, T, [0, 0], [0, 0.1e-3], [1, s], f) for s in (1, -1))
+    # the facing go-and-return pair spreads its current over the faces; the pair in phase pushes it to the edges
+    assert same.loss_ratio[0] > opposite.loss_ratio[0] > 1
+    assert same.loss_ratio[0] == pytest.approx(same.loss_ratio[1], rel=1e-9)  # mirror images, rounding
+
+
+# coils
+
+
+@pytest.fixture(scope="module")
+def board():
+    return load_design("gast2020").array.conductors()
+
+
+def test_direct_current_limit(board):
+    result = resistance_matrix(board, 10.0)
+    # excess ∝ f²: 4e-4 at 100 kHz is 4e-12 at 10 Hz
+    np.testing.assert_allclose(np.diag(result.resistance[0]), dc_resistance(board), rtol=1e-10)
+    np.testing.assert_allclose(result.dc_resistance, dc_resistance(board), rtol=1e-15)
+    assert result.resistance.attrs["units"] == "ohm"
+    low = resistance_matrix(board[:2], [1e4, 2e4]).resistance.values
+    excess = low - np.diag(dc_resistance(board[:2]))
+    # eddy reaction is of order (w/δ)⁴/500 = 1e-5 at 20 kHz; rounding of R against its excess: 1e-16/1e-6
+    np.testing.assert_allclose(excess[1] / excess[0], 4.0, rtol=1e-4)
+
+
+def test_symmetric_and_positive_definite(board):
+    R = resistance_matrix(board, np.geomspace(1e5, 2e7, 7)).resistance.values
+    np.testing.assert_allclose(R, R.transpose(0, 2, 1), rtol=0, atol=1e-14 * R.max())  # rounding
+    dc = dc_resistance(board)
+    # more than DC loss for any currents: R − R_dc is positive definite too
+    assert np.linalg.eigvalsh(R - np.diag(dc)).min() > 0
+
+
+def is_narrow(row):
+    width, _, _, _, f = reference_bundle(row)
+    return bool(width <= WIDE * skin_depth(f))
+
+
+@pytest.mark.parametrize(
+    "row", [row for row in rows("ac_parallel_traces") if is_narrow(row)], ids=lambda r: "-".join(list(r.values())[:6])
+)
+def test_transverse_field_alone_on_the_bundles(row):
+    width, thickness, x, z, f = reference_bundle(row)
+    bars = [Conductor([[a, -10, b], [a, 10, b]], width, thickness) for a, b in zip(x, z, strict=True)]
+    result = resistance_matrix(bars, f)
+    assert (result.model == "transverse field").all()
+    one = np.ones(len(bars))
+    ratio = float(one @ result.resistance.values[0] @ one / result.dc_resistance.sum())
+    # 20 m for infinity; uniform fields overrate the excess by up to a tenth, R by 4e-4 at most
+    assert ratio == pytest.approx(float(row["ratio_fine"]), rel=1e-3)
+
+
+def test_racetrack_against_its_two_sides():
+    turns, width, pitch, inner, length = 8, 0.3e-3, 0.4e-3, 2e-3, 0.4
+    f = np.geomspace(1e5, 3e7, 6)
+    coil = resistance_matrix(racetrack(turns, width, pitch, inner, length), f)
+    assert coil.model.values[:, 0].tolist() == ["transverse field"] + 5 * ["section filaments"]
+    side = inner + np.arange(turns) * pitch
+    x, current = np.concatenate((side, -side)), np.repeat([1.0, -1.0], turns)
+    bundle = [parallel_traces(width, T, x, 0.0, current, frequency).loss_ratio.mean() for frequency in f]
+    # ends are 2 % of the length; the cut holds one side, the other acts as a uniform field; mesh 5e-3. Measured 1e-2
+    np.testing.assert_allclose(coil.resistance[:, 0, 0] / coil.dc_resistance[0], bundle, rtol=1.5e-2)
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        spiral_path(Spiral(6, 10e-3, 20, 0.15e-3, 0.15e-3)),
+        spiral_path(Spiral(6, 10e-3, 20, 0.15e-3, 0.15e-3), (0.0, -0.2e-3)),
+        spiral_path(Spiral(6, 6e-3, 10, 0.2e-3, 0.05e-3)),
+        spiral_path(Spiral(72, 9e-3, 6, 0.15e-3, 0.15e-3, circular=True)),
+        spiral_path(Spiral(4, 15e-3, 6, 1e-3, 0.2e-3)),
+    ],
+    ids=["hexagon", "two layers", "tight", "circle", "wide"],
+)
+def test_switch_between_models(path):
+    f = switch_frequency(path.widths[0]) * np.array([1 - 1e-9, 1 + 1e-9])
+    result = resistance_matrix(path, f)
+    assert result.model.values[:, 0].tolist() == ["transverse field", "section filaments"]
+    below, above = result.resistance.values[:, 0, 0]
+    # the jump: what a uniform field over each trace leaves out at w = 2δ; measured at most 6.5e-4
+    assert above == pytest.approx(below, rel=1e-3)
+
+
+def test_gauss_points(board, monkeypatch):
+    default = resistance_matrix(board[:2], 1.7e6).resistance.values[0]
+    monkeypatch.setattr(module, "POINTS", ((0.0, 32),))
+    fine = resistance_matrix(board[:2], 1.7e6).resistance.values[0]
+    # of an excess of 10 % of R: measured 2e-4 of R
+    np.testing.assert_allclose(default, fine, rtol=0, atol=5e-4 * fine.max())
+
+
+def test_loss_induced_in_an_open_neighbour():
+    # a small trace in the middle of a large square loop, carrying nothing: ½ g |H|² per length
+    half, length = 20e-3, 1e-3
+    loop = Conductor(half * np.array([[1, -1, 0], [1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]]), W, T)
+    trace = Conductor([[-length / 2, 0, 0], [length / 2, 0, 0]], W, T)
+    f = 5e5
+    both = resistance_matrix([loop, trace], f).resistance.values[0]
+    alone = resistance_matrix([loop], f).resistance.values[0, 0, 0]
+    H = float(magnetic_field([loop], [0, 0, 0])[2]) / MU_0
+    induced = length * float(cross_section(W, T, f).normal_field_loss) * H**2
+    # the field varies by (length/half)² = 6e-4 at most along the trace; the difference costs 1e-16·R/induced = 1e-6
+    assert both[0, 0] - alone == pytest.approx(induced, rel=1e-3)
+
+
+def test_resistance_grows_as_a_neighbour_comes_near():
+    square = 5e-3 * np.array([[1, -1, 0], [1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -0.99, 0]])
+    values = []
+    for height in (20e-3, 2e-3, 0.5e-3):
+        pair = [Conductor(square, W, T), Conductor(square + np.array([0, 0, height]), W, T)]
+        values.append(float(resistance_matrix(pair, 5e5).resistance[0, 0, 0]))
+    alone = float(resistance_matrix(Conductor(square, W, T), 5e5).resistance[0, 0, 0])
+    assert alone < values[0] < values[1] < values[2]
+
+
+@settings(max_examples=8)
+@given(st.floats(0.2, 5.0), st.floats(0.0, 6.0), st.floats(-1.0, 1.0))
+def test_scaled_turned_and_moved_coil(scale, angle, shift):
+    path = spiral_path(Spiral(6, 4e-3, 5, 0.2e-3, 0.1e-3))
+    c, s = np.cos(angle), np.sin(angle)
+    turn = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
+    moved = Conductor(scale * path.vertices @ turn + shift, scale * path.widths, scale * path.thicknesses)
+    f = np.array([3e5, 4e6])
+    first, second = resistance_matrix(path, f), resistance_matrix(moved, f / scale**2)
+    assert (first.model == second.model).all()
+    # the cut's positions are rounded to a thousandth of the width, and equal sides of the spiral are no tie in floats:
+    # another side's cut is as good; measured 1e-4
+    np.testing.assert_allclose(scale * second.resistance.values, first.resistance.values, rtol=1e-3)
+
+
+def test_vias_keep_their_direct_resistance():
+    path = Conductor([[0, 0, 0], [0, 0, -1e-3]], 0.2e-3, 0.2e-3, areas=1e-8)
+    # no part of R depends on f
+    np.testing.assert_allclose(
+        resistance_matrix(path, [1e3, 1e7]).resistance[:, 0, 0], RESISTIVITY_COPPER * 1e-3 / 1e-8, rtol=1e-14
+    )
+
+
+def test_cut_of_a_spiral():
+    spiral = Spiral(6, 10e-3, 8, 0.15e-3, 0.15e-3)
+    path = spiral_path(spiral, (0.0, -0.2e-3))
+    crossed, x, z, sign = radial_cut(path.vertices, path.widths)
+    assert len(crossed) == 16  # every turn of both layers once
+    assert np.unique(np.round(z, 6)).tolist() == [-0.2e-3, 0.0]
+    assert len(set(sign)) == 1
+    for level in (0.0, -0.2e-3):
+        # pitch 0.3 mm; the sides of a spiral are not quite at right angles to any ray
+        np.testing.assert_allclose(np.abs(np.diff(x[np.isclose(z, level)])), 0.3e-3, rtol=1e-2)
+    turn = nearest_crossing(path.vertices, crossed, T / 2)
+    flat = np.diff(path.vertices[:, 2]) == 0
+    assert set(turn[flat]) == set(range(16))
+    assert turn[~flat].tolist() == [-1]  # half-way between the layers
+
+
+def test_cut_of_a_straight_wire():
+    wire = Conductor([[0, 0, 0], [0, 1e-2, 0]], W, T)
+    crossed, x, _, _ = radial_cut(wire.vertices, wire.widths)
+    assert crossed.tolist() == [0]
+    assert x == pytest.approx(0, abs=1e-15)
+    result = resistance_matrix(wire, [5e6, 2e7])
+    assert (result.model == "section filaments").all()
+    # alone its factor is 1
+    expected = cross_section(W, T, [5e6, 2e7]).resistance_ratio
+    np.testing.assert_allclose(result.resistance[:, 0, 0] / result.dc_resistance[0], expected, rtol=1e-9)
+
+
+def test_progress(board):
+    seen = []
+    resistance_matrix(board, np.geomspace(1e5, 1e7, 50), progress=lambda done, total: seen.append((done, total)))
+    assert seen == [(k, 6) for k in range(1, 7)]
+
+
+# refusals
+
+
+@pytest.mark.parametrize("frequency", [0.0, -1.0, np.nan, np.inf])
+def test_bad_frequency(board, frequency):
+    for call in (
+        lambda: cross_section(W, T, frequency),
+        lambda: parallel_traces(W, T, 0, 0, 1, frequency),
+        lambda: resistance_matrix(board[:1], [1e6, frequency]),
+    ):
+        with pytest.raises(ValueError, match=r"frequency must be positive and finite; got"):
+            call()
+
+
+@pytest.mark.parametrize("resistivity", [0.0, -1.0, np.nan])
+def test_bad_resistivity(board, resistivity):
+    for call in (
+        lambda: cross_section(W, T, 1e6, resistivity),
+        lambda: parallel_traces(W, T, 0, 0, 1, 1e6, resistivity),
+        lambda: resistance_matrix(board[:1], 1e6, resistivity),
+    ):
+        with pytest.raises(GeometryError, match="resistivity must be positive and finite"):
+            call()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((0, T, 0, 0, 1, 1e6), "widths of traces must be positive"),
+        ((W, np.nan, 0, 0, 1, 1e6), "thicknesses of traces must be positive"),
+        ((W, T, np.inf, 0, 1, 1e6), "positions of traces must be finite"),
+        ((W, T, [0, 1], 0, [1, 0], 1e6), "currents of traces must be finite and not zero"),
+        ((W, T, [0, 1], [0, 0, 0], 1, 1e6), "must be numbers of one shape"),
+        ((W, T, [[0, 1]], 0, 1, 1e6), r"must have shape \(traces,\)"),
+        ((W, T, [0, 1], 0, 1, [1e6, 2e6]), "frequency must be one number"),
+        ((W, T, [0, 0.1e-3], 0, 1, 1e6), "traces 0 and 1 overlap"),
+        ((1.0, T, 0, 0, 1, 1e8), "at most 300 skin depths"),
+    ],
+)
+def test_bad_traces(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        parallel_traces(*arguments)
+
+
+def test_bad_paths_and_sizes(board):
+    with pytest.raises(GeometryError, match="width of a trace must be positive and finite"):
+        cross_section(-1.0, T, 1e6)
+    with pytest.raises(GeometryError, match="at most 300 skin depths"):
+        cross_section(1.0, T, 1e8)
+    with pytest.raises(GeometryError, match="path 1 has segments without a cross-section"):
+        resistance_matrix([[[0, 0, 0], [1, 0, 0]]], 1e6)
+    with pytest.raises(GeometryError, match="without a cross-section"):
+        resistance_matrix(Conductor([[0, 0, 0], [1, 0, 0]], areas=1e-8), 1e6)
+    with pytest.raises(ValueError, match="frequencies must have shape"):
+        resistance_matrix(board[:1], [])

@@ -1,0 +1,130 @@
+"""Parts of paths make up the path, images of one another are found, and sums by parts are those of whole paths."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from coilarray import Conductor, inductance_matrix, load_design, mutual_inductance
+from coilarray.design.vary import vary
+from coilarray.electromagnetics.kernels.paths import mutual_sum, own_mutual_sum
+from coilarray.electromagnetics.mirror_parts import MOST_PARTS, find_parts, mirrored
+from coilarray.electromagnetics.neumann import segment_table
+from coilarray.electromagnetics.neumann_near import MUTUAL_REACH, OWN_REACH
+
+QUANTUM = 1e-13
+COIL = load_design("starter").array.conductors()[0]
+SIGNS = st.tuples(*(st.sampled_from([1.0, -1.0]) for _ in range(3)))
+
+
+def vertices(table):
+    return np.vstack((table[:, :3], table[-1, :3] + table[-1, 3:6] * table[-1, 6]))
+
+
+def image(conductor, mirror, turned=False, shift=(0.0, 0.0, 0.0)):
+    """Mirrored at the origin, then moved; `turned` in the direction of the current."""
+    order = -1 if turned else 1
+    return Conductor(
+        (conductor.vertices * mirror)[::order] + shift, conductor.widths[::order], conductor.thicknesses[::order]
+    )
+
+
+def whole(first, second):
+    """The sum over two whole paths in H."""
+    a, b = segment_table(first), segment_table(second)
+    return 1e-7 * mutual_sum(a, b, second.vertices[0] - first.vertices[0], 0, len(a), MUTUAL_REACH, 0)
+
+
+@settings(max_examples=30)
+@given(SIGNS, st.booleans(), st.lists(st.floats(-0.05, 0.05), min_size=3, max_size=3))
+def test_parts_make_up_their_paths(mirror, turned, shift):
+    helix = Conductor(np.random.default_rng(3).uniform(0, 1e-2, (9, 3)), 1e-4, 1e-5)
+    paths = [COIL, helix, image(COIL, mirror, turned, shift), image(helix, mirror, turned, shift)]
+    tables = [segment_table(path) for path in paths]
+    parts = find_parts(tables, np.full(4, QUANTUM))
+    assert parts.first.tolist() == [0, 3, 4, 7, 8]  # layer, via, layer; and what lies at no one height
+    assert len(parts.tables) == 3  # whatever the mirror
+    assert parts.flat.tolist() == [True, False, False]
+    assert parts.upright.tolist() == [False, True, False]
+    for k, table in enumerate(tables):
+        found = []
+        for p in range(parts.first[k], parts.first[k + 1]):
+            points = vertices(parts.tables[parts.number[p]]) * parts.mirror[p] + parts.origin[p]
+            found.append(points[:: int(parts.sign[p])])
+        assert all(np.abs(b[0] - a[-1]).max() < 3 * QUANTUM for a, b in itertools.pairwise(found))
+        joined = np.concatenate([found[0], *(points[1:] for points in found[1:])])
+        np.testing.assert_allclose(joined, vertices(table), atol=2 * QUANTUM, rtol=0)
+
+
+@settings(max_examples=20)
+@given(SIGNS)
+def test_a_mirrored_table_is_the_table_of_the_mirror_image(mirror):
+    table = segment_table(image(COIL, mirror))
+    level = table[:, 5] == 0.0  # the lateral direction of a via has no left and right
+    np.testing.assert_allclose(mirrored(segment_table(COIL), np.array(mirror))[level], table[level], atol=1e-15)
+
+
+def test_parts_that_differ_are_not_the_same():
+    other_width = Conductor(COIL.vertices, COIL.widths * (1 + 1e-6), COIL.thicknesses)
+    longer = Conductor(COIL.vertices * (1 + 1e-6), COIL.widths, COIL.thicknesses)
+    angle = np.radians(30.0)
+    turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+    turned = Conductor(COIL.vertices @ turn.T, COIL.widths, COIL.thicknesses)
+    paths = [COIL, other_width, longer, turned]
+    # layers 1 + 1 + 1 + 2, for the turned ones mirror each other on another axis; the via is alike but in two
+    assert len(find_parts([segment_table(path) for path in paths], np.full(4, QUANTUM)).tables) == 5 + 3
+    coarse = find_parts([segment_table(COIL)] * 2, np.array([QUANTUM, 2 * QUANTUM]))
+    assert len(coarse.tables) == 4
+
+
+def test_a_path_of_many_heights_is_not_cut():
+    steps = np.array([[k % 2 * 1e-3, 0.0, (k // 2) * 1e-4] for k in range(2 * MOST_PARTS)])
+    stairs = segment_table(Conductor(steps, 1e-4, 1e-5))
+    parts = find_parts([stairs], np.array([QUANTUM]))
+    assert parts.first.tolist() == [0, 1]
+    np.testing.assert_array_equal(parts.tables[0], stairs)
+    assert not parts.flat[0]
+
+
+@settings(max_examples=25)
+@given(
+    SIGNS,
+    st.booleans(),
+    st.tuples(*(st.sampled_from([0.0, 13e-3, -13e-3]) | st.floats(-0.02, 0.02) for _ in range(2))),
+    st.sampled_from([0.5e-3, -0.6e-3, 1.2e-3]),
+)
+def test_sums_by_parts_are_those_of_whole_paths(mirror, turned, aside, up):
+    other = image(COIL, mirror, turned, (*aside, up))
+    heights = [np.unique(path.vertices[:, 2]) for path in (COIL, other)]
+    assume(np.abs(np.subtract.outer(*heights)).min() > 0.1e-3)  # not into each other's copper
+    own = 1e-7 * own_mutual_sum(segment_table(COIL), 0, len(COIL.lengths), OWN_REACH, 0)
+    # of a pair of nearly parallel bars the lateral direction is the first one's, and which that is depends on the parts
+    # that stand for them: measured up to 3e-8 of L
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("coilarray.electromagnetics.neumann.MOST_NODES", 0)  # none by equivalent currents
+        assert mutual_inductance(COIL, other)[0, 0] == pytest.approx(whole(COIL, other), abs=1e-7 * own, rel=0)
+
+
+@pytest.mark.parametrize("accuracy", ["full", "screen"])
+@pytest.mark.parametrize("layers", [1, 2, 3, 4])
+def test_matrices_by_parts_are_those_of_whole_paths(monkeypatch, layers, accuracy):
+    changes = {"coils.hexagon.winding_layers": layers, "coils.hexagon.turns_per_layer": 4, "array.pitch_mm": 40.0}
+    sets = [["L1", "L2", "L3", "L4"][:layers]]
+    coil = vary(load_design("starter"), {**changes, "array.layers": sets}).array.conductors()[0]
+    places = [(1, 1, 1, 0, 0, 0), (1, 1, 1, 9e-3, 4e-3, 1e-3), (-1, 1, 1, -8e-3, 0, 1e-3), (-1, -1, -1, 0, 9e-3, 2e-3)]
+    coils = [image(coil, place[:3], k == 2, place[3:]) for k, place in enumerate(places)]
+    L = inductance_matrix(coils, accuracy=accuracy)
+    monkeypatch.setattr("coilarray.electromagnetics.mirror_parts.MOST_PARTS", 1)  # none is cut
+    whole = inductance_matrix(coils, accuracy=accuracy)
+    # as above; screening's rules act along the turns of the winding that comes second
+    np.testing.assert_allclose(L, whole, atol=(1e-7 if accuracy == "full" else 1e-4) * L[0, 0], rtol=0)
+
+
+def test_a_wire_across_a_loop_has_no_part_in_it():
+    loop = Conductor([[0, 0, 0], [1e-2, 0, 0], [1e-2, 1e-2, 0], [0, 1e-2, 0], [0, 1e-4, 0]], 1e-4, 1e-5)
+    wire = Conductor([[4e-3, 6e-3, -5e-3], [4e-3, 6e-3, 5e-3]], 1e-4, 1e-5)
+    assert mutual_inductance(loop, wire)[0, 0] == 0.0

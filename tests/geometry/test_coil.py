@@ -1,0 +1,186 @@
+"""Coils: layers in series meet at their vias, the current keeps its sense, pads stand clear, bad input is refused.
+
+Clearances of whole coils are measured in test_geometry_rules.py by an independent route.
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from support.boards import LEADS, VIA
+
+from coilarray.errors import GeometryError
+from coilarray.geometry import Coil, Leads, PlatedHole, Spiral, path_coil, spiral_coil
+
+SPIRAL = Spiral(6, 8e-3, 10, 0.12e-3, 0.13e-3, 0.3)
+
+
+def swept_area(line):
+    x, y = line.T
+    return float(0.5 * np.sum(x[:-1] * y[1:] - x[1:] * y[:-1]))
+
+
+@pytest.mark.parametrize("winding", ["ccw", "cw"])
+@pytest.mark.parametrize("turns", [10, 10 + 1 / 6])
+@pytest.mark.parametrize("layers", [1, 2, 3, 4, 5, 6])
+def test_layers_in_series_meet_and_add_their_turns(layers, turns, winding):
+    spiral = Spiral(6, 8e-3, turns, 0.12e-3, 0.13e-3, 0.3, winding)
+    coil = spiral_coil(spiral, layers, VIA)
+    assert len(coil.lines) == layers
+    assert coil.via_points.shape == (layers - 1, 2)
+    for line, following in pairwise(coil.lines):
+        np.testing.assert_array_equal(line[-1], following[0])
+    sense = 1 if winding == "ccw" else -1
+    total = sum(swept_area(line) for line in coil.lines)
+    alone = sum(swept_area(spiral.centre_line(layer)) for layer in range(layers))
+    # stubs leave the ray of their corner only in a fan, where they sweep far less than one turn
+    assert sense * total == pytest.approx(sense * alone, rel=2e-3)
+    assert sense * total > 0
+
+
+@pytest.mark.parametrize("layers", [1, 3])
+def test_return_lead_brings_an_odd_coil_out_again(layers):
+    coil = spiral_coil(SPIRAL, layers, VIA, LEADS, return_lead=True)
+    assert len(coil.lines) == layers + 1
+    np.testing.assert_array_equal(coil.lines[-2][-1], coil.lines[-1][0])
+    first, second = coil.terminal_points
+    assert np.hypot(*(first - second)) == pytest.approx(LEADS.spacing, rel=1e-9)  # rounding
+
+
+def test_terminals_stand_at_the_given_length_and_spacing():
+    coil = spiral_coil(SPIRAL, 2, VIA, LEADS)
+    first, second = coil.terminal_points
+    corner = SPIRAL.centre_line()[0]
+    radial = corner / np.hypot(*corner)
+    assert np.hypot(*(first - second)) == pytest.approx(LEADS.spacing, rel=1e-9)  # rounding
+    assert (first - corner) @ radial == pytest.approx(LEADS.length, rel=1e-9)
+    assert (second - corner) @ radial == pytest.approx(LEADS.length, rel=1e-9)
+
+
+def test_odd_coil_without_return_ends_at_an_inner_terminal():
+    coil = spiral_coil(SPIRAL, 1, VIA, LEADS)
+    assert np.hypot(*coil.terminal_points[1]) < np.hypot(*SPIRAL.centre_line()[-1]) - LEADS.terminal.pad / 2
+    bare = spiral_coil(SPIRAL, 1, VIA)
+    assert bare.terminal is None
+    np.testing.assert_array_equal(bare.lines[0], SPIRAL.centre_line())
+
+
+def test_an_inner_via_clears_both_sides_of_its_corner_by_the_gap():
+    coil = spiral_coil(SPIRAL, 2, VIA)
+    via = coil.via_points[0]
+    line = SPIRAL.centre_line()[-7:]
+    a, step = line[:-1], np.diff(line, axis=0)
+    t = np.clip(((via - a) * step).sum(axis=1) / (step**2).sum(axis=1), 0, 1)
+    distance = np.hypot(*(a + t[:, None] * step - via).T).min()
+    needed = VIA.pad / 2 + SPIRAL.gap + SPIRAL.trace_width / 2
+    # nearest place on a grid of 1/2000 of the inner radius
+    assert needed <= distance <= needed + np.hypot(*line[-1]) / 2000
+
+
+def test_hole_dimensions():
+    assert VIA.annular_ring == pytest.approx(0.125e-3)
+    hole = PlatedHole(0.3e-3, 0.6e-3, 20e-6)
+    assert hole.barrel_area == pytest.approx(math.pi * (0.15e-3**2 - 0.13e-3**2), rel=1e-12)  # rounding
+    # ln GMD of a square of side a is ln a + ln(2)/3 + π/3 − 25/12 (Grover 1946, ch. 3), that of a tube its radius
+    gmd_of_unit_square = math.exp(math.log(2) / 3 + math.pi / 3 - 25 / 12)
+    assert hole.bar_width * gmd_of_unit_square == pytest.approx(0.15e-3, rel=1e-9)  # digits of the constant
+
+
+BAD = [0.0, -1e-3, math.nan, math.inf]
+
+
+@pytest.mark.parametrize("value", BAD)
+@pytest.mark.parametrize("name", ["drill", "pad", "plating"])
+def test_hole_sizes_must_be_positive_and_finite(name, value):
+    sizes = {"drill": 0.2e-3, "pad": 0.5e-3, "plating": 20e-6, name: value}
+    with pytest.raises(GeometryError, match=f"{name} of a hole must be positive and finite"):
+        PlatedHole(**sizes)
+
+
+def test_hole_must_have_a_ring_and_an_opening():
+    with pytest.raises(GeometryError, match="pad of a hole must be larger than its drill"):
+        PlatedHole(0.5e-3, 0.5e-3)
+    with pytest.raises(GeometryError, match="plating must be below half the drill"):
+        PlatedHole(0.2e-3, 0.5e-3, 0.1e-3)
+
+
+@pytest.mark.parametrize("value", BAD)
+@pytest.mark.parametrize("name", ["length", "spacing"])
+def test_lead_sizes_must_be_positive_and_finite(name, value):
+    sizes = {"length": 2e-3, "spacing": 1e-3, name: value}
+    with pytest.raises(GeometryError, match=f"{name} of the leads must be positive and finite"):
+        Leads(**sizes, terminal=VIA)
+
+
+def test_leads_shorter_than_their_knee():
+    with pytest.raises(GeometryError, match="at least half their spacing"):
+        Leads(0.4e-3, 1e-3, VIA)
+    straight = spiral_coil(SPIRAL, 2, VIA, Leads(1e-3, 2e-3, VIA))  # the knee is the terminal
+    assert np.hypot(*np.diff(straight.terminal_points, axis=0)[0]) == pytest.approx(2e-3, rel=1e-9)
+
+
+@pytest.mark.parametrize("layers", [0, -1])
+def test_no_winding_layer(layers):
+    with pytest.raises(GeometryError, match="at least one winding layer"):
+        spiral_coil(SPIRAL, layers, VIA)
+
+
+def test_return_lead_needs_an_odd_coil_with_leads():
+    with pytest.raises(GeometryError, match="an odd number of winding layers; got 2 with leads"):
+        spiral_coil(SPIRAL, 2, VIA, LEADS, return_lead=True)
+    with pytest.raises(GeometryError, match="got 1 without leads"):
+        spiral_coil(SPIRAL, 1, VIA, return_lead=True)
+
+
+def test_no_room_for_a_via():
+    tight = Spiral(6, 3e-3, 13, 0.1e-3, 0.1e-3)
+    with pytest.raises(GeometryError, match=r"no room for a pad of 0\.45 mm inside the winding"):
+        spiral_coil(tight, 2, VIA)
+    narrow = Leads(2e-3, 0.6e-3, PlatedHole(0.2e-3, 0.45e-3))
+    with pytest.raises(GeometryError, match=r"no room for a pad of 1\.45 mm outside the winding, beside the leads"):
+        spiral_coil(SPIRAL, 4, PlatedHole(0.2e-3, 1.45e-3), narrow)
+
+
+LINE = [(0, 0), (1e-2, 0)]
+
+
+@pytest.mark.parametrize(
+    ("lines", "message"),
+    [
+        ([], "at least one line; got none"),
+        ([[]], r"shape \(n >= 2, 2\)"),
+        ([[(0, 0)]], r"shape \(n >= 2, 2\); got \(1, 2\)"),
+        ([[(0, 0, 0), (1, 0, 0)]], r"shape \(n >= 2, 2\); got \(2, 3\)"),
+        ([["a", "b"]], "must be numbers"),
+        ([[(0, 0), (1,)]], "must be numbers"),
+        ([[(0, 0), (math.nan, 0)]], "not finite"),
+        ([[(0, 0), (math.inf, 0)]], "not finite"),
+        ([[(0, 0), (1e-2, 0), (1e-2, 0)]], "repeats a point"),
+        ([[(0, 0), (1e-2, 0), (1e-2, 1e-2), (5e-3, -1e-2)]], r"segments 0 and 2 meet at \(7\.5, 0\) mm"),
+        ([[(0, 0), (1e-2, 0), (5e-3, 0)]], "crosses itself: segments 0 and 1"),
+        ([[(0, 0), (1e-2, 0), (1e-2, 1e-2), (0, 0)]], "closed at"),
+        ([LINE, LINE], "line 1 of a coil must begin where line 0 ends; they are 10 mm apart"),
+    ],
+)
+def test_paths_that_cannot_be(lines, message):
+    with pytest.raises(GeometryError, match=message):
+        path_coil(lines, 1e-4, 1e-4, VIA)
+
+
+@pytest.mark.parametrize("value", BAD)
+def test_path_sizes_must_be_positive_and_finite(value):
+    with pytest.raises(GeometryError, match="trace_width must be positive and finite"):
+        path_coil([LINE], value, 1e-4, VIA)
+    with pytest.raises(GeometryError, match="gap must be positive and finite"):
+        path_coil([LINE], 1e-4, value, VIA)
+
+
+def test_path_coil_keeps_its_lines_and_cannot_be_changed():
+    coil = path_coil([LINE], 1e-4, 1e-4, VIA)
+    assert isinstance(coil, Coil)
+    np.testing.assert_array_equal(coil.lines[0], LINE)
+    with pytest.raises(ValueError, match="read-only"):
+        coil.lines[0][0, 0] = 1.0

@@ -1,0 +1,355 @@
+"""Coils with a width a segment and several lines on a layer: copper, conductor, rules, capacitance, design files.
+
+Who checks whom: closed formulas for areas, resistances and distances; a coil of one width given as a number and as
+arrays; a spiral against the same spiral with a jumper, half a millimetre of it led over another layer.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.boards import FOUR_LAYERS, VIA, many_layers
+
+from coilarray.constants import RESISTIVITY_COPPER
+from coilarray.design.model import parse_design
+from coilarray.elastomer.coil_spectrum import harmonics_about, segment_spectra
+from coilarray.elastomer.dielectric import surface_potential
+from coilarray.electromagnetics.capacitance import coil_capacitance, winding_capacitance
+from coilarray.electromagnetics.inductance import inductance_matrix
+from coilarray.electromagnetics.resistance import dc_resistance
+from coilarray.errors import DesignError, GeometryError
+from coilarray.geometry import (
+    CoilArray,
+    FabRules,
+    Placement,
+    Spiral,
+    check_rules,
+    copper_features,
+    drills,
+    layer_copper,
+    path_coil,
+    solids,
+    spiral_coil,
+)
+from coilarray.geometry.copper import trace_outline, uniform_runs
+
+ROUNDING = 1e-12  # relative, or m on a board of centimetres: a few operations in float64
+NARROW, WIDE = 0.2e-3, 0.6e-3
+BENT = [(0.0, 0.0), (4e-3, 0.0), (4e-3, 3e-3), (9e-3, 3e-3)]
+
+
+def on_board(*placements, layers=4, **options):
+    return CoilArray(many_layers(layers), tuple(placements), **options)
+
+
+def margins(array, rule, rules=None):
+    return {(m.layer, m.feature): m for m in check_rules(array, rules or FabRules()) if m.rule == rule}
+
+
+# ---- one width is a special case
+
+
+def test_a_number_and_equal_widths_are_the_same_coil():
+    line = spiral_coil(Spiral(6, 8e-3, 5, 0.15e-3, 0.15e-3), 1, VIA).lines[0]
+    number = path_coil([line], 0.15e-3, 0.15e-3, VIA)
+    arrays = path_coil([line], [np.full(len(line) - 1, 0.15e-3)], 0.15e-3, VIA)
+    boards = [on_board(Placement("A", coil, ("L1",), 0, 0)) for coil in (number, arrays)]
+    for a, b in zip(*(board.conductors()[0].areas for board in boards), strict=True):
+        assert a == b
+    assert boards[0].bounds == boards[1].bounds
+    assert check_rules(boards[0], FabRules()) == check_rules(boards[1], FabRules())
+    assert shapely.equals(*(layer_copper(board, "L1")["A"] for board in boards))
+
+
+def test_the_trace_width_is_that_of_most_of_the_length():
+    assert path_coil([BENT], [[WIDE, NARROW, NARROW]], 1e-4, VIA).trace_width == NARROW  # 8 of 12 mm
+    assert path_coil([BENT], [[NARROW, NARROW, WIDE]], 1e-4, VIA).trace_width == NARROW  # 7 of 12 mm
+    assert path_coil([BENT[:3]], [[NARROW, WIDE]], 1e-4, VIA).trace_width == NARROW
+    assert path_coil([BENT[1:]], [[NARROW, WIDE]], 1e-4, VIA).trace_width == WIDE
+
+
+@pytest.mark.parametrize(
+    ("widths", "message"),
+    [
+        ([], "a coil of 1 lines must have as many arrays of widths; got 0"),
+        ([[1e-4]], r"line 0 of a coil must have 3 widths, one a segment; got shape \(1,\)"),
+        ([[[1e-4]] * 3], r"got shape \(3, 1\)"),
+        ([[1e-4, 0.0, 1e-4]], "trace_width must be positive and finite; got 0.0 m on line 0"),
+        ([[1e-4, -1e-4, 1e-4]], "trace_width must be positive and finite; got -0.0001 m"),
+        ([[1e-4, math.nan, 1e-4]], "trace_width must be positive and finite; got nan m"),
+        ([["a", "b", "c"]], "trace_width must be a number, or numbers"),
+        ("wide", "trace_width must be a number, or numbers"),
+    ],
+)
+def test_widths_that_cannot_be(widths, message):
+    with pytest.raises(GeometryError, match=message):
+        path_coil([BENT], widths, 1e-4, VIA)
+
+
+def test_widths_cannot_be_changed():
+    coil = path_coil([BENT], [[WIDE, NARROW, NARROW]], 1e-4, VIA)
+    with pytest.raises(ValueError, match="read-only"):
+        coil.widths[0][0] = 1.0
+
+
+# ---- copper
+
+
+@given(widths=st.lists(st.floats(0.05e-3, 0.5e-3), min_size=2, max_size=8))
+@settings(max_examples=50)
+def test_a_straight_trace_has_the_area_of_its_rectangles(widths):
+    line = np.column_stack((2e-3 * np.arange(len(widths) + 1), np.zeros(len(widths) + 1)))
+    outline = trace_outline(line, widths)
+    # straight on, the joint of the smaller width lies inside both rectangles
+    assert outline.area == pytest.approx(2e-3 * sum(widths), rel=1e-9)  # rounding of the union
+    assert outline.geom_type == "Polygon"
+    assert outline.is_valid
+
+
+@pytest.mark.parametrize("angle", [10, 45, 90, 135])
+def test_a_corner_between_two_widths_is_filled_by_the_narrower(angle):
+    phi = math.radians(angle)
+    line = np.array([(-5e-3, 0), (0, 0), (5e-3 * math.cos(phi), 5e-3 * math.sin(phi))])
+    outline = trace_outline(line, [NARROW, WIDE])
+    assert outline.geom_type == "Polygon"
+    first, second = (trace_outline(line[k : k + 2], width) for k, width in enumerate((NARROW, WIDE)))
+    assert shapely.covers(outline.buffer(1e-9), shapely.union(first, second))
+    assert shapely.covers(outline.buffer(1e-9), shapely.Point(0, 0).buffer(NARROW / 2))
+    # and nothing more: the round joint adds at most half of its disc
+    assert outline.area <= shapely.union(first, second).area + math.pi * NARROW**2 / 8 + 1e-15
+
+
+def test_runs_of_one_width_meet():
+    runs = uniform_runs(np.array(BENT), np.array([WIDE, NARROW, NARROW]))
+    assert [(len(piece), width) for piece, width in runs] == [(2, WIDE), (3, NARROW)]
+    np.testing.assert_array_equal(runs[0][0][-1], runs[1][0][0])
+
+
+def test_bounds_reach_to_the_edge_of_the_wide_part():
+    array = on_board(Placement("A", path_coil([BENT], [[NARROW, NARROW, WIDE]], 1e-4, VIA), ("L1",), 0, 0))
+    x_min, y_min, x_max, y_max = array.bounds
+    # bounds take half the width to all sides of every corner
+    assert (x_min, y_min) == pytest.approx((-2e-3 - NARROW / 2, -2e-3 - NARROW / 2), rel=ROUNDING)
+    assert (x_max, y_max) == pytest.approx((11e-3 + WIDE / 2, 5e-3 + WIDE / 2), rel=ROUNDING)
+
+
+def test_every_segment_conducts_with_its_own_width():
+    widths = [NARROW, WIDE, 0.3e-3]
+    array = on_board(Placement("A", path_coil([BENT], [widths], 1e-4, VIA), ("L2",), 0, 0))
+    (wire,) = array.conductors()
+    np.testing.assert_array_equal(wire.widths, widths)
+    resistance = RESISTIVITY_COPPER * sum(
+        length / (width * 35e-6) for length, width in zip((4e-3, 3e-3, 5e-3), widths, strict=True)
+    )
+    assert dc_resistance(array)[0] == pytest.approx(resistance, rel=ROUNDING)
+
+
+# ---- rules
+
+
+def test_the_narrowest_place_sets_the_trace_width():
+    array = on_board(Placement("A", path_coil([BENT], [[WIDE, 0.08e-3, NARROW]], 1e-4, VIA), ("L1",), 1e-3, 0))
+    worst = margins(array, "trace width")[("L1", "A")]
+    assert (worst.value, worst.x, worst.y) == pytest.approx((0.08e-3, 5e-3, 0.0), rel=ROUNDING)
+
+
+def test_a_hairpin_with_a_wide_leg():
+    pitch = 0.6e-3
+    line = [(0, 0), (5e-3, 0), (5e-3, pitch), (0, pitch)]
+    array = on_board(Placement("A", path_coil([line], [[NARROW, NARROW, WIDE]], 1e-4, VIA), ("L1",), 0, 0))
+    value = margins(array, "spacing within net")[("L1", "A")].value
+    assert value == pytest.approx(pitch - (NARROW + WIDE) / 2, abs=ROUNDING)
+
+
+def test_a_wide_trace_beside_a_pad():
+    line = [(-3e-3, 1e-3), (3e-3, 1e-3), (3e-3, -2e-3), (0, -2e-3), (0, 0)]
+    coil = path_coil([line, [(0, 0), (0, -1e-3)]], [[WIDE] + [NARROW] * 3, [NARROW]], 1e-4, VIA)
+    value = margins(on_board(Placement("A", coil, ("L1", "L2"), 0, 0)), "spacing within net")[("L1", "A")].value
+    assert value == pytest.approx(1e-3 - VIA.pad / 2 - WIDE / 2, abs=ROUNDING)
+
+
+def test_clearance_of_two_nets_counts_from_the_wide_part():
+    a = Placement("A", path_coil([BENT[:2]], NARROW, 1e-4, VIA), ("L1",), 0, 0)
+    line = [(0, 1e-3), (2e-3, 1e-3), (4e-3, 1e-3)]
+    b = Placement("B", path_coil([line], [[NARROW, WIDE]], 1e-4, VIA), ("L1",), 0, 0)
+    worst = margins(on_board(a, b), "clearance")[("L1", "A – B")]
+    assert worst.value == pytest.approx(1e-3 - (NARROW + WIDE) / 2, abs=ROUNDING)
+    assert worst.x > 2e-3 - ROUNDING
+
+
+# ---- several lines on one layer
+
+
+def three_lines(apart=1e-3):
+    """On L1 to a via, on L2 up, and on L1 back beside the first."""
+    lines = [[(0, 0), (5e-3, 0)], [(5e-3, 0), (5e-3, apart)], [(5e-3, apart), (0, apart)]]
+    return Placement("A", path_coil(lines, [[NARROW], [NARROW], [WIDE]], 1e-4, VIA), ("L1", "L2", "L1"), 0, 0)
+
+
+def test_a_path_may_return_to_a_layer():
+    array = on_board(three_lines())
+    assert array.placements[0].lines_on("L1") == (0, 2)
+    (wire,) = array.conductors()
+    heights = [FOUR_LAYERS.centre("L1") if k in (0, 1, 4, 5) else many_layers(4).centre("L2") for k in range(6)]
+    np.testing.assert_allclose(wire.vertices[:, 2], heights, rtol=ROUNDING)
+    assert [f.layer for f in copper_features(array) if f.kind == "trace"] == ["L1", "L2", "L1"]
+    assert [hole.layers for hole in drills(on_board(three_lines(), through_holes=False))] == [("L1", "L2")] * 2
+    area = layer_copper(on_board(three_lines(), through_holes=False), "L1")["A"].area
+    # two traces and two pads, less what they share: a strip of half a disc, and half a disc
+    R, h = VIA.pad / 2, NARROW / 2
+    shared = R**2 * math.asin(h / R) + h * math.sqrt(R**2 - h**2) + math.pi * R**2 / 2
+    expected = 5e-3 * (NARROW + WIDE) + 2 * math.pi * R**2 - shared
+    assert area == pytest.approx(expected, rel=1e-4)  # discs of 128 corners
+    assert all(solid.is_watertight for solid in solids(array).values())
+
+
+@pytest.mark.parametrize("apart", [0.45e-3, 0.6e-3, 1e-3])
+def test_separate_lines_of_a_net_keep_their_spacing(apart):
+    array = on_board(three_lines(apart))
+    worst = margins(array, "spacing within net")[("L1", "A")]
+    # the traces face each other; the via's pad (0.45 mm) faces the other trace and the other pad
+    faces = ((NARROW + WIDE) / 2, (VIA.pad + WIDE) / 2, VIA.pad)
+    assert worst.value == pytest.approx(apart - max(faces), abs=ROUNDING)
+
+
+def test_separate_lines_far_from_their_vias():
+    spread = [
+        [(0, 0), (5e-3, 0), (5e-3, -3e-3)],
+        [(5e-3, -3e-3), (5e-3, 3e-3)],
+        [(5e-3, 3e-3), (4e-3, 0.5e-3), (0, 0.5e-3)],
+    ]
+    coil = path_coil(spread, NARROW, 1e-4, VIA)
+    worst = margins(on_board(Placement("A", coil, ("L1", "L3", "L1"), 0, 0)), "spacing within net")[("L1", "A")]
+    assert worst.value == pytest.approx(0.5e-3 - NARROW, abs=ROUNDING)
+    assert 0 <= worst.y <= 0.5e-3
+
+
+def test_lines_that_meet_on_a_layer_are_refused():
+    lines = [[(0, 0), (5e-3, 0)], [(5e-3, 0), (5e-3, 2e-3)], [(5e-3, 2e-3), (2e-3, 2e-3), (2e-3, -1e-3)]]
+    coil = path_coil(lines, NARROW, 1e-4, VIA)
+    with pytest.raises(GeometryError, match=r"lines 0 and 2 of A meet on L1, at \(2, 0\) mm of the coil"):
+        Placement("A", coil, ("L1", "L2", "L1"), 0, 0)
+    assert Placement("A", coil, ("L1", "L2", "L3"), 0, 0).lines_on("L1") == (0,)
+
+
+# ---- capacitance and potential: a jumper changes little
+
+
+SPIRAL = Spiral(6, 8e-3, 12, 0.15e-3, 0.15e-3)
+
+
+def with_jumper(line, segment):
+    """Three lines: half a millimetre out of the middle of a segment is a line of its own."""
+    a, b = line[segment], line[segment + 1]
+    middle, along = (a + b) / 2, (b - a) / np.hypot(*(b - a))
+    first, second = middle - 0.25e-3 * along, middle + 0.25e-3 * along
+    return [
+        np.vstack((line[: segment + 1], first)),
+        np.stack((first, second)),
+        np.vstack((second, line[segment + 1 :])),
+    ]
+
+
+def plain_and_jumpered():
+    line = spiral_coil(SPIRAL, 1, VIA).lines[0]
+    plain = Placement("A", path_coil([line], 0.15e-3, 0.15e-3, VIA), ("L1",), 0, 0)
+    jumped = path_coil(with_jumper(line, 3 * len(line) // 5), 0.15e-3, 0.15e-3, VIA)
+    return plain, Placement("A", jumped, ("L1", "L4", "L1"), 0, 0)
+
+
+def test_a_jumper_changes_the_winding_little():
+    one, other = (on_board(placement, through_holes=False) for placement in plain_and_jumpered())
+    a, b = winding_capacitance(one, "A"), winding_capacitance(other, "A")
+    # half a millimetre of 320 mm; the charge between its layers is all that is new
+    assert b.turn_to_turn == pytest.approx(a.turn_to_turn, rel=0.02)
+    assert abs(b.interlayer) < 0.02 * a.turn_to_turn
+    assert inductance_matrix(other.conductors())[0, 0] == pytest.approx(
+        inductance_matrix(one.conductors())[0, 0], rel=5e-3
+    )
+
+
+def test_a_jumper_changes_the_capacitance_between_coils_little():
+    facing = Placement("B", path_coil([spiral_coil(SPIRAL, 1, VIA).lines[0]], 0.15e-3, 0.15e-3, VIA), ("L2",), 0, 0)
+    a, b = (
+        coil_capacitance(on_board(placement, facing, through_holes=False)).capacitance.values[0, 1]
+        for placement in plain_and_jumpered()
+    )
+    # the jumper on L4 has the area of its own turn and gap, 1.5e-3 of the winding's, on B's other side
+    assert b == pytest.approx(a, rel=5e-3)
+
+
+def test_a_jumper_changes_the_surface_potential_little():
+    one, other = (surface_potential(placement, many_layers(4), 0.0) for placement in plain_and_jumpered())
+    k = np.array([1.0, 300.0])
+    a, b = (harmonics_about(segment_spectra([s], k), np.zeros((1, 2)), 0)[..., 0] for s in (one, other))
+    # the gap that the jumper leaves in the layer is 0.5 mm of one turn of twelve
+    np.testing.assert_allclose(b, a, rtol=5e-3)
+
+
+def test_a_winding_of_two_widths_lies_between_those_of_one():
+    def lumped(first, second):
+        lines = spiral_coil(Spiral(6, 8e-3, 12, 0.2e-3, 0.2e-3), 2, VIA).lines
+        widths = [np.full(len(lines[0]) - 1, first), np.full(len(lines[1]) - 1, second)]
+        array = on_board(Placement("A", path_coil(lines, widths, 0.2e-3, VIA), ("L1", "L2"), 0, 0), layers=2)
+        return winding_capacitance(array, "A").total
+
+    # more copper at the same place has more capacitance
+    assert lumped(0.1e-3, 0.1e-3) < lumped(0.1e-3, 0.3e-3) < lumped(0.3e-3, 0.3e-3)
+    assert lumped(0.1e-3, 0.3e-3) == pytest.approx(lumped(0.3e-3, 0.1e-3), rel=0.03)  # L1 has air above, as L2 below
+
+
+def test_coils_overlap_where_one_is_wide():
+    a = Placement("A", path_coil([[(0, 0), (5e-3, 0)]], NARROW, 1e-4, VIA), ("L1",), 0, 0)
+    line = [(0, 0.45e-3), (2e-3, 0.45e-3), (5e-3, 0.45e-3)]
+    b = Placement("B", path_coil([line], [[NARROW, 0.8e-3]], 1e-4, VIA), ("L1",), 0, 0)
+    with pytest.raises(GeometryError, match="the copper of A and B overlaps on L1"):
+        coil_capacitance(on_board(a, b))
+
+
+# ---- design files
+
+
+PATH = """
+schema = 1
+name = "tapered"
+stackup = { layers = ["top"], copper_thickness_um = [35] }
+[coils.bent]
+shape = "path"
+trace_width_mm = WIDTH
+gap_mm = 0.2
+lines_mm = [[[0, 0], [4, 0], [4, 3], [9, 3]]]
+[array]
+lattice = "free"
+placements = [{ name = "a", coil = "bent", layers = ["top"], x_mm = 0, y_mm = 0 }]
+"""
+
+
+def test_widths_in_a_design_file():
+    coil = parse_design(PATH.replace("WIDTH", "[[0.2, 0.6, 0.3]]")).array.placements[0].coil
+    np.testing.assert_allclose(coil.widths[0], [0.2e-3, 0.6e-3, 0.3e-3], rtol=ROUNDING)
+    assert coil.terminal is not None
+    bare = parse_design(PATH.replace("WIDTH", "0.2\nterminals = false")).array.placements[0].coil
+    assert bare.terminal is None
+    assert bare.widths[0].tolist() == [0.2e-3] * 3
+
+
+@pytest.mark.parametrize(
+    ("width", "message"),
+    [
+        ("-1", "coils.bent.trace_width_mm must be greater than 0; got -1"),
+        ("'wide'", "coils.bent.trace_width_mm must be a number; got 'wide'"),
+        ("[0.2, 0.2, 0.2]", "coils.bent.trace_width_mm.0 must be a list; got 0.2"),
+        ("[[0.2, 0.0, 0.2]]", "coils.bent.trace_width_mm.0.1 must be greater than 0; got 0.0"),
+        ("[[0.2, 'b', 0.2]]", "coils.bent.trace_width_mm.0.1 must be a number; got 'b'"),
+        ("[[0.2]]", r"coils.bent: line 0 of a coil must have 3 widths, one a segment; got shape \(1,\)"),
+        ("[]", "coils.bent: a coil of 1 lines must have as many arrays of widths; got 0"),
+    ],
+)
+def test_widths_that_a_design_file_cannot_have(width, message):
+    with pytest.raises(DesignError, match=message):
+        parse_design(PATH.replace("WIDTH", width))

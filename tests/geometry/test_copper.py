@@ -1,0 +1,165 @@
+"""Copper outlines: area against length × width, pads on the right layers, unions, the edge of the board.
+
+Who checks whom: `trace_outline` against the closed formula and against the general buffer of GEOS.
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.boards import FOUR_LAYERS, LEADS, VIA, one_coil, reference_board
+
+from coilarray.errors import GeometryError
+from coilarray.geometry import (
+    CoilArray,
+    Placement,
+    Spiral,
+    board_outline,
+    copper_features,
+    drills,
+    layer_copper,
+    path_coil,
+    spiral_coil,
+)
+from coilarray.geometry.copper import copper_by_layer, disc, trace_outline
+
+
+def length(line):
+    return float(np.hypot(*np.diff(line, axis=0).T).sum())
+
+
+@pytest.mark.parametrize("sides", [3, 4, 6, 96])
+@pytest.mark.parametrize("winding", ["ccw", "cw"])
+def test_area_of_a_mitred_trace_is_length_times_width(sides, winding):
+    line = Spiral(sides, 8e-3, 15, 0.1e-3, 0.12e-3, 0.3, winding, circular=sides == 96).centre_line()
+    outline = trace_outline(line, 0.1e-3)
+    assert outline.is_valid
+    assert not outline.interiors
+    # what a mitre adds outside it takes inside; rounding of coordinates 80 times the width over up to 1440 corners
+    assert outline.area == pytest.approx(length(line) * 0.1e-3, rel=1e-11)
+
+
+@given(sides=st.sampled_from([3, 4, 5, 6, 8]), corner=st.floats(-7, 7), turns=st.integers(1, 12))
+@settings(max_examples=30)
+def test_outline_is_the_buffer_of_the_line(sides, corner, turns):
+    line = Spiral(sides, 8e-3, turns, 0.15e-3, 0.15e-3, corner).centre_line()
+    outline = trace_outline(line, 0.15e-3)
+    buffer = shapely.LineString(line).buffer(0.075e-3, cap_style="flat", join_style="mitre", mitre_limit=4)
+    # corners of up to 60° are not simplified by the buffer: rounding only
+    assert shapely.symmetric_difference(outline, buffer).area < 1e-9 * outline.area
+
+
+def test_a_trace_across_itself_is_counted_once():
+    w = 0.2e-3
+    line = np.array([(0, 0), (4e-3, 0), (4e-3, 2e-3), (2e-3, 2e-3), (2e-3, -2e-3)])
+    outline = trace_outline(line, w)
+    assert outline.is_valid
+    assert len(outline.interiors) == 1
+    assert outline.area == pytest.approx(length(line) * w - w * w, rel=1e-9)  # wedges reach 0.1 % of w inside
+
+
+def test_a_stub_shorter_than_the_width_keeps_all_its_copper():
+    w, stub = 0.2e-3, 0.05e-3
+    outline = trace_outline(np.array([(0, 0), (1e-3, 0), (1e-3, stub)]), w)
+    # the first segment, the square that the mitre adds, and the half of the stub that lies beyond the first segment
+    assert outline.area == pytest.approx(
+        1e-3 * w + w * w / 4 + stub * w / 2, rel=1e-6
+    )  # wedges reach 0.1 % of w inside
+
+
+def test_a_reversal_is_cut_off_flat():
+    w = 0.2e-3
+    sharp = math.radians(5)
+    tip = np.array([(0, 0), (5e-3, 0), (5e-3 * (1 - math.cos(sharp)), 5e-3 * math.sin(sharp))])
+    assert trace_outline(tip, w).bounds[2] < 5e-3 + w
+
+
+def test_each_coil_has_one_trace_a_layer_and_pads_where_its_holes_are():
+    array = reference_board()
+    features = copper_features(array)
+    traces = [(feature.net, feature.layer) for feature in features if feature.kind == "trace"]
+    assert traces == [(p.name, layer) for p in array.placements for layer in p.layers]
+    for kind, holes_a_coil, diameter in (("via", 1, VIA.pad), ("terminal", 2, LEADS.terminal.pad)):
+        pads = [feature for feature in features if feature.kind == kind]
+        assert len(pads) == 6 * holes_a_coil * 4
+        # a polygon of 128 corners lacks (2π/128)²/6 = 4e-4 of the circle
+        assert pads[0].shape.area == pytest.approx(math.pi / 4 * diameter**2, rel=5e-4)
+
+
+def test_holes_end_where_they_are_needed_when_they_are_not_drilled_through():
+    coil = path_coil(
+        [[(0, 0), (1e-3, 0)], [(1e-3, 0), (2e-3, 0)], [(2e-3, 0), (3e-3, 0)]], 1e-4, 1e-4, VIA, LEADS.terminal
+    )
+    placement = Placement("A", coil, ("L3", "L1", "L2"), 0, 0)
+    blind = drills(CoilArray(FOUR_LAYERS, (placement,), through_holes=False))
+    assert [(hole.kind, hole.layers, hole.drilled) for hole in blind] == [
+        ("via", ("L1", "L2", "L3"), True),
+        ("via", ("L1", "L2"), True),
+        ("terminal", ("L3",), False),
+        ("terminal", ("L2",), False),
+    ]
+    through = drills(CoilArray(FOUR_LAYERS, (placement,)))
+    assert {(hole.layers, hole.drilled) for hole in through} == {(FOUR_LAYERS.names, True)}
+    assert [hole.x for hole in through] == pytest.approx([1e-3, 2e-3, 0, 3e-3])
+
+
+@pytest.mark.parametrize("through_holes", [True, False])
+def test_a_board_of_one_layer_is_drilled(through_holes):
+    coil = path_coil([[(0, 0), (1e-2, 0)]], 1e-4, 1e-4, VIA, LEADS.terminal)
+    assert [hole.drilled for hole in drills(one_coil(coil, through_holes=through_holes))] == [True, True]
+
+
+@pytest.mark.parametrize("through_holes", [True, False])
+def test_all_layers_at_once_are_each_layer_alone(through_holes):
+    array = reference_board(through_holes=through_holes)
+    assert list(copper_by_layer(array)) == list(array.stackup.names)
+    assert copper_by_layer(array) == {layer: layer_copper(array, layer) for layer in array.stackup.names}
+
+
+def test_copper_of_a_net_on_a_layer_is_one_piece_with_its_pads():
+    array = one_coil(spiral_coil(Spiral(6, 8e-3, 10, 0.12e-3, 0.13e-3), 2, VIA, LEADS))
+    copper = layer_copper(array, "L1")["A"]
+    (trace,) = [f.shape for f in copper_features(array) if f.kind == "trace" and f.layer == "L1"]
+    pads = [f.shape for f in copper_features(array) if f.kind != "trace" and f.layer == "L1"]
+    overlap = sum(shapely.intersection(trace, pad).area for pad in pads)
+    expected = trace.area + sum(pad.area for pad in pads) - overlap
+    assert copper.area == pytest.approx(expected, rel=1e-12)
+    assert shapely.get_num_geometries(copper) == 2  # the second terminal's pad stands alone on this layer
+
+
+@pytest.mark.parametrize("layer", ["", "top"])
+def test_unknown_layer(layer):
+    with pytest.raises(GeometryError, match="there is no copper layer"):
+        layer_copper(reference_board(), layer)
+
+
+@given(rotation=st.floats(-7, 7))
+@settings(max_examples=10)
+def test_rotating_a_coil_keeps_its_copper_area(rotation):
+    coil = spiral_coil(Spiral(6, 5e-3, 5, 0.15e-3, 0.15e-3), 2, VIA, LEADS)
+    areas = [
+        sum(feature.shape.area for feature in copper_features(one_coil(coil, rotation=angle)))
+        for angle in (0, rotation)
+    ]
+    assert areas[1] == pytest.approx(areas[0], rel=1e-11)  # rounding
+
+
+def test_board_outline_is_the_bounds_and_holds_all_copper():
+    array = reference_board()
+    outline = board_outline(array)
+    assert outline.bounds == array.bounds
+    assert all(outline.contains(feature.shape) for feature in copper_features(array))
+
+
+def test_circles_are_fine_enough():
+    circle = disc(1e-3, 2e-3, 1e-3)
+    corners = shapely.get_coordinates(circle) - (1e-3, 2e-3)
+    np.testing.assert_allclose(np.hypot(*corners.T), 0.5e-3, rtol=1e-12)
+    sagitta = 0.5e-3 - min(np.hypot(*(a + b)) / 2 for a, b in pairwise(corners))
+    assert sagitta < 0.2e-6

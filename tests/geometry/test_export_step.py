@@ -1,0 +1,344 @@
+"""STEP files, read back by Open CASCADE: parts, volumes, cylinders, colours, unit; and what cannot be written.
+
+Volumes are compared with shapely's: of outlines whose circles have 4096 corners where there are circles.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+import os
+import sys
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given
+from hypothesis import strategies as st
+from support.boards import LEADS, VIA, many_layers, one_coil, reference_board
+
+from coilarray.errors import GeometryError, MissingDependencyError, OutputError
+from coilarray.geometry import CoilArray, Placement, Sheet, Spiral, drills, path_coil, solids, spiral_coil
+from coilarray.geometry.copper import disc
+from coilarray.geometry.export import step
+from coilarray.geometry.export.step import write_step
+from coilarray.geometry.prisms import board_prisms, sheet_prisms
+
+needs_occt = pytest.mark.skipif(
+    importlib.util.find_spec("OCP") is None, reason='no Open CASCADE: pip install "coilarray[step]"'
+)
+
+SHEETS = (Sheet("base", 6e-3), Sheet("magnetic", 2e-3, 2.7))
+FLAT = 1e-9  # relative: volumes of flat faces in float64, 1e-7 mm apart at worst in the file
+ROUND = 1e-6  # relative: a circle of 4096 corners has 4e-7 less area than the true one
+
+
+def spiral(sides, layers, rotation, *, through_holes=True):
+    winding = Spiral(sides, 6e-3, 6, 0.15e-3, 0.15e-3, circular=sides > 8)
+    return one_coil(spiral_coil(winding, layers, VIA, LEADS), rotation=rotation, through_holes=through_holes)
+
+
+def bare_trace():
+    return one_coil(path_coil([[(0, 0), (8e-3, 0), (8e-3, 5e-3)]], 0.2e-3, 0.2e-3, VIA))
+
+
+BOARDS = {
+    "reference": reference_board(),
+    "triangle": spiral(3, 2, 0.4),
+    "four layers, blind holes": spiral(4, 4, 1.0, through_holes=False),
+    "circle": spiral(32, 2, -2.0),
+    "no holes": bare_trace(),
+}
+
+
+@dataclass(frozen=True)
+class Part:
+    shape: object
+    volume: float  # mm³
+    heights: tuple[float, float]  # mm
+    faces: dict[str, int]
+    valid: bool
+    colours: frozenset[tuple[float, ...]]
+
+
+def read_step(path):
+    """Name of the assembly and its parts by name."""
+    from OCP.STEPCAFControl import STEPCAFControl_Reader
+    from OCP.TCollection import TCollection_ExtendedString
+    from OCP.TDF import TDF_ChildIterator, TDF_Label
+    from OCP.TDocStd import TDocStd_Document
+    from OCP.XCAFDoc import XCAFDoc_DocumentTool, XCAFDoc_ShapeTool
+
+    def children(label):
+        found, iterator = [], TDF_ChildIterator(label)
+        while iterator.More():
+            found.append(iterator.Value())
+            iterator.Next()
+        return found
+
+    document = TDocStd_Document(TCollection_ExtendedString("MDTV-XCAF"))
+    reader = STEPCAFControl_Reader()
+    reader.SetNameMode(True)
+    reader.SetColorMode(True)
+    reader.ReadFile(str(path))
+    assert reader.Transfer(document)
+    shapes = XCAFDoc_DocumentTool.ShapeTool_s(document.Main())
+    colours = XCAFDoc_DocumentTool.ColorTool_s(document.Main())
+    (assembly,) = [label for label in children(shapes.Label()) if XCAFDoc_ShapeTool.IsFree_s(label)]
+    parts = {}
+    for component in children(assembly):
+        product = TDF_Label()
+        assert XCAFDoc_ShapeTool.GetReferredShape_s(component, product)
+        assert name_of(component) == name_of(product)
+        parts[name_of(product)] = part(XCAFDoc_ShapeTool.GetShape_s(product), colours)
+    return name_of(assembly), parts
+
+
+def name_of(label):
+    from OCP.TDataStd import TDataStd_Name
+
+    name = TDataStd_Name()
+    assert label.FindAttribute(TDataStd_Name.GetID_s(), name)
+    return name.Get().ToExtString()
+
+
+def part(shape, colours):
+    from OCP.Bnd import Bnd_Box
+    from OCP.BRepAdaptor import BRepAdaptor_Surface
+    from OCP.BRepBndLib import BRepBndLib
+    from OCP.BRepCheck import BRepCheck_Analyzer
+    from OCP.BRepGProp import BRepGProp
+    from OCP.GProp import GProp_GProps
+    from OCP.Quantity import Quantity_ColorRGBA
+    from OCP.TopAbs import TopAbs_FACE, TopAbs_SOLID
+    from OCP.TopExp import TopExp_Explorer
+    from OCP.TopoDS import TopoDS
+    from OCP.XCAFDoc import XCAFDoc_ColorSurf
+
+    properties, box = GProp_GProps(), Bnd_Box()
+    BRepGProp.VolumeProperties_s(shape, properties)
+    BRepBndLib.Add_s(shape, box, False)
+    faces, seen = {}, set()
+    explorer = TopExp_Explorer(shape, TopAbs_FACE)
+    while explorer.More():
+        surface = BRepAdaptor_Surface(to_face(TopoDS, explorer.Current()))
+        kind = surface.GetType().name
+        faces[kind] = faces.get(kind, 0) + 1
+        explorer.Next()
+    explorer = TopExp_Explorer(shape, TopAbs_SOLID)
+    while explorer.More():
+        colour = Quantity_ColorRGBA()
+        assert colours.GetColor(explorer.Current(), XCAFDoc_ColorSurf, colour)
+        seen.add((colour.GetRGB().Red(), colour.GetRGB().Green(), colour.GetRGB().Blue(), colour.Alpha()))
+        explorer.Next()
+    return Part(
+        shape,
+        properties.Mass(),
+        (box.CornerMin().Z(), box.CornerMax().Z()),
+        faces,
+        BRepCheck_Analyzer(shape).IsValid(),
+        frozenset(seen),
+    )
+
+
+def to_face(topods, shape):
+    """The cast has two names in the versions of the bindings."""
+    return (getattr(topods, "Face_s", None) or topods.Face)(shape)
+
+
+@pytest.fixture(params=BOARDS.values(), ids=BOARDS.keys(), scope="module")
+def read(request, tmp_path_factory):
+    path = tmp_path_factory.mktemp("step") / "board.step"
+    write_step(request.param, path, name="a board", sheets=SHEETS)
+    name, parts = read_step(path)
+    assert name == "a board"
+    return request.param, parts, path
+
+
+@needs_occt
+def test_parts_are_those_of_the_solids(read):
+    array, parts, _ = read
+    assert set(parts) == set(solids(array, SHEETS))
+    for name, found in parts.items():
+        assert found.valid, name
+
+
+@needs_occt
+def test_volumes_and_heights(read, monkeypatch):
+    array, parts, _ = read
+    monkeypatch.setattr("coilarray.geometry.copper._QUADRANT", 1024)
+    finer = board_prisms(array) | sheet_prisms(array, SHEETS)
+    for name, prism in finer.items():
+        tolerance = FLAT if name.startswith("sheet") or not drills(array) else ROUND
+        expected = prism.shape.area * (prism.top - prism.bottom) * 1e9
+        assert parts[name].volume == pytest.approx(expected, rel=tolerance), name
+        # the reader's boxes are wider by its tolerance of 1e-7 mm
+        assert parts[name].heights == pytest.approx((prism.bottom * 1e3, prism.top * 1e3), abs=1e-6)
+
+
+@needs_occt
+def test_circles_are_true(read):
+    array, parts, _ = read
+    holes = drills(array)
+    for name, found in parts.items():
+        if name.startswith("barrel/"):
+            assert found.faces == {"GeomAbs_Cylinder": 2, "GeomAbs_Plane": 2}
+    through = sum(hole.layers == array.stackup.names for hole in holes)
+    if "board" in parts:
+        assert parts["board"].faces.get("GeomAbs_Cylinder", 0) == through
+    for layer in array.stackup.names:
+        for net in array.names:
+            own = [hole for hole in holes if hole.net == net and layer in hole.layers]
+            if own:
+                cylinders = parts[f"copper/{layer}/{net}"].faces["GeomAbs_Cylinder"]
+                # each hole, and the edge of each pad, which a trace may cut in two
+                drilled = sum(hole.drilled for hole in own)
+                assert drilled + len(own) <= cylinders <= drilled + 2 * len(own)
+
+
+@needs_occt
+def test_barrel_volume_in_closed_form(read):
+    array, parts, _ = read
+    for net in array.names:
+        for n, hole in enumerate(hole for hole in drills(array) if hole.net == net and hole.drilled):
+            bottom, top = array.stackup.span(hole.layers[-1])[0], array.stackup.span(hole.layers[0])[1]
+            wall = math.pi * hole.plating * (hole.diameter - hole.plating)
+            assert parts[f"barrel/{net}/{n}"].volume == pytest.approx(wall * (top - bottom) * 1e9, rel=1e-9)
+
+
+@needs_occt
+def test_every_kind_has_its_colour(read):
+    _, parts, path = read
+    by_kind = {}
+    for name, found in parts.items():
+        by_kind.setdefault(name.split("/")[0], set()).update(found.colours)
+    assert all(len(colours) == 1 for colours in by_kind.values())
+    assert len(set.union(*by_kind.values())) == len(by_kind)
+    assert "SI_UNIT(.MILLI.,.METRE.)" in path.read_text(encoding="ascii")
+
+
+@needs_occt
+def test_the_file_of_the_reference_board_stays_small(tmp_path):
+    path = tmp_path / "board.stp"
+    write_step(BOARDS["reference"], path, name="reference")
+    # 7.7 MB as it is; 50 MB with polygons for circles, 97 MB with curves on every face as well
+    assert path.stat().st_size < 10e6
+
+
+@needs_occt
+def test_nothing_is_printed_and_settings_are_put_back(tmp_path, capfd):
+    from OCP.Interface import Interface_Static
+    from OCP.Message import Message
+
+    write_step(BOARDS["no holes"], tmp_path / "first.step", name="first")  # the settings exist from here on
+    Interface_Static.SetIVal_s("write.surfacecurve.mode", 1)
+    levels = [printer.GetTraceLevel() for printer in Message.DefaultMessenger_s().Printers()]
+    capfd.readouterr()
+    write_step(BOARDS["no holes"], tmp_path / "second.step", name="second")
+    assert capfd.readouterr() == ("", "")
+    assert Interface_Static.IVal_s("write.surfacecurve.mode") == 1
+    assert [printer.GetTraceLevel() for printer in Message.DefaultMessenger_s().Printers()] == levels
+
+
+@needs_occt
+def test_overlapping_holes_still_make_solids(tmp_path):
+    """Two coils whose terminals are drilled into each other: arcs where they are left, edges where they are not."""
+    coil = path_coil([[(0, 0), (5e-3, 0)]], 0.2e-3, 0.2e-3, VIA, LEADS.terminal)
+    array = CoilArray(
+        many_layers(2), (Placement("A", coil, ("L1",), 0, 0), Placement("B", coil, ("L2",), 0.3e-3, 0.1e-3))
+    )
+    write_step(array, tmp_path / "board.step", name="broken")
+    _, parts = read_step(tmp_path / "board.step")
+    for name, solid in solids(array).items():
+        assert parts[name].valid, name
+        # the polygons have 4e-4 less area than their circles; what is left of a drilled pad is a third of it
+        assert parts[name].volume == pytest.approx(solid.volume * 1e9, rel=2e-3), name
+
+
+# ---- which edges are arcs
+
+
+CIRCLES = np.array([(0.0, 0.0, 0.25e-3), (1e-3, 0.5e-3, 0.5e-3)])
+
+
+def corners(polygon):
+    return shapely.get_coordinates(polygon.exterior)[:-1]
+
+
+@given(k=st.integers(0, 1), start=st.integers(0, 127))
+def test_a_whole_circle_is_recognized(k, start):
+    x, y, radius = CIRCLES[k]
+    ring = np.roll(corners(disc(x, y, 2 * radius)), start, axis=0)
+    assert (step._owners(ring, CIRCLES) == k).all()
+    assert (step._owners(ring[::-1], CIRCLES) == k).all()
+    assert (step._owners(ring, CIRCLES[:0]) == -1).all()
+    assert (step._owners(ring, CIRCLES[1 - k : 2 - k]) == -1).all()
+
+
+@given(width=st.floats(0.05e-3, 0.4e-3), angle=st.floats(0, 2 * math.pi))
+def test_a_pad_with_a_trace_keeps_its_arc(width, angle):
+    trace = shapely.LineString([(0, 0), (2e-3 * math.cos(angle), 2e-3 * math.sin(angle))]).buffer(
+        width / 2, cap_style="flat"
+    )
+    ring = corners(shapely.union(disc(0, 0, 0.5e-3), trace))
+    owners = step._owners(ring, CIRCLES)
+    # the trace hides the chords between its edges, and cuts two in part
+    hidden = 2 * math.asin(width / 0.5e-3) / (2 * math.pi) * 128
+    assert 128 - hidden - 4 <= (owners == 0).sum() <= 128 - hidden + 2
+    straight = ring[owners < 0]
+    assert len(straight) >= 3
+
+
+def test_other_polygons_have_no_arcs():
+    square = np.array([(0.25e-3, 0), (0, 0.25e-3), (-0.25e-3, 0), (0, -0.25e-3)])  # its corners lie on the circle
+    assert (step._owners(square, CIRCLES) == -1).all()
+
+
+# ---- what cannot be written
+
+
+def test_files_that_cannot_be(tmp_path, monkeypatch):
+    array = BOARDS["no holes"]
+    with pytest.raises(OutputError, match=r"the suffix must be \.step or \.stp; got '\.iges'"):
+        write_step(array, tmp_path / "board.iges", name="board")
+    monkeypatch.setitem(sys.modules, "OCP", None)
+    monkeypatch.setitem(sys.modules, "OCP.STEPCAFControl", None)
+    with pytest.raises(MissingDependencyError, match=r'STEP files need cadquery-ocp-novtk, .*"coilarray\[step\]"'):
+        write_step(array, tmp_path / "board.step", name="board")
+    assert list(tmp_path.iterdir()) == []
+
+
+@needs_occt
+def test_a_broken_open_cascade_is_not_called_missing(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "OCP.STEPCAFControl", None)
+    with pytest.raises(MissingDependencyError, match=r"which cannot be loaded: import of OCP\.STEPCAFControl halted"):
+        write_step(BOARDS["no holes"], tmp_path / "board.step", name="board")
+
+    def interrupted(name):
+        raise ImportError("initialization failed") from KeyboardInterrupt()  # as its modules do at Ctrl-C
+
+    monkeypatch.setattr(importlib, "import_module", interrupted)
+    with pytest.raises(MissingDependencyError, match=r"which cannot be loaded: KeyboardInterrupt\."):
+        write_step(BOARDS["no holes"], tmp_path / "board.step", name="board")
+
+
+@needs_occt
+def test_files_that_open_cascade_cannot_write(tmp_path):
+    array = BOARDS["no holes"]
+    with pytest.raises(OutputError, match=r"cannot write .*board\.step: No such file or directory"):
+        write_step(array, tmp_path / "missing" / "board.step", name="board")
+    with pytest.raises(GeometryError, match="sheet names must differ; got base, base"):
+        write_step(array, tmp_path / "board.step", name="board", sheets=(Sheet("base", 1e-3), Sheet("base", 2e-3)))
+    assert list(tmp_path.iterdir()) == []
+
+
+@needs_occt
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no /dev/full on this system")
+def test_a_full_disk(tmp_path, monkeypatch):
+    def onto_full_disk(path, write):
+        write(type(path)("/dev/full"))
+
+    monkeypatch.setattr("coilarray.geometry.export.step.write_atomically", onto_full_disk)
+    with pytest.raises(OSError, match="Open CASCADE could not write the file"):
+        write_step(BOARDS["no holes"], tmp_path / "board.step", name="board")

@@ -1,0 +1,204 @@
+"""Solids: watertight, volume = area × thickness, at the right height; and the files they are written to."""
+
+from __future__ import annotations
+
+import math
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import shapely
+import trimesh
+from support.boards import FOUR_LAYERS, LEADS, VIA, many_layers, one_coil, reference_board
+
+from coilarray.errors import GeometryError, OutputError
+from coilarray.geometry import (
+    CoilArray,
+    Placement,
+    Sheet,
+    Spiral,
+    board_outline,
+    drills,
+    layer_copper,
+    path_coil,
+    solids,
+    spiral_coil,
+)
+from coilarray.geometry.copper import disc
+from coilarray.geometry.export import write_solids
+
+SHEETS = (Sheet("base", 6e-3), Sheet("magnetic", 2e-3, 2.7))
+VOLUME = 1e-9  # relative: triangulated prisms of coordinates up to 1000 times their height, in float64
+
+
+def holes_of(array, layer=None):
+    return shapely.union_all(
+        [
+            disc(hole.x, hole.y, hole.diameter)
+            for hole in drills(array)
+            if hole.drilled and (layer is None or layer in hole.layers)
+        ]
+    )
+
+
+def wound(sides, layers, rotation, *, through_holes=True):
+    spiral = Spiral(sides, 6e-3, 6, 0.15e-3, 0.15e-3, circular=sides > 8)
+    return one_coil(spiral_coil(spiral, layers, VIA, LEADS), rotation=rotation, through_holes=through_holes)
+
+
+BOARDS = {
+    "reference": reference_board(),
+    "reference, blind holes": reference_board(through_holes=False),
+    "triangle": wound(3, 2, 0.4),
+    "four layers, blind holes": wound(4, 4, 1.0, through_holes=False),
+    "circle": wound(96, 2, -2.0),
+    "inner terminal": wound(6, 1, 0.0),
+}
+
+
+@pytest.fixture(params=BOARDS.values(), ids=BOARDS.keys(), scope="module")
+def built(request):
+    return request.param, solids(request.param, SHEETS)
+
+
+def test_every_solid_is_closed_and_positive(built):
+    _, parts = built
+    for name, solid in parts.items():
+        assert solid.is_watertight, name
+        assert solid.is_winding_consistent, name
+        assert solid.volume > 0, name
+
+
+def test_copper_volume_is_area_times_thickness(built):
+    array, parts = built
+    seen = set()
+    for layer in array.stackup.names:
+        bottom, top = array.stackup.span(layer)
+        for net, copper in layer_copper(array, layer).items():
+            solid = parts[f"copper/{layer}/{net}"]
+            area = shapely.difference(copper, holes_of(array, layer)).area
+            assert solid.volume == pytest.approx(area * (top - bottom), rel=VOLUME)
+            assert solid.bounds[:, 2] == pytest.approx([bottom, top], abs=1e-15)
+            seen.add(f"copper/{layer}/{net}")
+    assert seen == {name for name in parts if name.startswith("copper/")}
+
+
+def test_barrels_are_hollow_and_span_their_layers(built):
+    array, parts = built
+    for net in array.names:
+        own = [hole for hole in drills(array) if hole.net == net and hole.drilled]
+        assert sum(name.startswith(f"barrel/{net}/") for name in parts) == len(own)
+        for n, hole in enumerate(own):
+            solid = parts[f"barrel/{net}/{n}"]
+            bottom, top = array.stackup.span(hole.layers[-1])[0], array.stackup.span(hole.layers[0])[1]
+            outer, inner = hole.diameter / 2, hole.diameter / 2 - hole.plating
+            polygon = 64 * math.sin(2 * math.pi / 128) * (outer**2 - inner**2)  # regular, 128 corners
+            assert solid.volume == pytest.approx(polygon * (top - bottom), rel=VOLUME)
+            assert solid.bounds[:, 2] == pytest.approx([bottom, top], abs=1e-15)
+
+
+def test_a_pad_without_a_hole_has_no_barrel():
+    parts = solids(BOARDS["four layers, blind holes"])
+    # three vias between four layers; the terminals reach one layer each
+    assert [name for name in parts if name.startswith("barrel/")] == ["barrel/A/0", "barrel/A/1", "barrel/A/2"]
+
+
+def test_laminate_fills_the_board_between_the_outer_copper(built):
+    array, parts = built
+    stackup = array.stackup
+    if len(stackup.names) == 1:
+        assert "board" not in parts
+        return
+    through = [disc(hole.x, hole.y, hole.diameter) for hole in drills(array) if hole.layers == stackup.names]
+    area = shapely.difference(board_outline(array), shapely.union_all(through)).area
+    height = stackup.thickness - stackup.copper_thickness[0] - stackup.copper_thickness[-1]
+    assert parts["board"].volume == pytest.approx(area * height, rel=VOLUME)
+    assert parts["board"].bounds[1, 2] == pytest.approx(-stackup.copper_thickness[0], abs=1e-15)
+
+
+def test_sheets_are_stacked_upwards_from_the_board(built):
+    array, parts = built
+    area = board_outline(array).area
+    assert parts["sheet/base"].bounds[:, 2] == pytest.approx([0, 6e-3], abs=1e-15)
+    assert parts["sheet/magnetic"].bounds[:, 2] == pytest.approx([6e-3, 8e-3], abs=1e-15)
+    assert parts["sheet/magnetic"].volume == pytest.approx(area * 2e-3, rel=VOLUME)
+
+
+def test_touching_pads_leave_closed_solids():
+    line = [[(0, 0), (4e-3, 0), (4e-3, 4e-3), (2e-3, 4e-3), (2e-3, -2e-3)]]
+    crossing = type(path_coil([line[0][:2]], 2e-4, 2e-4, VIA))(
+        (np.array(line[0]),), (np.full(4, 2e-4),), 2e-4, VIA, None, np.zeros((0, 2))
+    )
+    array = CoilArray(many_layers(1), (Placement("A", crossing, ("L1",), 0, 0),))
+    solid = solids(array)["copper/L1/A"]
+    assert solid.is_watertight
+    assert solid.volume == pytest.approx(layer_copper(array, "L1")["A"].area * 35e-6, rel=VOLUME)
+
+
+def test_sheet_names_differ():
+    with pytest.raises(GeometryError, match="sheet names must differ; got base, base"):
+        solids(BOARDS["triangle"], (Sheet("base", 1e-3), Sheet("base", 2e-3)))
+
+
+def test_geometry_is_imported_without_trimesh():
+    code = "import sys, coilarray.geometry, coilarray.geometry.export; print('trimesh' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"
+
+
+# ---- files
+
+
+@pytest.fixture(scope="module")
+def parts():
+    return solids(BOARDS["triangle"], SHEETS)
+
+
+@pytest.mark.parametrize("suffix", [".stl", ".ply", ".PLY"])
+def test_mesh_files_are_in_millimetres(parts, tmp_path, suffix):
+    path = tmp_path / f"coil{suffix}"
+    write_solids(parts, path)
+    mesh = trimesh.load_mesh(path)
+    expected = sum(solid.volume for solid in parts.values())
+    assert mesh.volume == pytest.approx(expected * 1e9, rel=1e-4)  # single precision in the file
+    assert mesh.extents[2] == pytest.approx((8e-3 + many_layers(2).thickness) * 1e3, rel=1e-6)
+    assert [entry.name for entry in tmp_path.iterdir()] == [path.name]  # no temporary is left
+
+
+def test_scene_file_keeps_names_and_is_in_metres_with_y_up(parts, tmp_path):
+    path = tmp_path / "coil.glb"
+    write_solids(parts, path)
+    scene = trimesh.load_scene(path)
+    assert set(scene.geometry) == set(parts)
+    assert set(scene.graph.nodes_geometry) == set(parts)
+    x, height, depth = scene.extents
+    outline = np.diff(np.reshape(board_outline(BOARDS["triangle"]).bounds, (2, 2)), axis=0)[0]
+    # single precision in the file
+    assert (x, depth, height) == pytest.approx((*outline, 8e-3 + many_layers(2).thickness), rel=1e-6)
+    colours = {name: tuple(scene.geometry[name].visual.vertex_colors[0]) for name in parts}
+    assert colours["copper/L1/A"] != colours["board"] != colours["sheet/base"]
+
+
+def test_writing_leaves_the_solids_alone(parts, tmp_path):
+    before = {name: solid.vertices.copy() for name, solid in parts.items()}
+    write_solids(parts, tmp_path / "coil.stl")
+    write_solids(parts, tmp_path / "coil.glb")
+    for name, solid in parts.items():
+        np.testing.assert_array_equal(solid.vertices, before[name])
+
+
+def test_files_that_cannot_be(parts, tmp_path):
+    with pytest.raises(OutputError, match=r"the suffix must be \.stl, \.ply or \.glb; got '\.obj'"):
+        write_solids(parts, tmp_path / "coil.obj")
+    with pytest.raises(OutputError, match="there are no solids"):
+        write_solids({}, tmp_path / "coil.stl")
+    with pytest.raises(OutputError, match=r"cannot write .*coil\.stl: No such file or directory"):
+        write_solids(parts, tmp_path / "missing" / "coil.stl")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_heights_follow_the_stackup():
+    assert FOUR_LAYERS.span("L1")[1] == 0.0
+    copper = solids(BOARDS["reference"])["copper/L4/C2"]
+    assert copper.bounds[0, 2] == pytest.approx(-FOUR_LAYERS.thickness, abs=1e-15)

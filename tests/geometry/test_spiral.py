@@ -1,0 +1,170 @@
+"""Spirals: the vertex rule, closed formulas for length and area, sizes, symmetry, and every bad input.
+
+Who checks whom: the rule written out here and the lengths of another program (tests/reference) against `Spiral`.
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from support.references import rows
+
+from coilarray.errors import GeometryError
+from coilarray.geometry import Spiral, apothem_from_size
+
+
+def length(line):
+    return float(np.hypot(*np.diff(line, axis=0).T).sum())
+
+
+def swept_area(line):
+    """Area swept by the ray from the origin, counted positive counter-clockwise."""
+    x, y = line.T
+    return float(0.5 * np.sum(x[:-1] * y[1:] - x[1:] * y[:-1]))
+
+
+@pytest.mark.parametrize("row", rows("polygon_spirals_dc"), ids=lambda row: f"{row['N_sides']}x{row['layers']}")
+def test_vertices_and_length_agree_with_the_reference_rule(row):
+    sides, turns, layers = int(row["N_sides"]), int(row["n_turns_per_layer"]), int(row["layers"])
+    edge, w, s = (float(row[key]) * 1e-3 for key in ("ap_edge_mm", "w_mm", "s_mm"))
+    spiral = Spiral(sides, edge, turns, w, s)
+    k = np.arange(sides * turns + 1)
+    radius = ((edge - w / 2) - (w + s) * k / sides) / math.cos(math.pi / sides)
+    expected = radius[:, None] * np.column_stack((np.cos(2 * np.pi * k / sides), np.sin(2 * np.pi * k / sides)))
+    # the same formula evaluated at angles reduced by whole turns: rounding of angles up to 200 rad
+    np.testing.assert_allclose(spiral.centre_line(0), expected, rtol=0, atol=1e-13 * edge * 200)
+    # outward layers are the mirror image in y, traversed backwards
+    np.testing.assert_allclose(spiral.centre_line(1), (expected * (1, -1))[::-1], rtol=0, atol=1e-13 * edge * 200)
+    total = sum(length(spiral.centre_line(layer)) for layer in range(layers))
+    assert total * 1e3 == pytest.approx(float(row["length_mm"]), rel=5e-6)  # printed with 6 digits
+
+
+@pytest.mark.parametrize("sides", [3, 4, 6, 12])
+def test_length_of_a_segment_follows_the_cosine_rule(sides):
+    spiral = Spiral(sides, 10e-3, 7, 0.15e-3, 0.2e-3)
+    line = spiral.centre_line()
+    r = np.hypot(*line.T)
+    expected = np.sqrt(r[:-1] ** 2 + r[1:] ** 2 - 2 * r[:-1] * r[1:] * math.cos(2 * math.pi / sides))
+    np.testing.assert_allclose(np.hypot(*np.diff(line, axis=0).T), expected, rtol=1e-12)  # rounding
+
+
+def test_fine_circle_has_the_length_and_area_of_archimedes():
+    spiral = Spiral(2000, 5e-3, 8, 0.1e-3, 0.1e-3, circular=True)
+    outer, inner, pitch = 4.95e-3, 4.95e-3 - 8 * 0.2e-3, 0.2e-3
+    b = pitch / (2 * math.pi)
+
+    def arc(r):  # antiderivative of sqrt(r² + b²) dr / b
+        return (r * math.hypot(r, b) / 2 + b * b / 2 * math.asinh(r / b)) / b
+
+    line = spiral.centre_line()
+    # chords are short of arcs by (2π/2000)²/24 = 4e-7, their triangles short of sectors by (2π/2000)²/6 = 1.6e-6
+    assert length(line) == pytest.approx(arc(outer) - arc(inner), rel=5e-7)
+    assert swept_area(line) == pytest.approx(math.pi * (outer**3 - inner**3) / (3 * pitch), rel=2e-6)
+
+
+@pytest.mark.parametrize("circular", [False, True])
+@pytest.mark.parametrize(("winding", "sense"), [("ccw", 1), ("cw", -1)])
+@pytest.mark.parametrize("turns", [5, 5.5, 5 + 1 / 6])
+def test_layers_meet_and_keep_the_sense_of_rotation(circular, winding, sense, turns):
+    spiral = Spiral(6, 8e-3, turns, 0.2e-3, 0.15e-3, 0.4, winding, circular)
+    lines = [spiral.centre_line(layer) for layer in range(4)]
+    for line, following in pairwise(lines):
+        np.testing.assert_allclose(line[-1], following[0], rtol=0, atol=1e-15)  # the same formula
+    for line in lines:
+        x, y = line.T
+        assert (sense * (x[:-1] * y[1:] - x[1:] * y[:-1]) > 0).all()
+
+
+@given(
+    sides=st.integers(3, 12),
+    corner=st.floats(-10, 10),
+    circular=st.booleans(),
+    winding=st.sampled_from(["ccw", "cw"]),
+    layer=st.integers(0, 3),
+)
+def test_first_corner_only_rotates(sides, corner, circular, winding, layer):
+    plain = Spiral(sides, 6e-3, 4, 0.15e-3, 0.15e-3, 0.0, winding, circular)
+    turned = Spiral(sides, 6e-3, 4, 0.15e-3, 0.15e-3, corner, winding, circular)
+    c, s = math.cos(corner), math.sin(corner)
+    expected = plain.centre_line(layer) @ np.array([[c, s], [-s, c]])
+    # rounding of an angle of about 10 rad at a radius of at most 12 mm
+    np.testing.assert_allclose(turned.centre_line(layer), expected, rtol=0, atol=1e-15)
+
+
+def test_winding_shrinks_by_one_pitch_a_turn():
+    spiral = Spiral(6, 10e-3, 12, 0.15e-3, 0.1e-3)
+    apothem = np.hypot(*spiral.centre_line()[::6].T) * math.cos(math.pi / 6)
+    np.testing.assert_allclose(np.diff(apothem), -spiral.pitch, rtol=1e-11)  # differences of numbers 40 times as large
+    assert apothem[0] == pytest.approx(10e-3 - 0.075e-3, rel=1e-12)
+    assert apothem[-1] == pytest.approx(spiral.inner_apothem, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("sides", "across", "apothem"), [(6, "flats", 5.0), (6, "corners", 4.330127), (4, "corners", 3.535534)]
+)
+def test_size_across_flats_and_corners(sides, across, apothem):
+    assert apothem_from_size(10e-3, sides, across=across) * 1e3 == pytest.approx(apothem, abs=1e-6)  # digits given
+
+
+def test_outline_has_the_given_sizes():
+    outline = Spiral(6, apothem_from_size(23e-3, 6, across="corners"), 3, 0.1e-3, 0.1e-3).outline()
+    assert np.hypot(*outline.T) == pytest.approx(11.5e-3, rel=1e-12)
+    circle = Spiral(96, 5e-3, 3, 0.1e-3, 0.1e-3, circular=True).outline()
+    assert np.hypot(*circle.T) == pytest.approx(5e-3, rel=1e-12)
+
+
+BAD = [0.0, -1e-3, math.nan, math.inf]
+
+
+@pytest.mark.parametrize("name", ["outer_apothem", "turns", "trace_width", "gap"])
+@pytest.mark.parametrize("value", BAD)
+def test_sizes_must_be_positive_and_finite(name, value):
+    given_sizes = {"outer_apothem": 5e-3, "turns": 3, "trace_width": 1e-4, "gap": 1e-4, name: value}
+    with pytest.raises(GeometryError, match=f"{name} must be positive and finite"):
+        Spiral(6, **given_sizes)
+
+
+@pytest.mark.parametrize("sides", [2, 0, -6])
+def test_fewer_than_three_sides(sides):
+    with pytest.raises(GeometryError, match="sides must be at least 3"):
+        Spiral(sides, 5e-3, 3, 1e-4, 1e-4)
+    with pytest.raises(GeometryError, match="sides must be at least 3"):
+        apothem_from_size(1e-2, sides, across="flats")
+
+
+def test_more_turns_than_fit_names_the_most_that_do():
+    with pytest.raises(GeometryError, match=r"30 turns .* do not fit .*; at most 24\.5 turns do"):
+        Spiral(6, 5.01e-3, 30, 1e-4, 1e-4)
+    Spiral(6, 5.01e-3, 24.5, 1e-4, 1e-4)
+
+
+def test_turns_are_whole_steps():
+    with pytest.raises(GeometryError, match="turns must be a multiple of 1/6"):
+        Spiral(6, 5e-3, 3.1, 1e-4, 1e-4)
+
+
+@pytest.mark.parametrize("corner", [math.nan, math.inf])
+def test_first_corner_must_be_finite(corner):
+    with pytest.raises(GeometryError, match="first_corner must be finite"):
+        Spiral(6, 5e-3, 3, 1e-4, 1e-4, corner)
+
+
+def test_winding_must_be_a_known_word():
+    with pytest.raises(GeometryError, match="winding must be 'ccw' or 'cw'; got 'left'"):
+        Spiral(6, 5e-3, 3, 1e-4, 1e-4, winding="left")
+
+
+@pytest.mark.parametrize("size", BAD)
+def test_size_must_be_positive_and_finite(size):
+    with pytest.raises(GeometryError, match="size must be positive and finite"):
+        apothem_from_size(size, 6, across="corners")
+
+
+def test_size_is_across_something():
+    with pytest.raises(GeometryError, match="across flats or corners; got 'diagonal'"):
+        apothem_from_size(1e-2, 6, across="diagonal")

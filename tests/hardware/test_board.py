@@ -1,0 +1,222 @@
+"""Names of ports, the board behind each, and the line that says who answers."""
+
+from __future__ import annotations
+
+import contextlib
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from support.emulated_reader import WIRING, at_rest, plain, quick_settings, reader_of
+
+from coilarray import hardware
+from coilarray.errors import HardwareError, MissingDependencyError
+from coilarray.hardware import emulator
+from coilarray.hardware.board.connect import Board, open_board, wiring_of_board
+from coilarray.hardware.emulator import VirtualClock, plain_board
+from coilarray.hardware.wire import ports
+from coilarray.hardware.wire.ft232h import SwitchPins
+from coilarray.hardware.wire.ports import (
+    EmulatorPort,
+    FtdiPort,
+    LinuxPort,
+    SerialPort,
+    bus_rate,
+    found_ports,
+    parse_port,
+)
+from coilarray.hardware.wire.shift_settings import ShiftSettings
+
+
+@pytest.fixture(autouse=True)
+def quick_emulator(monkeypatch):
+    """Coils of given inductance in place of a design's, whose circuit takes seconds."""
+    monkeypatch.setattr(emulator, "emulated_board", lambda design, wiring, **options: plain_board(wiring, **options))
+
+
+@pytest.mark.parametrize(
+    ("text", "port"),
+    [
+        ("emulator", EmulatorPort()),
+        (" emulator ", EmulatorPort()),
+        ("/dev/ttyACM0", SerialPort("/dev/ttyACM0")),
+        ("/dev/serial/by-id/usb-SEGGER_J-Link_1-if00", SerialPort("/dev/serial/by-id/usb-SEGGER_J-Link_1-if00")),
+        ("COM5", SerialPort("COM5")),
+        ("com12", SerialPort("com12")),
+        ("usb:000591234567", SerialPort("usb:000591234567")),
+        ("/dev/ttyACM0?baud=9600", SerialPort("/dev/ttyACM0", (9600,))),
+        ("COM5?baud=any", SerialPort("COM5", (115200, 230400, 460800, 921600, 9600))),
+        ("i2c:1", LinuxPort(1, 0x2A, 0, 0)),
+        ("i2c:1:0x2B", LinuxPort(1, 0x2B, 0, 0)),
+        ("i2c:20:43,spi:1.2", LinuxPort(20, 0x2B, 1, 2)),
+        (
+            "i2c:1,spi:0.1?mode=2&speed=500000&order=lsb&readback=yes",
+            LinuxPort(1, 0x2A, 0, 1, ShiftSettings(2, 5e5, True, True)),
+        ),
+        ("ftdi://ftdi:232h/1", FtdiPort("ftdi://ftdi:232h/1")),
+        (
+            "ftdi://ftdi:232h:FT1ABC/1?address=0x2B&clock=4&data=6&sync=1&back=7&mode=2&readback=no",
+            FtdiPort("ftdi://ftdi:232h:FT1ABC/1", 0x2B, SwitchPins(4, 6, 1, 7), ShiftSettings(2)),
+        ),
+    ],
+)  # fmt: skip
+def test_names_of_ports(text, port):
+    assert parse_port(text) == port
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", r"port '' cannot be: it must be emulator, a serial port \(/dev/ttyACM0, COM5 or usb:SERIALNUMBER\), i2c:"),
+        ("emulater", "it must be emulator"),
+        ("emulator?seed=1", "it must be emulator"),
+        ("/dev/", "it must be emulator"),
+        ("COM", "it must be emulator"),
+        ("COM1234", "it must be emulator"),
+        ("usb:", "it must be emulator"),
+        ("/dev/ttyACM0?baud=0", "baud must be 1 to 10000000, or any"),
+        ("/dev/ttyACM0?baud=fast", "baud must be 1 to 10000000, or any"),
+        ("/dev/ttyACM0?speed=9600", "there is no option 'speed'"),
+        ("i2c:", "it must be emulator"),
+        ("i2c:one", "it must be emulator"),
+        ("i2c:1,spi:0", "it must be emulator"),
+        ("i2c:1:0x29", r"the address of the converter must be 0x2a or 0x2b"),
+        ("i2c:1?mode=5", r"the mode of SPI must be 0 to 3; got 5"),
+        ("i2c:1?mode=two", "mode must be a whole number"),
+        ("i2c:1?mode=1&mode=2", "an option is given twice"),
+        ("i2c:1?mode", r"options after \? are KEY=VALUE, joined by &"),
+        ("i2c:1?", r"options after \? are KEY=VALUE"),
+        ("i2c:1?order=big", "order must be msb or lsb"),
+        ("i2c:1?readback=maybe", "readback must be no or yes"),
+        ("i2c:1?clock=3", "there is no option 'clock'"),
+        ("i2c:1?speed=0", "speed of SPI must be positive"),
+        ("ftdi://", "an adapter is named as ftdi://ftdi:232h/1"),
+        ("ftdi://ftdi:232h", "an adapter is named as"),
+        ("ftdi://ftdi:232h/?mode=1", "an adapter is named as"),
+        ("ftdi://ftdi:232h/1?", "options after"),
+        ("ftdi://ftdi:232h/9", "an adapter is named as"),
+        ("ftdi://ftdi:232h/1?clock=8", "four different ones of C0 to C7"),
+        ("ftdi://ftdi:232h/1?colour=red", "there is no option 'colour'"),
+        ("x" * 10000, "cannot be"),
+    ],
+)
+def test_anything_else_is_one_line(text, message):
+    with pytest.raises(HardwareError, match=message) as raised:
+        parse_port(text)
+    assert "\n" not in str(raised.value)
+    assert len(str(raised.value)) < 500
+
+
+@given(
+    st.one_of(
+        st.text(), st.builds("{}{}".format, st.sampled_from(["i2c:", "ftdi://", "usb:", "/dev/", "COM"]), st.text())
+    )
+)
+def test_no_text_is_anything_but_a_port_or_a_named_error(text):
+    with contextlib.suppress(HardwareError):
+        parse_port(text)
+
+
+def test_the_emulator_is_the_default_and_says_so():
+    with open_board() as board:
+        assert board.emulated
+        assert board.emulator is not None
+        assert board.identity.emulated
+        assert board.line == (
+            f"emulator: emulator; LDC1614 (5449/3055); wiring six_coils; session {board.identity.boot:08X}"
+        )
+        board.reader.configure(quick_settings())
+        board.reader.scan()
+    assert at_rest(board.emulator)
+
+
+def test_options_of_the_emulator_are_passed_on():
+    clock = VirtualClock()
+    with open_board(clock=clock, noise=0.0) as board:
+        assert board.emulator.clock is clock
+        assert board.emulator.conditions.noise == 0.0
+    with pytest.raises(TypeError, match="colour"):
+        open_board(colour="red")
+
+
+def test_sessions_differ():
+    with open_board() as first, open_board() as second:
+        assert first.identity.boot != second.identity.boot
+
+
+def test_the_line_tells_a_converter_that_does_not_answer_or_is_another_chip():
+    board = plain()
+    board.bus.refuse(10**6)
+    assert "; no converter answers; " in Board(reader_of(board), "emulator", WIRING).line
+    board = plain()
+    read = board.bus.read
+    board.bus.read = lambda register: 0x3054 if register == 0x7F else read(register)
+    assert "; another chip than the LDC1614 (5449/3054); " in Board(reader_of(board), "emulator", WIRING).line
+
+
+def test_a_serial_port_that_is_not_there_is_one_line():
+    with pytest.raises(HardwareError, match=r"port /dev/ttyACM99 does not exist\.") as raised:
+        open_board("/dev/ttyACM99")
+    assert "\n" not in str(raised.value)
+
+
+def test_a_missing_pyserial_names_its_extra(monkeypatch):
+    monkeypatch.setitem(sys.modules, "serial", None)
+    with pytest.raises(MissingDependencyError, match="microcontroller boards need pyserial"):
+        open_board("/dev/ttyACM0")
+
+
+def test_ports_of_this_computer_are_found_by_kind(monkeypatch):
+    monkeypatch.setattr(ports, "linux_buses", lambda: ("i2c:1",))
+    monkeypatch.setattr(ports, "ft232h_adapters", lambda: ("ftdi://ftdi:232h/1",))
+    found = found_ports()
+    assert list(found) == ["emulator", "serial", "linux", "ftdi"]
+    assert (found["emulator"], found["linux"], found["ftdi"]) == (("emulator",), ("i2c:1",), ("ftdi://ftdi:232h/1",))
+    monkeypatch.setitem(sys.modules, "serial", None)
+    assert found_ports()["serial"] == ()
+
+
+def test_closing_twice_or_before_the_block_is_allowed():
+    board = open_board()
+    board.close()
+    with board:
+        pass
+    assert at_rest(board.emulator)
+
+
+class Named:
+    """As much of a design as has the names of its coils."""
+
+    def __init__(self, *names):
+        self.array = SimpleNamespace(names=names)
+
+
+def test_the_wiring_of_an_emulated_board_fits_its_design():
+    assert wiring_of_board(EmulatorPort()) == WIRING
+    assert wiring_of_board(EmulatorPort(), Named(*WIRING.coils)) == WIRING
+    assert wiring_of_board(EmulatorPort(), Named("left", "right")).coils == ("left", "right")
+    with open_board(design=Named("left", "right")) as board:
+        assert board.wiring.coils == ("left", "right")
+    # what is soldered is not guessed, and what is said counts
+    assert wiring_of_board(SerialPort("COM5"), Named("left", "right")) == WIRING
+    assert wiring_of_board(EmulatorPort(), Named("left", "right"), "six_coils") == WIRING
+
+
+@pytest.mark.parametrize(
+    ("port", "rate"), [("emulator", 400e3), ("COM5", 150e3), ("i2c:1", 400e3), ("ftdi://ftdi:232h/1", 100e3)]
+)
+def test_the_clock_of_the_bus_is_that_of_the_port(port, rate):
+    assert bus_rate(parse_port(port)) == rate
+
+
+def test_the_package_offers_what_a_program_needs_and_loads_nothing_before():
+    script = "import sys, coilarray.hardware; print([m for m in sys.modules if m.startswith('coilarray.hardware.')])"
+    said = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout
+    assert said == "[]\n"
+    for name in hardware.__all__:
+        assert getattr(hardware, name).__name__ == name
+    with pytest.raises(AttributeError, match="has no attribute 'anything'"):
+        hardware.anything  # noqa: B018 - that it raises is the test

@@ -1,0 +1,139 @@
+"""The same board behind a microcontroller: the real firmware, compiled for this computer, on a pseudo-terminal.
+
+What stands on the interface `Reader` alone must not see a difference.
+"""
+
+from __future__ import annotations
+
+import signal
+import sys
+
+import pytest
+from support.coupled_coils import CoupledCoils, coupled_board
+from support.emulated_reader import WIRING, at_rest, plain, quick_settings, reader_of
+
+if sys.platform == "win32":
+    pytest.skip("no pseudo-terminals on Windows", allow_module_level=True)
+
+from support.firmware_host import FirmwareHost, needs_compiler
+from support.patience import PATIENCE
+
+from coilarray.hardware.board.connect import open_board
+from coilarray.hardware.board.drive_codes import find_drives
+from coilarray.hardware.board.self_test import self_test
+from coilarray.hardware.scan.wiring import load_wiring
+from coilarray.hardware.wire.link import LinkTimes
+
+pytestmark = [needs_compiler, pytest.mark.usefixtures("patient_writing")]
+SETTINGS = quick_settings(drives=8, quality=150.0)
+# nothing is lost here; but a board in a thread stands still with the driver, whose time goes on meanwhile
+TIMES = LinkTimes(reply=PATIENCE / 3, least_gap=PATIENCE, heartbeat=PATIENCE)
+
+
+def behind_firmware(board, wiring=WIRING):
+    return FirmwareHost(board.bus, board.switches, board.clock, safe_words=wiring.safe_words)
+
+
+def left_by(board, host, way_out):
+    """Open, configure, stream, and leave in some way; return by what."""
+    met = None
+    try:
+        with open_board(host.port, times=TIMES) as opened:
+            opened.reader.configure(SETTINGS)
+            stream = opened.reader.scans()
+            next(stream)
+            way_out()
+    except BaseException as error:
+        met = error
+    return met
+
+
+def test_the_line_says_who_answers():
+    board = plain()
+    with behind_firmware(board) as host, open_board(host.port, times=TIMES) as opened:
+        assert not opened.emulated
+        assert opened.emulator is None
+        assert f"LDC1614 (5449/3055); wiring six_coils; session {host.boot:08X}" in opened.line
+
+
+def test_samples_are_the_same_as_of_the_chips_driven_directly():
+    settings = quick_settings()
+    direct = reader_of(plain())
+    direct.configure(settings)
+    wanted = direct.scan()
+    board = plain()
+    with behind_firmware(board) as host, open_board(host.port, times=TIMES) as opened:
+        opened.reader.configure(settings)
+        scan = opened.reader.scan()
+    assert scan.samples == wanted.samples  # without noise: the same words to the last bit
+    assert scan.configuration == wanted.configuration
+
+
+def test_the_chain_can_be_asked_through_the_firmware():
+    board = plain()
+    with behind_firmware(board) as host, open_board(host.port, times=TIMES) as opened:
+        assert opened.check_chain() in ("same", "none")
+        with host.paused():
+            board.switches.broken = True
+        assert opened.check_chain() in ("differ", "none")
+    with open_board() as opened:
+        assert opened.check_chain() is None
+
+
+def raising(error):
+    def way_out():
+        raise error
+
+    return way_out
+
+
+@pytest.mark.parametrize(
+    ("way_out", "error"),
+    [
+        (lambda: None, type(None)),
+        (raising(KeyboardInterrupt()), KeyboardInterrupt),
+        (raising(RuntimeError("mistake")), RuntimeError),
+        (lambda: signal.raise_signal(signal.SIGTERM), SystemExit),
+    ],
+    ids=["the end", "Ctrl-C", "an exception", "SIGTERM"],
+)
+def test_leaving_in_the_middle_of_a_stream_grounds_the_coils(way_out, error):
+    board = plain()
+    with behind_firmware(board) as host:
+        met = left_by(board, host, way_out)
+        with host.paused():
+            assert at_rest(board)
+    assert isinstance(met, error)
+
+
+@pytest.mark.parametrize("name", ["six_coils", "six_coils_4"])
+def test_a_good_board_passes_its_self_test(name):
+    wiring = load_wiring(name)
+    board = coupled_board(wiring)
+    with behind_firmware(board, wiring) as host, open_board(host.port, wiring=wiring, times=TIMES) as opened:
+        result = self_test(opened.reader, wiring, quick_settings(wiring, drives=8, quality=150.0))
+        with host.paused():
+            assert at_rest(board, wiring)
+    assert (result.symptoms, result.findings) == ((), ())
+
+
+def test_faults_are_named_through_the_firmware_too():
+    world = CoupledCoils(WIRING.coils)
+    board = coupled_board(WIRING, world=world)
+    with behind_firmware(board) as host, open_board(host.port, times=TIMES) as opened:
+        with host.paused():
+            board.chain.stick(*board.chain.find(3, 1, "ground"), "closed")
+        found = self_test(opened.reader, WIRING, SETTINGS).findings
+        assert found == ("U4.S1B (coil4.b to ground) stays closed",)
+        with host.paused():
+            board.chain.heal()
+            world.shorted.add("coil2")
+        found = self_test(opened.reader, WIRING, SETTINGS).findings
+        assert set(found) == {"coil2 or a lead of it is broken", "coil2 is shorted"}
+
+
+def test_drive_currents_are_the_same_as_of_the_chips_driven_directly():
+    wanted = find_drives(reader_of(coupled_board(WIRING, noise=0.0)), SETTINGS)
+    board = coupled_board(WIRING, noise=0.0)
+    with behind_firmware(board) as host, open_board(host.port, times=TIMES) as opened:
+        assert find_drives(opened.reader, SETTINGS) == wanted

@@ -1,0 +1,548 @@
+"""The paper's campaign: its sequence, what it does when something fails, and the response that comes out of it."""
+
+from __future__ import annotations
+
+import csv
+import io
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import xarray as xr
+from hypothesis import given
+from hypothesis import strategies as st
+from support.recorded_boards import QuickWorld, configured, dent, quick_board, session_of, two_coil_wiring, two_coils
+
+from coilarray import load_design
+from coilarray.errors import HardwareError, OutputError
+from coilarray.hardware.board.connect import open_board
+from coilarray.hardware.emulator import Drift
+from coilarray.hardware.record.campaign import TRIES, Campaign, design_campaign, run_campaign
+from coilarray.hardware.record.recorded_response import recorded_response, recorded_series, response_csv
+from coilarray.hardware.record.recorder import open_recorder
+from coilarray.hardware.record.recording import open_recording
+from coilarray.hardware.record.stages import EmulatedStage
+from coilarray.hardware.scan.board_network import board_network
+from coilarray.hardware.scan.design_settings import design_plan, design_settings
+from coilarray.hardware.scan.scans import RawSample, SampleFault
+from coilarray.hardware.wire.faults import BoardRestarted, BusFault, DeviceLost, NoAnswer
+from coilarray.localize.ellipse import fit_ellipses
+from coilarray.localize.forward import forward_model
+from coilarray.response.map import response_map
+
+DESIGN = two_coils()
+SMALL = Campaign(x=(-2e-3, 0.0, 3e-3), y=(0.0, 2e-3), depths=(0.5e-3, 1e-3))
+CODE = 8e-8  # of L: a code is 4e-8 of a frequency near 2 MHz
+
+
+def run(path, campaign, board=None, *, resume=False, reader=None, stage=None, progress=None):
+    """Run a campaign on a board that is closed afterwards."""
+    with open_recorder(path, resume=resume) as recorder, board or quick_board() as board:
+        recorder.start(session_of(board, configured(board), DESIGN), campaign.to_json())
+        own = EmulatedStage(board.emulator)
+        wrapped = board.reader if reader is None else reader(board.reader)
+        run_campaign(campaign, wrapped, own if stage is None else stage(own), recorder, board.emulator.clock, progress)
+    return path
+
+
+def response_of(path, **options):
+    with open_recording(path) as recording:
+        recording.check()
+        return recorded_response(recording, **options)
+
+
+class Wrapped:
+    """Passes everything on but what a test replaces."""
+
+    def __init__(self, inner):
+        self.inner = inner
+
+    def __getattr__(self, name):
+        return getattr(self.inner, name)
+
+
+# ----------------------------------------------------------------------------------- the plan
+
+
+def test_the_papers_grid():
+    campaign = design_campaign(load_design("gast2020"))
+    # Table 1 and sect. 3.3: 2 mm apart over ±26 and ±6 mm, 1 mm deep, 1.5 mm/s, 0.5 s
+    assert (len(campaign.x), len(campaign.y), campaign.depths) == (27, 7, (1e-3,))
+    assert (campaign.speed, campaign.dwell, campaign.repeats, campaign.scans) == (1.5e-3, 0.5, 1, 1)
+    assert campaign.size == len(campaign.places) == 189
+    assert [place.number for place in campaign.places] == list(range(189))
+    # pressing and lifting take 2/3 s each, two scans 0.2936 s each
+    assert campaign.seconds(0.2936) == pytest.approx(189 * (4 / 3 + 0.5 + 2 * 0.2936))
+
+
+RISING = st.lists(st.integers(-900, 900), min_size=1, max_size=5, unique=True).map(
+    lambda mm: tuple(value * 1e-3 for value in sorted(mm))
+)
+
+
+@given(RISING, RISING, st.integers(1, 4), st.integers(1, 3), st.floats(0, 100), st.floats(1e-6, 0.1))
+def test_plans_come_back(x, y, repeats, scans, dwell, speed):
+    campaign = Campaign(x, y, (0.5e-3, 1e-3), repeats, scans, dwell, speed)
+    assert Campaign.from_json(campaign.to_json()) == campaign
+    grid = {(place.repeat, place.depth, place.y, place.x) for place in campaign.places}
+    assert len(grid) == campaign.size == len(campaign.places)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"x": ()}, "x of a campaign must be finite and rising"),
+        ({"x": (1e-3, 0.0)}, "x of a campaign must be finite and rising"),
+        ({"y": (float("nan"),)}, "y of a campaign must be finite and rising"),
+        ({"y": (2.0,)}, "y of a campaign must be -1 to 1 m"),
+        ({"depths": (0.0, 1e-3)}, "depths of a campaign must be positive"),
+        ({"depths": (-1e-3,)}, "depths of a campaign must be 0 to 0.1 m"),
+        ({"depths": (1.0,)}, "depths of a campaign must be 0 to 0.1 m"),
+        ({"repeats": 0}, "repeats of a campaign must be 1 to 1000"),
+        ({"repeats": True}, "repeats of a campaign must be 1 to 1000"),
+        ({"scans": 1.5}, "scans of a campaign must be 1 to 1000"),
+        ({"dwell": -1.0}, "dwell of a campaign must be 0 to 3600 s"),
+        ({"dwell": float("nan")}, "dwell of a campaign must be"),
+        ({"speed": 0.0}, "speed of a campaign must be positive"),
+        ({"speed": float("inf")}, "speed of a campaign must be positive"),
+        ({"x": tuple(1e-6 * np.arange(2000)), "repeats": 1000}, "at most 1000000 positions; got 8000000"),
+    ],
+)
+def test_wrong_plans(change, message):
+    with pytest.raises(HardwareError, match=message):
+        replace(SMALL, **change)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "[]", "7", "{}", '{"x": 1}', '{"x": ["a"], "y": [0], "depths": [1]}', "[" * 99999]
+)
+def test_plans_that_cannot_be_read(text):
+    with pytest.raises(HardwareError, match="plan of a campaign cannot be read"):
+        Campaign.from_json(text)
+
+
+def test_a_design_without_indentation():
+    with pytest.raises(HardwareError, match=r"has no \[indenter\] and \[indentation\]"):
+        design_campaign(replace(DESIGN, indentation=None))
+
+
+# ------------------------------------------------------------------------------- the sequence
+
+
+def test_the_papers_sequence(tmp_path):
+    """Baseline untouched, press at 1.5 mm/s, 0.5 s, peak at full depth, relax: by the board's clock."""
+    board = quick_board()
+    clock, log = board.emulator.clock, []
+
+    class Stage(Wrapped):
+        def move(self, x, y):
+            self.inner.move(x, y)
+            log.append(("moved", clock.now()))
+
+        def indent(self, depth, speed):
+            log.append(("indent", clock.now()))
+            self.inner.indent(depth, speed)
+
+        def relax(self, speed):
+            log.append(("relax", clock.now()))
+            self.inner.relax(speed)
+            log.append(("relaxed", clock.now()))
+
+    class Reader(Wrapped):
+        def scan(self):
+            log.append(("scan", clock.now(), board.emulator.place()))
+            return self.inner.scan()
+
+    campaign = Campaign(x=(0.0,), y=(0.0,), depths=(1e-3,), scans=2)
+    run(tmp_path / "run.sqlite", campaign, board, reader=Reader, stage=Stage)
+    assert [entry[0] for entry in log] == ["moved", "scan", "scan", "indent", "scan", "scan", "relax", "relaxed"]
+    time = dict(zip(["m", "b1", "b2", "i", "p1", "p2", "r", "d"], [entry[1] for entry in log], strict=True))
+    assert time["p1"] - time["i"] == pytest.approx(1e-3 / 1.5e-3 + 0.5)
+    assert time["d"] - time["r"] == pytest.approx(1e-3 / 1.5e-3)
+    assert [entry[2].depth for entry in log if entry[0] == "scan"] == [0.0, 0.0, 1e-3, 1e-3]
+    with open_recording(tmp_path / "run.sqlite") as recording:
+        scans = list(recording.scans())
+    assert [(scan.stage, scan.depth) for scan in scans] == [("baseline", 0.0)] * 2 + [("peak", 1e-3)] * 2
+    assert all(scan.place == campaign.places[0] for scan in scans)
+
+
+def test_progress(tmp_path):
+    told = []
+    run(tmp_path / "run.sqlite", SMALL, progress=lambda *now: told.append(now))
+    assert told == [(k, SMALL.size) for k in range(SMALL.size + 1)]
+
+
+# --------------------------------------------------------------------------------- the response
+
+
+def test_the_response_is_the_boards(tmp_path):
+    response = response_of(run(tmp_path / "run.sqlite", SMALL))
+    assert response.delta.dims == ("depth", "y", "x", "state")
+    expected = [
+        [[[dent(coil, x, y, depth) for coil in ("coil1", "coil2")] for x in SMALL.x] for y in SMALL.y]
+        for depth in SMALL.depths
+    ]
+    # the losses, which L alone does not know, have R²C/L = 9e-4 of δ
+    np.testing.assert_allclose(response.delta, expected, rtol=1e-3, atol=2 * CODE)
+    np.testing.assert_allclose(response.base_inductance, 52e-6, rtol=2e-3)
+    assert not response.doubtful.any()
+    assert response.coil_x.values.tolist() == pytest.approx([0.0, 13.28e-3])  # from the map's origin, coil1
+    assert response.attrs["emulated"] == 1
+    assert response.attrs["design_hash"] == DESIGN.digest
+    assert (response.attrs["origin"], response.attrs["indenter"]) == ("coil1", "hemisphere")
+
+
+def test_what_takes_a_simulation_takes_it(tmp_path):
+    campaign = Campaign(x=tuple(2e-3 * np.arange(-4, 5)), y=tuple(2e-3 * np.arange(-3, 4)), depths=(1e-3,))
+    response = response_of(run(tmp_path / "run.sqlite", campaign))
+    model = forward_model(response)
+    x, y = 1.1e-3, 0.7e-3
+    expected = [dent(coil, x, y, 1e-3) for coil in ("coil1", "coil2")]
+    # a cubic through 2 mm steps of a bell of 8 mm: (2/8)⁴/100 of it
+    np.testing.assert_allclose(model.delta([x, y, 1e-3]), expected, rtol=1e-3, atol=3e-6)
+    ellipses = fit_ellipses(response, 0)
+    assert "coil1" in {str(name) for name in ellipses.state.values}
+
+
+def test_the_response_in_a_file(tmp_path):
+    from coilarray.compute.netcdf import load_part, save_dataset
+
+    response = response_of(run(tmp_path / "run.sqlite", SMALL))
+    save_dataset(response, tmp_path / "run.nc")
+    xr.testing.assert_identical(load_part(tmp_path / "run.nc"), response)
+    rows = list(csv.DictReader(io.StringIO(response_csv(response))))
+    assert list(rows[0]) == ["depth_m", "y_m", "x_m", "state", "delta", "delta_std"]
+    assert len(rows) == response.delta.size
+    for row in rows:
+        at = {axis: float(row[f"{axis}_m"]) for axis in ("depth", "y", "x")}
+        assert float(row["delta"]) == response.delta.sel(**at, state=row["state"]).item()
+
+
+def test_repeats(tmp_path):
+    """The deviation of a repeat is that of two readings of L, each twice as noisy as a frequency."""
+    noise, repeats = 1e-6, 8
+    campaign = Campaign(x=(0.0, 2e-3, 4e-3), y=(0.0, 2e-3), depths=(1e-3,), repeats=repeats)
+    board = quick_board(noise=noise, seed=5)
+    response = response_of(run(tmp_path / "run.sqlite", campaign, board))
+    assert response.delta_std.attrs["found_from"] == "repeats"
+    expected = np.sqrt(2) * 2 * noise
+    # 12 deviations of 7 degrees of freedom each: the mean square to sqrt(2/84) = 15 %, its root to 8 %; three times it
+    assert np.sqrt((response.delta_std**2).mean()) == pytest.approx(expected, rel=0.24)
+    true = response_of(run(tmp_path / "true.sqlite", replace(campaign, repeats=1)))
+    error = (response.delta - true.delta).values
+    assert np.abs(error).max() < 4 * expected / np.sqrt(repeats)  # 4 deviations of a mean, 12 of them
+    assert np.sqrt((error**2).mean()) > 0.3 * expected / np.sqrt(repeats)  # the noise is there
+
+
+def test_deviation_from_baselines(tmp_path):
+    """Without repeats the steps between baselines tell the noise; a drift of a hundred times that does not count."""
+    noise = 1e-6
+    campaign = Campaign(x=tuple(1e-3 * np.arange(20)), y=(0.0, 1e-3, 2e-3), depths=(1e-3,))
+    # -13e-6/K of the clock over 0.02 K/s and 2.5 s a position: 6.5e-7 from one to the next, 4e-5 in all
+    board = quick_board(noise=noise, seed=2, drift=Drift(rate=0.02))
+    response = response_of(run(tmp_path / "run.sqlite", campaign, board))
+    assert response.delta_std.attrs["found_from"] == "baselines"
+    # 59 steps give it to 13 %; the drift adds 10 %
+    np.testing.assert_allclose(response.delta_std, np.sqrt(2) * 2 * noise, rtol=0.45)
+    # and the drift does not enter δ: from baseline to peak it is 7e-7
+    still = response_of(run(tmp_path / "still.sqlite", campaign))
+    difference = (response.delta - still.delta).values
+    assert np.abs(difference.mean()) < 2e-6
+    averaged = response_of(run(tmp_path / "more.sqlite", replace(campaign, scans=4), quick_board(noise=noise, seed=3)))
+    assert averaged.delta_std.mean() == pytest.approx(float(response.delta_std.mean()) / 2, rel=0.35)
+
+
+def test_simulated_response_of_the_design(tmp_path, monkeypatch):
+    """The whole way: physics, chips, scans, file, δ; beside the map that is computed directly."""
+    monkeypatch.setenv("COILARRAY_CACHE", str(tmp_path / "cache"))
+    campaign = design_campaign(DESIGN, x=[-4e-3, 1e-3, 6e-3], y=[-3e-3, 0.0], depths=[0.6e-3, 1e-3])
+    wiring = two_coil_wiring()
+    settings = design_settings(DESIGN, wiring)
+    path, noise = tmp_path / "run.sqlite", 1e-7
+    with (
+        open_recorder(path) as recorder,
+        open_board(design=DESIGN, wiring=wiring, seed=4, noise=noise) as board,
+    ):
+        board.reader.configure(settings)
+        recorder.start(session_of(board, settings, DESIGN), campaign.to_json())
+        stage = EmulatedStage(board.emulator)
+        run_campaign(campaign, board.reader, stage, recorder, board.emulator.clock)
+    measured = response_of(path)
+    network = board_network(DESIGN, tmp_path / "cache" / "emulator")
+    computed = response_map(DESIGN, depths=campaign.depths, x=campaign.x, y=campaign.y, network=network)
+    for name in ("depth", "y", "x", "state", "coil"):
+        assert measured[name].values.tolist() == computed[name].values.tolist()
+    np.testing.assert_allclose(measured.coil_x, computed.coil_x)
+    # 4.5 deviations of noise (24 values), the rounding of two codes, and 3e-6 of the emulator's table
+    allowed = 4.5 * np.sqrt(2) * 2 * noise + 2 * CODE + 3e-6
+    np.testing.assert_allclose(measured.delta, computed.delta, atol=allowed, rtol=0)
+    assert np.abs(computed.delta).max() > 100 * allowed
+    # the clock is the nominal one; the losses of the tank are in both
+    np.testing.assert_allclose(measured.base_inductance, computed.base_inductance, rtol=1e-6)
+    for name in ("indenter", "base", "origin", "design", "design_hash"):
+        assert measured.attrs[name] == computed.attrs[name]
+    assert not measured.doubtful.any()  # the drive currents fit the coils
+
+
+# -------------------------------------------------------------------------- what is not whole
+
+
+def stopped_after(scans):
+    """A reader that is lost after some scans."""
+
+    class Reader(Wrapped):
+        left = scans
+
+        def scan(self):
+            if not self.left:
+                raise DeviceLost("the port is gone.")
+            self.left -= 1
+            return self.inner.scan()
+
+    return Reader
+
+
+@pytest.mark.parametrize("scans", [0, 1, 2, 7, 23])
+def test_resume_measures_what_is_missing(tmp_path, scans):
+    path, whole = tmp_path / "run.sqlite", run(tmp_path / "whole.sqlite", SMALL)
+    with pytest.raises(DeviceLost):
+        run(path, SMALL, reader=stopped_after(scans))
+    told = []
+    run(path, SMALL, resume=True, progress=lambda *now: told.append(now))
+    assert told[0] == (scans // 2, SMALL.size)  # two scans a position: what was finished is not measured again
+    xr.testing.assert_equal(response_of(path), response_of(whole))
+    with open_recording(path) as recording:
+        assert recording.count() == 2 * SMALL.size + scans % 2
+        assert recorded_series(recording).sizes["scan"] == recording.count()  # nothing is thrown away
+    run(path, SMALL, resume=True, reader=stopped_after(0))  # nothing is left to be measured
+
+
+def test_not_whole(tmp_path):
+    path = tmp_path / "run.sqlite"
+    with pytest.raises(DeviceLost):
+        run(path, SMALL, reader=stopped_after(9))
+    with pytest.raises(HardwareError, match="is not whole: 8 of 12 positions are not measured yet"):
+        response_of(path)
+    part = response_of(path, partial=True)
+    assert int(part.delta.notnull().all("state").sum()) == 4
+    assert np.isfinite(part.base_inductance).all()
+    # the first repeat is enough
+    twice = replace(SMALL, repeats=2)
+    path = tmp_path / "twice.sqlite"
+    with pytest.raises(DeviceLost):
+        run(path, twice, reader=stopped_after(2 * SMALL.size + 4))
+    response = response_of(path)
+    assert response.delta.notnull().all()
+    assert int(response.delta_std.notnull().all("state").sum()) == 2
+
+
+# ------------------------------------------------------------------------------ what goes wrong
+
+
+def failing(fault, times):
+    """A reader in which the third scan and its repeats fail in a way."""
+
+    class Reader(Wrapped):
+        count, left = 0, times
+
+        def scan(self):
+            self.count += 1
+            if self.count >= 3 and self.left:
+                self.left -= 1
+                return fault(self.inner)
+            return self.inner.scan()
+
+    return Reader
+
+
+def no_answer(reader):
+    raise NoAnswer("the board did not answer.")
+
+
+def bus_fault(reader):
+    raise BusFault("the converter did not answer.")
+
+
+def dead_sample(reader):
+    scan = reader.scan()
+    return replace(scan, samples=(scan.samples[0], RawSample(0, 0, 0, SampleFault.NO_RESULT)))
+
+
+def restarted(reader):
+    """The microcontroller restarts: its next session has another number."""
+    reader._identity = replace(reader._identity, boot=reader._identity.boot ^ 1)
+    return reader.scan()
+
+
+FAULTS = {"no answer": no_answer, "bus": bus_fault, "dead sample": dead_sample, "restart": restarted}
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_failed_position_is_measured_again(tmp_path, name):
+    path = run(tmp_path / "run.sqlite", SMALL, reader=failing(FAULTS[name], TRIES - 1))
+    xr.testing.assert_equal(response_of(path), response_of(run(tmp_path / "whole.sqlite", SMALL)))
+    with open_recording(path) as recording:
+        assert len(recording.sessions) == (TRIES if name == "restart" else 1)
+        assert len(recording.positions()) == SMALL.size
+
+
+class Over(Wrapped):
+    """A session that is over at a scan, because the board restarted: nothing of it answers any more."""
+
+    def __init__(self, inner, at):
+        super().__init__(inner)
+        self.at, self.count, self.over = at, 0, False
+
+    def configure(self, settings):
+        self.ended()
+        self.inner.configure(settings)
+
+    def scan(self):
+        self.count += 1
+        self.over |= self.count == self.at
+        self.ended()
+        return self.inner.scan()
+
+    def ended(self):
+        if self.over:
+            raise BoardRestarted("this session has ended: the board restarted.")
+
+
+def run_reconnecting(path, first, again=None):
+    """Run a campaign whose reader is over at a scan; `again` gives the scans at which those after it are."""
+    made = []
+    with open_recorder(path) as recorder, quick_board() as board:
+        recorder.start(session_of(board, configured(board), DESIGN), SMALL.to_json())
+
+        def reconnect():
+            board.reader._identity = replace(board.reader._identity, boot=len(made))
+            made.append(Over(board.reader, again[len(made)]))
+            return made[-1]
+
+        reader, stage = Over(board.reader, first), EmulatedStage(board.emulator)
+        options = {} if again is None else {"reconnect": reconnect}
+        run_campaign(SMALL, reader, stage, recorder, board.emulator.clock, **options)
+    return made
+
+
+def test_a_board_that_restarted_is_opened_again(tmp_path):
+    path = tmp_path / "run.sqlite"
+    assert len(run_reconnecting(path, 6, [1, 3, 10, 10**9])) == 4  # at once again, then in two later positions
+    xr.testing.assert_equal(response_of(path), response_of(run(tmp_path / "whole.sqlite", SMALL)))
+    with open_recording(path) as recording:
+        assert [one.identity.boot for one in recording.sessions[1:]] == [0, 1, 2, 3]
+        assert len(recording.positions()) == SMALL.size
+
+
+def test_a_board_that_restarts_for_ever_is_given_up(tmp_path):
+    with pytest.raises(HardwareError, match=f"a scan failed {TRIES} times: .*restarted"):
+        run_reconnecting(tmp_path / "run.sqlite", 6, [1] * 100)
+
+
+def test_a_board_that_restarted_and_cannot_be_opened_again(tmp_path):
+    with pytest.raises(BoardRestarted, match="the board restarted; run again to go on with the recording"):
+        run_reconnecting(tmp_path / "run.sqlite", 6)
+    run(tmp_path / "run.sqlite", SMALL, resume=True)
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"), [("no answer", "did not answer"), ("dead sample", "coil2 gave no value: no result in time")]
+)
+def test_it_is_given_up(tmp_path, name, reason):
+    board = quick_board()
+    with pytest.raises(HardwareError, match=rf"at x = -2, y = 0 mm a scan failed {TRIES} times: .*{reason}"):
+        run(tmp_path / "run.sqlite", SMALL, board, reader=failing(FAULTS[name], 1000))
+    assert board.emulator.place().depth == 0  # lifted
+    assert board.emulator.seen().state is None  # and grounded
+    with open_recording(tmp_path / "run.sqlite") as recording:
+        assert len(recording.positions()) == 1
+
+
+def test_a_dead_coil(tmp_path):
+    world = QuickWorld()
+    world.dead = {"coil2"}
+    with pytest.raises(HardwareError, match=r"coil2 gave no value: .*does not oscillate"):
+        run(tmp_path / "run.sqlite", SMALL, quick_board(world=world))
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, SystemExit, OutputError("full"), DeviceLost("gone")])
+def test_the_indenter_is_lifted_on_every_way_out(tmp_path, error):
+    board = quick_board()
+
+    class Reader(Wrapped):
+        def scan(self):
+            if board.emulator.place().depth > 0:
+                raise error
+            return self.inner.scan()
+
+    with pytest.raises(error if isinstance(error, type) else type(error)):
+        run(tmp_path / "run.sqlite", SMALL, board, reader=Reader)
+    assert board.emulator.place().depth == 0
+
+
+def test_places_out_of_reach_are_refused_before_anything_moves(tmp_path):
+    class Stage(Wrapped):
+        def check(self, places):
+            raise HardwareError("out of reach")
+
+        def move(self, x, y):
+            raise AssertionError("moved")
+
+    with pytest.raises(HardwareError, match="out of reach"):
+        run(tmp_path / "run.sqlite", SMALL, stage=Stage)
+
+
+def test_a_place_that_is_not_of_the_campaign(tmp_path):
+    import sqlite3
+
+    path = run(tmp_path / "run.sqlite", SMALL)
+    connection = sqlite3.connect(path)
+    connection.execute("UPDATE position SET x = 0.5 WHERE id = 3")
+    connection.commit()
+    connection.close()
+    with pytest.raises(HardwareError, match="damaged: position 2 is not of its campaign"):
+        response_of(path)
+
+
+# ------------------------------------------------------------------------- settings of a design
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory):
+    """A folder where the circuit of the design is kept for the tests that need it."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("COILARRAY_CACHE", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
+def test_settings_fit_the_coils(kept):
+    from coilarray.circuit.network import loaded_quality, resonate
+    from coilarray.hardware.chips.ldc1614_limits import drive_for
+    from coilarray.hardware.scan.kept_parts import keep_folder
+
+    settings = design_settings(DESIGN, two_coil_wiring())
+    network = board_network(DESIGN, keep_folder())
+    for state, plan in zip(settings.states, DESIGN.circuit.plan, strict=True):
+        result = resonate(network, plan)
+        assert state.drive == drive_for(result.parallel_resistance).code
+        # settling by the data sheet: Q periods of the sensor in 16 periods of the reference each
+        periods = loaded_quality(network, result) * settings.reference / (16 * result.frequency)
+        assert periods <= settings.settle_count <= 2 * periods
+    assert design_settings(DESIGN, two_coil_wiring(), drives=3).states[1].drive == 3
+    mixed = design_settings(DESIGN, two_coil_wiring(), drives={"coil2": 3}).states
+    assert (mixed[0].drive, mixed[1].drive) == (settings.states[0].drive, 3)
+    assert [state.name for state in design_settings(DESIGN, two_coil_wiring(), states=["coil2"]).states] == ["coil2"]
+
+
+def test_wrong_settings(kept):
+    wiring = two_coil_wiring()
+    with pytest.raises(HardwareError, match="wiring two_coils has no coil 'coil3' of the design gast2020"):
+        design_settings(load_design("gast2020"), wiring)
+    with pytest.raises(HardwareError, match="has no state 'coil9'; there are coil1, coil2"):
+        design_plan(DESIGN, ["coil9"])
+    with pytest.raises(HardwareError, match="named once"):
+        design_plan(DESIGN, ["coil1", "coil1"])
+    with pytest.raises(HardwareError, match="a drive names the coil 'x'"):
+        design_settings(DESIGN, wiring, drives={"x": 3})
+    with pytest.raises(HardwareError, match="external clock needs"):
+        design_settings(DESIGN, wiring, external_clock=True)

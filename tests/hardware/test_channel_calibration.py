@@ -1,0 +1,352 @@
+"""Clock, capacitances and drift of a board: found again on emulated boards of which they are known."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.quick_recordings import DESIGN, GRID, campaign_file, quick_map, stream_file
+from support.recorded_boards import QuickWorld, configured, quick_board, session_of
+
+from coilarray.errors import HardwareError
+from coilarray.hardware.emulator import Drift as Warming
+from coilarray.hardware.emulator import Oscillator
+from coilarray.hardware.emulator.tank import series_tank
+from coilarray.hardware.record.baseline_drift import Drift
+from coilarray.hardware.record.calibration_file import calibration_from_toml, calibration_to_toml, load_calibration
+from coilarray.hardware.record.campaign import Campaign, run_campaign
+from coilarray.hardware.record.channel_calibration import (
+    BoardCalibration,
+    Channel,
+    calibrate_board,
+    calibrated_response,
+)
+from coilarray.hardware.record.recorded_response import recorded_response, recorded_series
+from coilarray.hardware.record.recorder import open_recorder
+from coilarray.hardware.record.recording import open_recording
+from coilarray.hardware.record.stages import EmulatedStage
+from coilarray.hardware.scan.scans import RawSample, SampleFault
+from coilarray.localize.comparison import compare_responses
+from coilarray.response.map import response_map
+
+TRUE = 52e-6  # H, of the quick board's coils
+NOISE = 2e-7  # of a frequency
+
+
+def calibrated(path, **options):
+    with open_recording(path) as recording:
+        return calibrate_board(recording, **options)
+
+
+@pytest.fixture(scope="module")
+def rest(tmp_path_factory):
+    """A stream at rest of a board whose clock is not the typical one."""
+    return stream_file(tmp_path_factory.mktemp("rest") / "run.sqlite", 50, noise=NOISE, oscillator=Oscillator(41.0e6))
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory):
+    """A campaign on a board that warms up."""
+    return campaign_file(tmp_path_factory.mktemp("campaign") / "run.sqlite", noise=NOISE, drift=Warming(rate=0.005))
+
+
+def test_known_inductances_give_inductances_back(rest):
+    """The clock is 6 % off, the coils have losses: C takes up both, and L is right within its error."""
+    found = calibrated(rest, inductances={"coil1": TRUE, "coil2": TRUE}, inductance_error=0.01)
+    assert found.inductances_from == "known inductances"
+    assert found.clock == 43.4e6
+    assert found.clock_error is None
+    for channel in found.channels:
+        # true C times (43.4/41)⁻² times 1 − 1/Q², Q about 33
+        assert channel.capacitance == pytest.approx(120e-12 * (41 / 43.4) ** 2, rel=2e-3)
+        assert channel.standard_error == pytest.approx(0.01 * channel.capacitance, rel=1e-3)
+    with open_recording(rest) as recording:
+        L = recorded_series(recording, capacitances=found.capacitances).inductance
+    np.testing.assert_allclose(L.mean("scan"), TRUE, rtol=1e-9)
+
+
+def test_the_capacitances_error_is_that_of_the_noise(rest):
+    for channel in calibrated(rest, inductances={"coil1": TRUE}).channels:
+        # twice the noise of a frequency, in 50 scans; a scatter of 50 is known to 10 %
+        assert channel.standard_error / channel.capacitance == pytest.approx(2 * NOISE / math.sqrt(50), rel=0.4)
+
+
+def test_a_known_frequency_gives_the_clock(rest):
+    true = series_tank(TRUE, 120e-12, QuickWorld().resistance).frequency
+    found = calibrated(rest, known_frequency=("coil2", true), frequency_error=1e-7)
+    assert found.clock_from == "known frequency"
+    assert found.clock == pytest.approx(41.0e6, abs=4 * found.clock_error)
+    assert found.clock_error == pytest.approx(41.0e6 * math.hypot(NOISE / math.sqrt(50), 1e-7), rel=0.1)
+    assert found.channels == ()
+    assert found.inductances_from is None
+    both = calibrated(rest, known_frequency=("coil2", true), inductances={"coil1": TRUE})
+    # with the true clock the capacitance is the true one but for the losses, 1/Q² = 1.1e-3
+    assert 5e-4 < both.capacitances["coil1"] / 120e-12 - 1 < 2e-3
+
+
+def test_simulated_inductances_are_those_of_the_response(rest):
+    found = calibrated(rest, from_design=True)
+    assert found.inductances_from == "design"
+    base = response_map(DESIGN, depths=DESIGN.indentation.depths[:1], x=[0.0], y=[0.0]).base_inductance
+    assert {one.state: one.inductance for one in found.channels} == pytest.approx(
+        dict(zip(("coil1", "coil2"), base.values.tolist(), strict=True)), rel=1e-9
+    )
+
+
+def test_a_calibrated_response_has_the_known_inductance(campaign):
+    found = calibrated(campaign, inductances={"coil1": TRUE, "coil2": 2 * TRUE})
+    with open_recording(campaign) as recording:
+        plain, corrected = recorded_response(recording), calibrated_response(recording, found)
+    np.testing.assert_allclose(corrected.base_inductance, [TRUE, 2 * TRUE], rtol=1e-9)
+    assert plain.base_inductance[0] != pytest.approx(TRUE, rel=1e-4)  # its losses
+    assert corrected.attrs["capacitance_from"] == "known inductances"
+    assert "capacitance_from" not in plain.attrs
+
+
+def test_the_drift_takes_noise_out_of_delta(campaign):
+    """δ is a peak over one baseline, each with noise 2σ_f in L: √2 of it goes when L_0 is known."""
+    truth = quick_map(GRID.x, GRID.y).delta
+    found = calibrated(campaign)
+    with open_recording(campaign) as recording:
+        plain, corrected = recorded_response(recording), calibrated_response(recording, found)
+    assert corrected.drift_removed.all()
+    rms, means = {}, {}
+    for name, response in (("plain", plain), ("corrected", corrected)):
+        error = response.delta - truth
+        rms[name] = np.sqrt((error**2).mean(("depth", "y", "x")))
+        # 105 positions: 7 %; what it says of itself is told by as many
+        np.testing.assert_allclose(rms[name], np.sqrt((response.delta_std**2).mean(("depth", "y", "x"))), rtol=0.4)
+        means[name] = error.mean(("depth", "y", "x"))
+    # 26e-6/K at 0.005 K/s from baseline to peak: a scan of two coils, 1 mm at 1.5 mm/s, 0.5 s
+    late = 26e-6 * 0.005 * (2 * 0.049 + 1 / 1.5 + 0.5)
+    tolerance = 4 * rms["corrected"].max() / math.sqrt(GRID.size)
+    assert np.abs(means["corrected"]).max() < tolerance
+    assert np.abs(means["plain"] + late).max() < math.sqrt(2) * tolerance
+    np.testing.assert_allclose(rms["plain"] / rms["corrected"], math.sqrt(2), rtol=0.3)
+    np.testing.assert_allclose(rms["corrected"], 2 * NOISE, rtol=0.3)
+
+
+def test_emulator_to_recording_to_comparison_ends_at_scale_one(campaign):
+    """The whole way through converter codes and SQLite: scale 1, shift 0, and nothing but noise remains."""
+    simulated = quick_map(np.arange(-12e-3, 25.1e-3, 1e-3), np.arange(-10e-3, 10.1e-3, 1e-3))
+    found = calibrated(campaign)
+    with open_recording(campaign) as recording:
+        for measured in (recorded_response(recording), calibrated_response(recording, found)):
+            one = compare_responses(measured, simulated, replicates=0)
+            # a cubic spline through positions 1 mm apart is 1e-4 of the bell off, between the positions only
+            assert (np.abs(one.scale - 1) < 4 * one.scale_std + 1e-5).all()
+            assert (np.abs(one["shift"]) < 4 * one.shift_std + 1e-7).all()
+            assert (one.scale_std < 5e-4).all()
+            np.testing.assert_allclose(one.rms_after / one.noise, 1.0, rtol=0.35)
+            assert (one.correlation_after > 0.99999).all()
+            assert one.attrs["measured_emulated"] == 1
+
+
+def test_drifts_of_another_session_do_not_count(campaign):
+    found = calibrated(campaign)
+    others = replace(found, drifts=tuple(replace(one, boot=one.boot ^ 1) for one in found.drifts))
+    later_in_it = replace(found, drifts=tuple(replace(one, started=one.started + 60) for one in found.drifts))
+    rough = replace(found, drifts=tuple(replace(one, smooth=False) for one in found.drifts))
+    later = replace(found, drifts=tuple(replace(one, session=7) for one in found.drifts))
+    half = replace(found, drifts=found.drifts[:1])
+    with open_recording(campaign) as recording:
+        plain = recorded_response(recording)
+        for calibration in (others, later_in_it, rough, later):
+            response = calibrated_response(recording, calibration)
+            assert not response.drift_removed.any()
+            assert response.delta_std.attrs["found_from"] == "baselines"
+            np.testing.assert_allclose(response.delta, plain.delta, rtol=0, atol=1e-15)
+        response = calibrated_response(recording, half)
+        assert response.drift_removed.values.tolist() == [True, False]
+        assert response.delta_std.attrs["found_from"] == "drift, or baselines where it stays"
+        assert calibrated_response(recording, found).delta_std.attrs["found_from"] == "drift"
+        np.testing.assert_allclose(response.delta[..., 1], plain.delta[..., 1], rtol=0, atol=1e-15)
+
+
+def test_a_calibration_of_an_emulator_is_not_for_a_board(campaign):
+    found = replace(calibrated(campaign), emulated=False)
+    with (
+        open_recording(campaign) as recording,
+        pytest.raises(HardwareError, match=r"is of a real board, .* of an emul"),
+    ):
+        calibrated_response(recording, found)
+
+
+def test_a_calibration_of_another_design_is_refused(campaign):
+    found = calibrated(campaign)
+    other = replace(found, design_hash="0" * 64)
+    with (
+        open_recording(campaign) as recording,
+        pytest.raises(HardwareError, match=rf"with the design 000000000000, .* with {found.design_hash[:12]}"),
+    ):
+        calibrated_response(recording, other)
+
+
+def test_the_board_of_a_calibration_is_named(campaign):
+    found = replace(calibrated(campaign), board="another board")
+    with open_recording(campaign) as recording:
+        response = calibrated_response(recording, found)
+    assert (response.attrs["calibration_board"], response.attrs["board"]) == ("another board", "emulator")
+
+
+def test_recordings_of_one_session_of_the_board_have_drifts_of_their_own(tmp_path):
+    """Two recordings one after the other without a restart: the drift of the first says nothing of the second."""
+    few = replace(GRID, y=(0.0,))
+    with quick_board(noise=NOISE, drift=Warming(rate=0.05)) as board:
+        for name in ("first", "second"):
+            with open_recorder(tmp_path / f"{name}.sqlite") as recorder:
+                recorder.start(session_of(board, configured(board), DESIGN), few.to_json())
+                stage = EmulatedStage(board.emulator)
+                run_campaign(few, board.reader, stage, recorder, board.emulator.clock)
+    found = calibrated(tmp_path / "first.sqlite")
+    with open_recording(tmp_path / "second.sqlite") as recording:
+        assert recording.sessions[0].identity.boot == found.drifts[0].boot
+        response = calibrated_response(recording, found)
+        assert not response.drift_removed.any()
+        np.testing.assert_array_equal(response.delta, recorded_response(recording).delta)
+
+
+def test_positions_that_were_broken_off_do_not_count(tmp_path):
+    """The indenter stops half-way, and the last scan there has no result: the position is measured again."""
+    campaign = Campaign(x=(-2e-3, 0.0, 2e-3, 4e-3), y=(0.0, 2e-3), depths=(1e-3,), scans=2)
+    path, pressed, scans = tmp_path / "run.sqlite", 0, 0
+    with open_recorder(path) as recorder, quick_board(noise=NOISE) as board:
+        indent, scan = EmulatedStage.indent, board.reader.scan
+
+        class Stage(EmulatedStage):
+            def indent(self, depth, speed):
+                nonlocal pressed
+                pressed += 1
+                indent(self, depth * (0.5 if pressed == 3 else 1.0), speed)
+
+        class Reader:
+            def __getattr__(self, name):
+                return getattr(board.reader, name)
+
+            def scan(self):
+                nonlocal scans
+                scans += 1
+                found = scan()
+                if scans == 12:  # the second peak of the third position
+                    return replace(found, samples=(found.samples[0], RawSample(0, 0, 0, SampleFault.NO_RESULT)))
+                return found
+
+        recorder.start(session_of(board, configured(board), DESIGN), campaign.to_json())
+        run_campaign(campaign, Reader(), Stage(board.emulator), recorder, board.emulator.clock)
+    found = calibrated(path)
+    with open_recording(path) as recording:
+        assert recording.count() == 4 * campaign.size + 4  # all of it is in the file
+        plain, corrected = recorded_response(recording), calibrated_response(recording, found)
+    assert corrected.drift_removed.all()
+    # of the noise of two scans each, of L_0 and of its drift; a peak of half the depth would be 1e-4 off
+    np.testing.assert_allclose(corrected.delta, plain.delta, rtol=0, atol=5 * 2 * NOISE)
+
+
+def test_states_without_enough_scans_are_refused(tmp_path):
+    world = QuickWorld()
+    world.dead.add("coil2")
+    path = stream_file(tmp_path / "run.sqlite", 20, world=world)
+    with pytest.raises(HardwareError, match="must have at least 2 good scans of coil2 at rest"):
+        calibrated(path, inductances={"coil2": TRUE})
+    found = calibrated(path, inductances={"coil1": TRUE})
+    assert list(found.capacitances) == ["coil1"]
+    assert [drift.state for drift in found.drifts] == ["coil1"]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"inductances": {"coil9": TRUE}}, "has no state 'coil9'; there are coil1, coil2"),
+        ({"inductances": {"coil1": 0.0}}, "inductance of coil1 must be positive and finite; got 0 H"),
+        ({"inductances": {"coil1": math.nan}}, "inductance of coil1 must be positive and finite"),
+        ({"inductances": {"coil1": 1e3}}, "the capacitance of coil1 must be 1 to 1e\\+06 pF"),
+        ({"inductances": {"coil1": TRUE}, "from_design": True}, "must be known or simulated, not both"),
+        ({"inductance_error": -1.0}, "the relative error of the inductances must be 0 to 0.5; got -1"),
+        ({"frequency_error": math.nan}, "the relative error of the frequency must be 0 to 0.5"),
+        ({"known_frequency": ("coil3", 2e6)}, "has no state 'coil3'"),
+        ({"known_frequency": ("coil1", -2e6)}, "a known frequency must be positive and finite; got -2e\\+06 Hz"),
+        ({"known_frequency": ("coil1", 2e9)}, "the clock must be 2 to 55 MHz"),
+        ({"order": 5}, "the order of a drift must be 1 to 3; got 5"),
+    ],
+)
+def test_bad_input(rest, options, words):
+    with pytest.raises(HardwareError, match=words):
+        calibrated(rest, **options)
+
+
+# the file
+
+
+def test_the_file_gives_every_number_back(campaign, tmp_path):
+    for options in ({}, {"inductances": {"coil1": TRUE}, "known_frequency": ("coil1", 2.01e6), "source": "a „test”\n"}):
+        found = calibrated(campaign, made="2025-01-01T00:00:00+00:00", **options)
+        assert calibration_from_toml(calibration_to_toml(found)) == found
+    path = tmp_path / "board.toml"
+    path.write_text(calibration_to_toml(found), encoding="utf-8")
+    assert load_calibration(path) == found
+
+
+GOOD = calibration_to_toml(
+    BoardCalibration(
+        "by hand", "2025-01-01", "XMC 2Go", False, "abc", 43.2e6, 10.0, "known frequency", "known inductances",
+        (Channel("coil1", 120e-12, 1e-13, 52e-6),),
+        (Drift(0, 1, 1.7e9, "coil1", 0.0, 1.0, 0.1, 52e-6, (1e-6,), ((1e-12, 0.0), (0.0, 1e-12)), 1e-6, True),),
+    )
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "words"),
+    [
+        ("schema = 1", "schema = 2", "schema must be"),
+        ("coilarray board calibration", "something else", 'must have kind = "coilarray board calibration"'),
+        ('board = "XMC 2Go"', "", "board is missing"),
+        ('board = "XMC 2Go"', 'bord = "XMC 2Go"', "did you mean board"),
+        ("frequency_Hz = 43200000.0", 'frequency_Hz = "43 MHz"', "clock.frequency_Hz must be"),
+        ("frequency_Hz = 43200000.0", "frequency_Hz = nan", "clock.frequency_Hz must be"),
+        ("frequency_Hz = 43200000.0", "frequency_Hz = 1e9", "the clock must be 2 to 55 MHz"),
+        ('from = "known frequency"', 'from = "guess"', "clock.from must be"),
+        ("capacitance_F = 1.2e-10", "capacitance_F = 1.2", "the capacitance of coil1 must be 1 to 1e\\+06 pF"),
+        ("capacitance_F = 1.2e-10", "capacitance_F = -1.0", "channel.0.capacitance_F must be"),
+        ("capacitance_F = 1.2e-10", "capacitance_pF = 120.0", "has no key 'capacitance_pF'"),
+        ('capacitances_from = "known inductances"', "", "must say what its capacitances stand on"),
+        ('boot = "00000001"', 'boot = "1"', "drift.0.boot"),
+        ("coefficients = [", "coefficients = [0.0, 0.0, 0.0, ", "drift.0.coefficients"),
+        ("smooth = true", "smooth = 1", "drift.0.smooth must be"),
+        ("stop_s = 1.0", "stop_s = -1.0", "a time that rises"),
+        ("[clock]", "[clock", "not valid TOML"),
+        ("emulated = false", "emulated = false\nemulated = false", "not valid TOML"),
+    ],
+)
+def test_bad_files(tmp_path, before, after, words):
+    assert before in GOOD
+    path = tmp_path / "board.toml"
+    path.write_text(GOOD.replace(before, after), encoding="utf-8")
+    with pytest.raises(HardwareError, match=words) as caught:
+        load_calibration(path)
+    assert str(caught.value).startswith(f"{path}") or str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_state_is_there_once():
+    good = calibration_from_toml(GOOD)
+    for part in ("channels", "drifts"):
+        with pytest.raises(HardwareError, match="must have a state once"):
+            replace(good, **{part: 2 * getattr(good, part)})
+
+
+def test_files_that_cannot_be_read(tmp_path):
+    with pytest.raises(HardwareError, match=r"there is no calibration .*none\.toml"):
+        load_calibration(tmp_path / "none.toml")
+    with pytest.raises(HardwareError, match="cannot read"):
+        load_calibration(tmp_path)
+    with pytest.raises(HardwareError, match=r"cannot read|no calibration"):
+        load_calibration("a\0b.toml")
+    (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(HardwareError, match="no text file in UTF-8"):
+        load_calibration(tmp_path / "binary.toml")
+    (tmp_path / "huge.toml").write_bytes(b"#" * 10_000_001)
+    with pytest.raises(HardwareError, match="at most 10000000 bytes"):
+        load_calibration(tmp_path / "huge.toml")

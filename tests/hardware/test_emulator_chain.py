@@ -1,0 +1,358 @@
+"""The emulated switches: what the chain shifts and latches, what breaks it, and what the converter then sees.
+
+Who checks whom: the nets found by joining nodes against the direct currents of a network of resistors; a whole board
+against both bundled wirings, whose words come from `coilarray.hardware.scan.wiring`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from coilarray.design.scan_states import ScanState, paper_plan
+from coilarray.errors import HardwareError
+from coilarray.hardware.emulator import plain_board
+from coilarray.hardware.emulator.adg739_chain import Adg739Chain, WiredSwitch, netlist
+from coilarray.hardware.emulator.circuit import what_is_seen
+from coilarray.hardware.scan.wiring import load_wiring
+
+COILS = ("coil1", "coil2", "coil3", "coil4", "coil5", "coil6")
+GROUND_A, INA_A, INB_A, OTHER_A, GROUND_B, INB_B, INA_B, OTHER_B = range(8)  # bits of a word of one device a coil
+
+
+def plan_b(coils=6):
+    """The netlist of the facts: one device a coil, the last coil's at the far end."""
+    nets = (0, 1, 2, 3)
+    code = bytes(
+        4 * (2 * coil + end) + net
+        for coil in reversed(range(coils))
+        for end, order in ((0, nets), (1, (0, 2, 1, 3)))
+        for net in order
+    )
+    return netlist(code)
+
+
+def seen(words, chain=None):
+    chain = chain or Adg739Chain(plan_b())
+    chain.transfer(bytes(words))
+    return what_is_seen(chain.closed(), COILS)
+
+
+def words(**bytes_of):
+    """Words by coil; all others are grounded."""
+    return bytes(bytes_of.get(name, 0x11) for name in reversed(COILS))
+
+
+# --------------------------------------------------------------------------------------- shifting
+
+
+def test_all_switches_are_open_after_power_up():
+    chain = Adg739Chain(plan_b())
+    assert (chain.words, chain.closed()) == (bytes(6), ())
+    chain.transfer(b"\x11" * 6)
+    assert len(chain.closed()) == 12
+    chain.power_up()
+    assert (chain.words, chain.closed()) == (bytes(6), ())
+
+
+def test_the_first_byte_goes_to_the_far_end_and_the_last_coil():
+    chain = Adg739Chain(plan_b())
+    chain.transfer(bytes([0x22, 0, 0, 0, 0, 0]))
+    assert chain.closed() == (WiredSwitch((5, 0), "INA"), WiredSwitch((5, 1), "INB"))
+
+
+@given(st.binary(min_size=6, max_size=6), st.binary(min_size=6, max_size=6))
+def test_what_went_in_comes_out_at_the_next_transfer(first, second):
+    chain = Adg739Chain(plan_b())
+    assert chain.transfer(first) == bytes(6)
+    assert chain.transfer(second) == first
+    assert chain.words == second
+
+
+@given(st.binary(min_size=0, max_size=15))
+def test_of_more_bytes_the_last_count_and_of_fewer_the_old_move_on(data):
+    chain = Adg739Chain(plan_b())
+    chain.transfer(b"abcdef")
+    chain.transfer(data)
+    assert chain.words == (b"abcdef" + data)[-6:]
+
+
+def test_a_chain_whose_end_is_not_wired_back_returns_nothing():
+    assert Adg739Chain(plan_b(), readback=False).transfer(bytes(6)) is None
+
+
+@pytest.mark.parametrize("mode", [1, 2])
+def test_modes_of_spi_that_are_stable_at_the_falling_edge(mode):
+    chain = Adg739Chain(plan_b())
+    chain.transfer(b"\x22\x11\x11\x11\x11\x11", mode=mode)
+    assert chain.words == b"\x22\x11\x11\x11\x11\x11"
+
+
+@pytest.mark.parametrize("mode", [0, 3])
+def test_the_other_modes_slip_by_a_bit_which_the_read_back_shows(mode):
+    chain = Adg739Chain(plan_b())
+    sent = b"\x22\x11\x11\x11\x11\x11"
+    chain.transfer(sent, mode=mode)
+    assert int.from_bytes(chain.words) == int.from_bytes(sent) >> 1
+    assert chain.transfer(sent, mode=mode) != sent
+
+
+def test_the_wrong_bit_order_passes_the_read_back_and_closes_other_switches():
+    chain = Adg739Chain(plan_b())
+    sent = words(coil1=0x22)
+    chain.transfer(sent, lsb_first=True)
+    assert chain.transfer(sent, lsb_first=True) == sent
+    assert chain.words == words(coil1=0x44, **dict.fromkeys(COILS[1:], 0x88))
+    assert what_is_seen(chain.closed(), COILS).kind != "grounded"
+
+
+def test_another_bit_map_than_the_assumed_one():
+    chain = Adg739Chain(plan_b())
+    chain.bit_order = list(reversed(range(8)))
+    # 0x22 then does what 0x44 should, and 0x11 what 0x88 should
+    state = seen(words(coil1=0x22), chain).state
+    assert state.measured == (("coil1", -1),)
+    assert set(state.exceptions.values()) == {"ground"}  # both ends on the spare net, which joins them
+
+
+@pytest.mark.parametrize("length", [0, 7, 9])
+def test_a_wiring_has_eight_bytes_a_device(length):
+    with pytest.raises(HardwareError, match="8 bytes a device"):
+        netlist(bytes(length))
+
+
+def test_unused_switches_close_nothing():
+    chain = Adg739Chain(netlist(bytes([0x00, *[0xFF] * 7])))
+    chain.transfer(b"\xff")
+    assert chain.closed() == (WiredSwitch((0, 0), "ground"),)
+
+
+def test_somebody_is_told_before_and_after_switches_move():
+    told = []
+    chain = Adg739Chain(plan_b(), before_change=lambda: told.append(chain.words), after_change=lambda: told.append(0))
+    chain.transfer(b"\x11" * 6)
+    chain.transfer(b"\x11" * 6)  # nothing moves
+    assert told == [bytes(6), 0]
+    chain.stick(0, 0, "open")
+    chain.heal()
+    chain.power_up()
+    assert told[2:] == [b"\x11" * 6, 0] * 3
+
+
+# ------------------------------------------------------------------------------------ stuck switches
+
+
+def test_a_stuck_switch_is_found_by_what_it_joins():
+    chain = Adg739Chain(plan_b())
+    assert chain.find(5, 0, "ground") == (0, GROUND_A)
+    assert chain.find(0, 1, "INB") == (5, INB_B)
+    with pytest.raises(HardwareError, match="no switch joins end 0 of coil 6 to ground"):
+        chain.find(6, 0, "ground")
+
+
+STUCK = {
+    # state of the switch, which it is, what the converter then sees when coil1 is measured
+    "measured, open": ("open", (0, 0, "INA"), "open", None),
+    "measured, grounded": ("closed", (0, 0, "ground"), "grounded", None),
+    "measured, joined to the other pin": ("closed", (0, 0, "INB"), "short", None),
+    "idle, one end free": ("open", (1, 0, "ground"), "coils", "ground other end"),
+    "idle, other end free": ("open", (1, 1, "ground"), "coils", "ground one end"),
+    "idle, on a pin": ("closed", (1, 0, "INA"), "grounded", None),
+    "idle, on a spare net": ("closed", (1, 0, "other"), "coils", "ground"),
+}
+
+
+@pytest.mark.parametrize("case", STUCK)
+def test_what_a_stuck_switch_does(case):
+    state, switch, kind, passive = STUCK[case]
+    chain = Adg739Chain(plan_b())
+    chain.stick(*chain.find(*switch), state)
+    found = seen(words(coil1=0x22), chain)
+    assert found.kind == kind
+    if passive:
+        assert found.state.exceptions["coil2"] == passive
+        assert found.state.exceptions["coil3"] == "ground"
+    chain.heal()
+    assert what_is_seen(chain.closed(), COILS).state.exceptions["coil2"] == "ground"
+
+
+# ----------------------------------------------------------------------------------- what is seen
+
+
+def test_one_coil_and_what_closes_the_others():
+    found = seen(words(coil2=0x22, coil3=0x00, coil4=0x01, coil5=0x10))
+    assert found.kind == "coils"
+    assert found.state.measured == (("coil2", 1),)
+    assert dict(found.state.exceptions) == {
+        "coil1": "ground", "coil3": "open", "coil4": "ground one end", "coil5": "ground other end", "coil6": "ground",
+    }  # fmt: skip
+
+
+def test_a_coil_turned_round():
+    assert seen(words(coil2=0x44)).state.measured == (("coil2", -1),)
+
+
+def test_coils_in_parallel_each_with_its_sense():
+    state = seen(words(coil2=0x22, coil5=0x44)).state
+    assert (state.connection, state.measured) == ("parallel", (("coil2", 1), ("coil5", -1)))
+
+
+def test_coils_in_series_over_the_spare_net():
+    # end a of coil1 on INA, end b of both on the spare net, end a of coil3 on INB
+    state = seen(words(coil1=0x02 | 0x80, coil3=0x04 | 0x80)).state
+    assert (state.connection, state.measured) == ("series", (("coil1", 1), ("coil3", -1)))
+
+
+def test_a_coil_with_both_ends_on_one_pin_is_a_shorted_one():
+    # a: INA, b: INA
+    state = seen(words(coil1=0x22, coil2=0x42)).state
+    assert state.measured == (("coil1", 1),)
+    assert state.exceptions["coil2"] == "ground"
+
+
+@pytest.mark.parametrize(
+    ("kind", "told"),
+    [
+        ("open", {}),
+        ("open", {"coil1": 0x02}),
+        ("short", {"coil1": 0x06}),
+        ("short", {"coil1": 0x02, "coil2": 0x04 | 0x02}),
+        ("grounded", {"coil1": 0x23}),
+        ("grounded", {"coil1": 0x12}),  # through the coil
+        ("tangled", {"coil1": 0x22, "coil2": 0x82, "coil3": 0x88, "coil4": 0x28}),
+        ("tangled", {"coil1": 0x82, "coil2": 0x82, "coil3": 0x28}),
+    ],
+)
+def test_what_is_no_coil(kind, told):
+    assert seen(words(**told)) == (kind, None)
+
+
+def resistances(closed, coils):
+    """Direct-current resistances in Ω between the pins and from each to ground, with 1 Ω a coil and next to none a
+    switch, and the number of coils that carry the current from pin to pin: Kirchhoff's laws by the pseudo-inverse of
+    the conductance matrix."""
+    nodes = {name: k for k, name in enumerate(["ground", "INA", "INB", "other"])}
+    for coil in range(coils):
+        for end in range(2):
+            nodes[coil, end] = len(nodes)
+    G = np.zeros((len(nodes), len(nodes)))
+    branches = [((c, 0), (c, 1), 1.0) for c in range(coils)] + [(s.terminal, s.net, 1e6) for s in closed]
+    for a, b, conductance in branches:
+        i, j = nodes[a], nodes[b]
+        G[i, i] += conductance
+        G[j, j] += conductance
+        G[i, j] -= conductance
+        G[j, i] -= conductance
+    inverse = np.linalg.pinv(G, rcond=1e-12, hermitian=True)
+
+    def between(a, b):
+        e = np.zeros(len(nodes))
+        e[nodes[a]], e[nodes[b]] = 1, -1
+        potential = inverse @ e
+        # without a path the currents do not balance
+        return (float(e @ potential) if np.allclose(G @ potential, e, atol=1e-3) else np.inf), potential
+
+    across, potential = between("INA", "INB")
+    carrying = sum(abs(potential[nodes[c, 0]] - potential[nodes[c, 1]]) > 1e-3 for c in range(coils))
+    return across, between("INA", "ground")[0], between("INB", "ground")[0], carrying
+
+
+@given(st.lists(st.sampled_from([0, 0x11, 0x22, 0x44, 0x01, 0x02, 0x12, 0x82, 0x28, 0x84, 0x88, 0x24]), min_size=3,
+                max_size=3), st.sets(st.tuples(st.integers(0, 2), st.integers(0, 7)), max_size=2))  # fmt: skip
+def test_nets_against_direct_currents(told, also_closed):
+    chain = Adg739Chain(plan_b(3))
+    chain.transfer(bytes(told))
+    for device, bit in also_closed:
+        chain.stick(device, bit, "closed")
+    found = what_is_seen(chain.closed(), COILS[:3])
+    across, a, b, carrying = resistances(chain.closed(), 3)
+    if across < 0.01:
+        assert found.kind == "short"
+    elif min(a, b) < np.inf:
+        assert found.kind == "grounded"
+    elif across == np.inf:
+        assert found.kind == "open"
+    elif found.kind == "coils":
+        assert len(found.state.measured) == carrying
+        assert across == pytest.approx(carrying if found.state.connection == "series" else 1 / carrying, rel=1e-3)
+    else:
+        assert found.kind == "tangled"
+        assert not np.isclose(across, [carrying, 1 / carrying], rtol=1e-3).any()
+
+
+# --------------------------------------------------------------------------------- the whole board
+
+
+@pytest.mark.parametrize("name", ["six_coils", "six_coils_4"])
+def test_every_state_of_the_paper_reaches_the_converter(name):
+    wiring = load_wiring(name)
+    board = plain_board(wiring)
+    for state in paper_plan(wiring.coils):
+        board.switches.shift(wiring.words(state))
+        found = board.seen().state
+        assert found.measured == state.measured
+        assert set(found.exceptions.values()) == {"ground"}
+        board.switches.shift(wiring.safe_words)
+        assert board.seen().kind == "open"
+    assert board.misuse.notes == []
+
+
+@given(st.sampled_from(["six_coils", "six_coils_4"]), st.integers(0, 5), st.sampled_from([1, -1]),
+       st.lists(st.sampled_from(["ground", "ground one end", "ground other end", "open"]), min_size=6,
+                max_size=6))  # fmt: skip
+def test_every_legal_state_is_seen_as_it_was_meant(name, measured, sense, others):
+    wiring = load_wiring(name)
+    coils = wiring.coils
+    exceptions = {coil: passive for coil, passive in zip(coils, others, strict=True) if coil != coils[measured]}
+    state = ScanState("a", ((coils[measured], sense),), exceptions=exceptions)
+    try:
+        sent = wiring.words(state)
+    except HardwareError:
+        assert (name, sense) == ("six_coils_4", -1)  # it cannot turn a coil round
+        return
+    board = plain_board(wiring)
+    board.switches.shift(sent)
+    found = board.seen().state
+    assert (found.measured, dict(found.exceptions)) == (state.measured, exceptions)
+
+
+def test_words_that_short_the_converter_are_noted():
+    board = plain_board(load_wiring())
+    board.switches.shift(words(coil1=0x23))
+    assert "grounded" in board.misuse.notes[0]
+
+
+def test_a_stuck_switch_is_nobodys_misuse():
+    board = plain_board(load_wiring())
+    board.chain.stick(*board.chain.find(0, 0, "ground"), "closed")
+    board.switches.shift(words(coil1=0x22))
+    assert board.seen().kind == "grounded"
+    assert board.misuse.notes == []
+
+
+def test_shifting_takes_time_and_a_broken_line_brings_zeros():
+    board = plain_board(load_wiring())
+    board.switches.shift(b"\x11" * 6)
+    assert board.clock.now() == pytest.approx(48 / 8e6)
+    board.switches.broken = True
+    assert board.switches.shift(b"\x11" * 6) == b"\x11" * 6  # what was there before
+    assert board.switches.shift(b"\x11" * 6) == bytes(6)
+
+
+@dataclass(frozen=True)
+class Other:
+    coils: tuple[str, ...]
+    wiring: bytes
+
+    def encode(self) -> bytes:
+        return self.wiring
+
+
+def test_a_board_takes_any_netlist():
+    board = plain_board(Other(("left",), bytes([0x01, 0xFF, 0x06, *[0xFF] * 5])))
+    board.switches.shift(b"\x05")
+    assert board.seen().state.measured == (("left", 1),)

@@ -1,0 +1,780 @@
+"""The emulated LDC1614 against the data sheet: registers, timing, results, flags, and what goes wrong.
+
+Numbers that are compared with stand here as the data sheet (Texas Instruments SNOSCY9A) prints them, or follow from its
+equations 6 and 7 and table 42; the emulator's own constants are not used.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from coilarray.errors import HardwareError
+from coilarray.hardware.emulator import Drift, Ldc1614, OpenPoints, Oscillator, UndocumentedUse, VirtualClock
+from coilarray.hardware.emulator.conversion import WATCHDOG
+from coilarray.hardware.emulator.i2c_bus import EmulatedBus
+from coilarray.hardware.emulator.oscillator import any_oscillator
+from coilarray.hardware.emulator.tank import Resonator, series_tank
+from coilarray.hardware.emulator.undocumented import Misuse
+from coilarray.hardware.wire.faults import BusFault, BusTimeout
+
+CLOCK = 43.4e6
+REFERENCE = CLOCK / 2
+RESETS = {
+    **dict.fromkeys(range(0x08), 0x0000), **dict.fromkeys(range(0x08, 0x0C), 0x0080),
+    **dict.fromkeys(range(0x0C, 0x1A), 0x0000), 0x1A: 0x2801, 0x1B: 0x020F, 0x1C: 0x0000,
+    **dict.fromkeys(range(0x1E, 0x22), 0x0000), 0x7E: 0x5449, 0x7F: 0x3055,
+}  # fmt: skip
+# currents in µA and smallest and largest R_p in kΩ, table 42, every fifth row
+DRIVES = {0: (16, 60.0, 90.0), 5: (32, 29.5, 42.8), 10: (72, 13.1, 20.4), 15: (146, 6.46, 9.69),
+          20: (297, 3.17, 4.61), 25: (635, 1.48, 2.19), 31: (1563, 0.60, 0.90)}  # fmt: skip
+GOOD = Resonator(2e6, 16e3, 20.0)  # 1.47 V with IDRIVE 10
+DRIVE = 10 << 11
+ASLEEP, AWAKE, EXTERNAL = 0x3401, 0x1401, 0x0200
+
+
+@dataclass
+class Bench:
+    """What is connected to the chip: anything, by channel and time."""
+
+    sensors: dict = field(default_factory=lambda: {0: GOOD})
+    oscillator: Oscillator = field(default_factory=Oscillator)
+    drift: Drift = field(default_factory=Drift)
+    noise: float = 0.0
+    clkin: float | None = None
+
+    def sensor(self, channel, time):
+        found = self.sensors.get(channel)
+        return found(time) if callable(found) else found
+
+    def internal_clock(self, time):
+        return self.oscillator.at(time, self.drift.at(time))
+
+    def external_clock(self, time):
+        return self.clkin
+
+
+class Chip:
+    """A chip on a bench, with the registers that most tests need."""
+
+    def __init__(self, *, strict=True, channels=4, open_points=None, seed=0, **bench):
+        self.clock = VirtualClock()
+        self.bench = Bench(**bench)
+        self.misuse = Misuse(strict)
+        self.chip = Ldc1614(
+            self.clock, self.bench, channels=channels, open_points=open_points, misuse=self.misuse, seed=seed
+        )
+        self.read, self.write = self.chip.read, self.chip.write
+
+    def wake(self, config=AWAKE, **registers):
+        given = {"RCOUNT0": 1000, "OFFSET0": 0, "SETTLE0": 40, "DIVIDERS0": 0x1002, "ERRORS": 0xF8FD, "MUX": 0x020C,
+                 "DRIVE0": DRIVE, **registers}  # fmt: skip
+        addresses = {"RCOUNT": 0x08, "OFFSET": 0x0C, "SETTLE": 0x10, "DIVIDERS": 0x14, "DRIVE": 0x1E}
+        self.write(0x1A, config | 0x2000)
+        for name, value in given.items():
+            single = {"ERRORS": 0x19, "MUX": 0x1B}
+            self.write(single[name] if name in single else addresses[name[:-1]] + int(name[-1]), value)
+        self.write(0x1A, config)
+
+    def wait(self, seconds):
+        self.clock.sleep(seconds)
+
+    def code(self):
+        msb = self.read(0x00)
+        return (msb & 0x0FFF) << 16 | self.read(0x01)
+
+    def result(self, **registers):
+        """Wake, wait for one result, return STATUS, the flags and the code."""
+        self.wake(**registers)
+        self.wait(conversion(registers.get("RCOUNT0", 1000)) * 1.001)
+        status = self.read(0x18)
+        msb = self.read(0x00)
+        return status, msb >> 12, (msb & 0x0FFF) << 16 | self.read(0x01)
+
+
+def conversion(rcount=1000, settle=40, reference=REFERENCE, clock=CLOCK):
+    """Time from waking to the first result: sections 7.5, 8.1.4 and equation 7."""
+    return 16384 / clock + 16 * settle / reference + (16 * rcount + 4) / reference
+
+
+# ------------------------------------------------------------------------------------------ registers
+
+
+def test_reset_values_and_that_nothing_else_is_there():
+    chip = Chip(strict=False)
+    assert {address: chip.read(address) for address in RESETS} == RESETS
+    assert set(chip.chip.table) == set(RESETS)
+    # data is read while the chip sleeps, and every LSB after its MSB: nothing else is misused
+    assert all("slept" in note for note in chip.misuse.notes)
+
+
+@pytest.mark.parametrize("address", [0x1D, 0x22, 0x7D, 0xFF])
+def test_undocumented_registers_are_refused(address):
+    chip = Chip()
+    with pytest.raises(UndocumentedUse, match="not documented"):
+        chip.read(address)
+    with pytest.raises(UndocumentedUse, match="not documented"):
+        chip.write(address, 0)
+
+
+@pytest.mark.parametrize("address", [0x00, 0x07, 0x18, 0x7E, 0x7F])
+def test_read_only_registers_cannot_be_written(address):
+    chip = Chip(strict=False)
+    before = chip.chip.peek(address)
+    chip.write(address, 0x1234)
+    assert chip.chip.peek(address) == before
+    assert "read-only" in chip.misuse.notes[0]
+
+
+@pytest.mark.parametrize(
+    ("address", "value"),
+    [(0x1A, 0x2800), (0x1A, 0x2901), (0x1A, 0x2803), (0x1B, 0x000F), (0x1B, 0x021F), (0x19, 0x0100), (0x19, 0x0002),
+     (0x14, 0x1402), (0x1E, 0x0001), (0x1C, 0x8001)],
+)  # fmt: skip
+def test_reserved_bits_must_be_written_as_they_are(address, value):
+    with pytest.raises(UndocumentedUse, match="reserved bits"):
+        Chip().write(address, value)
+
+
+@given(st.sampled_from(sorted(set(RESETS) - {0x1A, 0x1C})), st.integers(0, 0xFFFF))
+def test_what_is_written_is_read_back_but_for_what_cannot_be(address, value):
+    chip = Chip(strict=False)
+    chip.write(address, value)
+    mask = 0xF800 if 0x1E <= address <= 0x21 else 0xFFFF
+    if address < 8 or address in (0x18, 0x7E, 0x7F):
+        mask = 0
+    assert chip.chip.peek(address) == (RESETS[address] & ~mask | value & mask)
+
+
+def test_a_value_of_more_than_16_bits_is_no_register_value():
+    with pytest.raises(ValueError, match="0 to 0xFFFF"):
+        Chip().write(0x08, 0x10000)
+
+
+def test_reset_device_power_and_shutdown_pin_all_lead_back_to_the_reset_values():
+    chip = Chip()
+    chip.wake()
+    chip.write(0x1C, 0x8000)
+    assert {a: chip.chip.peek(a) for a in RESETS} == RESETS
+    assert chip.read(0x1C) == 0
+    for happen in (chip.chip.brown_out, lambda: (chip.chip.shut_down(True), chip.chip.shut_down(False))):
+        chip.wake()
+        happen()
+        assert {a: chip.chip.peek(a) for a in RESETS} == RESETS
+
+
+def test_the_shutdown_pin_keeps_the_chip_off_the_bus_for_two_milliseconds_more():
+    chip = Chip()
+    bus = EmulatedBus(chip.chip, chip.clock)
+    chip.chip.shut_down(True)
+    with pytest.raises(BusFault):
+        bus.read(0x7E)
+    chip.chip.shut_down(False)
+    chip.wait(1.9e-3)
+    with pytest.raises(BusFault):
+        bus.read(0x7E)
+    chip.wait(0.1e-3)
+    assert bus.read(0x7E) == 0x5449
+
+
+def test_an_ldc1612_has_the_same_identity_and_half_of_the_registers():
+    chip = Chip(channels=2)
+    assert (chip.read(0x7E), chip.read(0x7F)) == (0x5449, 0x3055)
+    for address in (0x04, 0x0A, 0x0E, 0x12, 0x16, 0x20):
+        with pytest.raises(UndocumentedUse):
+            chip.read(address)
+
+
+# ---------------------------------------------------------------------------------------------- timing
+
+
+@pytest.mark.parametrize("rcount", [5, 1000, 0xFFFF])
+@pytest.mark.parametrize("settle", [20, 64])
+def test_the_first_result_comes_when_the_data_sheet_says(rcount, settle):
+    chip = Chip()
+    chip.wake(RCOUNT0=rcount, SETTLE0=settle)
+    chip.wait(conversion(rcount, settle) - 1e-9)
+    assert chip.read(0x18) == 0
+    chip.wait(2e-9)
+    assert chip.read(0x18) == 0x0048
+
+
+@pytest.mark.parametrize("settle", [0, 1, 2])
+def test_the_shortest_settling_takes_32_cycles(settle):
+    chip = Chip(sensors={0: replace(GOOD, quality_factor=2.0)})
+    chip.wake(RCOUNT0=100, SETTLE0=settle)
+    chip.wait(conversion(100, 2) - 1e-9)
+    assert chip.read(0x18) == 0
+    chip.wait(2e-9)
+    assert chip.read(0x18) & 0x40
+
+
+def test_the_wake_up_runs_on_the_internal_clock_and_the_conversion_on_the_chosen_one():
+    chip = Chip(clkin=40e6)
+    chip.wake(AWAKE | EXTERNAL)
+    chip.wait(conversion(reference=20e6) - 1e-9)
+    assert chip.read(0x18) == 0
+    chip.wait(2e-9)
+    assert chip.read(0x18) & 0x40
+    assert chip.code() == round(2e6 / 20e6 * 2**28)
+
+
+def test_conversions_follow_each_other():
+    chip = Chip()
+    chip.wake()
+    chip.wait(conversion() + 1e-9)
+    one = (16 * 1000 + 4) / REFERENCE
+    gap = 692e-9 + 5 / REFERENCE  # the data sheet gives it for the change of channels
+    for _ in range(10):
+        assert chip.read(0x18) & 0x40
+        chip.wait(one + gap - 2e-9)
+        assert not chip.read(0x18) & 0x40
+        chip.wait(2e-9)
+
+
+def test_two_channels_take_turns_and_data_is_ready_after_both():
+    chip = Chip(sensors={0: GOOD, 1: replace(GOOD, frequency=3e6)})
+    chip.wake(MUX=0x820C, RCOUNT1=1000, SETTLE1=40, DIVIDERS1=0x1002, DRIVE1=DRIVE)
+    chip.wait(conversion() + 1e-9)
+    assert chip.read(0x18) == 0x0008
+    turn = conversion() - 16384 / CLOCK
+    chip.wait(turn + 692e-9 + 5 / REFERENCE)
+    assert chip.read(0x18) == 0x004C
+    codes = [(chip.read(2 * k) & 0xFFF) << 16 | chip.read(2 * k + 1) for k in range(2)]
+    assert codes == [round(f / REFERENCE * 2**28) for f in (2e6, 3e6)]
+
+
+def test_an_hour_awake_is_caught_up_with_at_once():
+    f = lambda time: replace(GOOD, frequency=2e6 if time < 3599 else 2.1e6)  # noqa: E731
+    chip = Chip(sensors={0: f})
+    chip.wake(RCOUNT0=0xFFFF)
+    chip.wait(3600)
+    assert chip.read(0x18) == 0x0048
+    assert chip.code() == round(2.1e6 / REFERENCE * 2**28)
+    quiet = Chip(sensors={0: None})
+    quiet.wake(RCOUNT0=0xFFFF)
+    quiet.wait(3600)
+    assert quiet.read(0x18) & 0x0840 == 0x0840
+
+
+def test_nothing_comes_without_a_clock_or_with_a_divider_0():
+    for config, registers in ((AWAKE | EXTERNAL, {}), (AWAKE, {"DIVIDERS0": 0x0002}), (AWAKE, {"DIVIDERS0": 0x1000})):
+        chip = Chip(strict=False)
+        chip.wake(config, **registers)
+        chip.wait(10)
+        assert chip.read(0x18) == 0
+        assert chip.misuse.notes
+
+
+# ---------------------------------------------------------------------------------------------- results
+
+
+def test_the_code_of_two_megahertz():
+    assert Chip().result()[2] == 0x17982F3
+
+
+@given(
+    st.floats(1e4, 5e6), st.integers(1, 15), st.integers(1, 20), st.integers(0, 0xFFFF), st.integers(10, 0xFFFF)
+)  # fmt: skip
+def test_every_code_is_equation_6(frequency, fin, fref, offset, rcount):
+    chip = Chip(strict=False, sensors={0: replace(GOOD, frequency=frequency)})
+    divider = 1 + fref
+    chip.wake(DIVIDERS0=fin << 12 | divider, OFFSET0=offset, RCOUNT0=rcount, MUX=0x020D)
+    reference = CLOCK / divider
+    chip.wait(conversion(rcount, reference=reference) * 1.0001)
+    exact = (frequency / (fin * reference) - offset / 2**16) * 2**28
+    # half a code, and what 1e-15 of the largest number of the sum makes
+    assert abs(chip.code() - min(max(exact, 0), 2**28 - 1)) <= 0.5 + 1e-6
+
+
+def test_the_lsb_belongs_to_the_msb_that_was_read_before_it():
+    before, after = 2.0e6, 2.0005e6
+    chip = Chip(sensors={0: lambda time: replace(GOOD, frequency=before if time < conversion() else after)})
+    chip.wake()
+    chip.wait(conversion() + 1e-6)
+    msb = chip.read(0x00)
+    chip.wait(5 * conversion())  # other results come between the two reads
+    assert (msb & 0xFFF) << 16 | chip.read(0x01) == round(before / REFERENCE * 2**28)
+    assert chip.code() == round(after / REFERENCE * 2**28)
+
+
+def test_an_lsb_alone_repeats_the_old_one_and_is_misuse():
+    chip = Chip(strict=False)
+    chip.wake()
+    chip.wait(conversion() * 1.1)
+    old = chip.code() & 0xFFFF
+    chip.bench.sensors[0] = replace(GOOD, frequency=2.1e6)
+    chip.wait(5 * conversion())
+    assert chip.read(0x01) == old
+    assert "without DATA0_MSB" in chip.misuse.notes[-1]
+
+
+def test_a_change_in_the_middle_of_a_conversion_gives_neither_value():
+    chip = Chip()
+    chip.wake()
+    middle = conversion() - (16 * 1000 + 4) / REFERENCE / 2
+    chip.wait(middle)
+    chip.chip.advance()
+    chip.bench.sensors[0] = replace(GOOD, frequency=2.2e6)
+    chip.wait(conversion() - middle + 1e-9)
+    assert chip.code() == pytest.approx(2.1e6 / REFERENCE * 2**28, rel=1e-6)  # cycles counted in both halves
+    chip.wait(conversion())
+    assert chip.code() == round(2.2e6 / REFERENCE * 2**28)
+
+
+def test_sleep_clears_results_and_errors():
+    chip = Chip(strict=False, sensors={0: replace(GOOD, parallel_resistance=9e3)})  # too small an amplitude
+    chip.wake()
+    chip.wait(conversion() * 1.1)
+    assert chip.chip.interrupt
+    chip.write(0x1A, ASLEEP)
+    assert (chip.read(0x18), chip.read(0x00), chip.read(0x01)) == (0, 0, 0)
+    assert not chip.chip.interrupt
+
+
+def test_the_noise_is_what_is_stated():
+    # 400 codes: their standard deviation is known to 3.5 %, four times that is the tolerance
+    for rcount in (0xFFFF, 0x0FFF):
+        chip = Chip(noise=1e-6, seed=3)
+        chip.wake(RCOUNT0=rcount)
+        chip.wait(conversion(rcount))
+        codes = []
+        for _ in range(400):
+            chip.wait((16 * rcount + 4 + 5) / REFERENCE + 1e-6)
+            codes.append(chip.code())
+        spread = 1e-6 * math.sqrt(0xFFFF / rcount)
+        assert np.std(codes) / np.mean(codes) == pytest.approx(spread, rel=0.15)
+        assert np.mean(codes) == pytest.approx(0x17982F3, rel=4 * spread / 20)
+
+
+def test_the_same_seed_gives_the_same_noise():
+    first, same, other = (Chip(noise=1e-5, seed=seed).result() for seed in (1, 1, 2))
+    assert first == same
+    assert first[2] != other[2]
+
+
+# ------------------------------------------------------------------------------- the clock of the chip
+
+
+def test_every_clock_in_its_range_and_what_it_does_to_the_frequency():
+    clocks = [any_oscillator(seed).frequency for seed in range(200)]
+    assert 35e6 <= min(clocks) < 36e6  # 200 of an even spread: nothing in the last 5 % once in 3e4
+    assert 54e6 < max(clocks) <= 55e6
+    for frequency in (35e6, 55e6):
+        chip = Chip(oscillator=Oscillator(frequency))
+        chip.wake()
+        chip.wait(conversion(reference=frequency / 2, clock=frequency) + 1e-9)
+        believed = chip.code() / 2**28 * REFERENCE
+        # an uncalibrated clock makes L wrong by its square: 0.65 to 1.6 times
+        assert (2e6 / believed) ** 2 == pytest.approx((frequency / CLOCK) ** 2, rel=1e-6)
+
+
+def test_a_warmer_clock_makes_the_inductance_look_smaller():
+    def inductance(temperature):
+        chip = Chip(drift=Drift(start=temperature))
+        chip.wake(RCOUNT0=0xFFFF)
+        chip.wait(conversion(0xFFFF) * 1.001)
+        return 1 / (2 * math.pi * chip.code() / 2**28 * REFERENCE) ** 2
+
+    slope = (inductance(45.0) / inductance(25.0) - 1) / 20
+    # −13e-6 of f twice; half a code is 4e-8/20
+    assert slope == pytest.approx(-26e-6, rel=1e-3)
+
+
+# ------------------------------------------------------------------------------- STATUS and the flags
+
+# cause, flags in DATA0_MSB, bits in STATUS, bits of ERROR_CONFIG that show the flags and the status bits
+CAUSES = {
+    "offset above the ratio: under-range": (
+        {"OFFSET0": 0x4000}, {0: GOOD}, 0b1000, 0x2000, 0x8000, 0x80),
+    "reference below the sensor: over-range": (
+        {"DIVIDERS0": 0x1020, "SETTLE0": 10}, {0: GOOD}, 0b0100, 0x1000, 0x4000, 0x40),
+    "no sensor, long conversion: watchdog": (
+        {"RCOUNT0": 0xFFFF}, {0: None}, 0b1011, 0x2A00, 0xA800, 0xA8),
+    "no sensor, short conversion: no edges": (
+        {"RCOUNT0": 100}, {0: None}, 0b1001, 0x2300, 0x8800, 0x8C),
+    "drive far too weak: it stops": (
+        {"RCOUNT0": 100, "DRIVE0": 0}, {0: GOOD}, 0b1001, 0x2300, 0x8800, 0x8C),
+    "drive too weak: low amplitude": (
+        {"DRIVE0": 7 << 11}, {0: GOOD}, 0b0001, 0x0200, 0x0800, 0x08),
+    "drive too strong: high amplitude": (
+        {"DRIVE0": 14 << 11}, {0: GOOD}, 0b0001, 0x0400, 0x1000, 0x10),
+    "input filter below the sensor: no edges": (
+        {"MUX": 0x0209}, {0: GOOD}, 0b1000, 0x2100, 0x8000, 0x84),
+}  # fmt: skip
+
+
+def provoked(cause, errors, **options):
+    registers, sensors, *_ = CAUSES[cause]
+    chip = Chip(sensors=sensors, **options)
+    divider = registers.get("DIVIDERS0", 0x1002) & 0x3FF
+    chip.wake(**{**registers, "ERRORS": errors})
+    chip.wait(16384 / CLOCK + (16 * registers.get("RCOUNT0", 1000) + 4 + 16 * 40) * divider / CLOCK)
+    return chip
+
+
+@pytest.mark.parametrize("cause", CAUSES)
+def test_every_flag_has_its_cause_and_its_gate(cause):
+    _, _, flags, status, out, interrupt = CAUSES[cause]
+    chip = provoked(cause, 0xF8FD)
+    assert chip.chip.interrupt
+    assert chip.read(0x18) == status | 0x48
+    assert chip.read(0x00) >> 12 == flags
+    # nothing shows with all gates closed; UNREADCONV needs none
+    chip = provoked(cause, 0x0000)
+    assert not chip.chip.interrupt
+    assert (chip.read(0x18), chip.read(0x00) >> 12) == (0x0008, 0)
+    # the gates of the others alone show nothing
+    chip = provoked(cause, 0xF8FD & ~(out | interrupt | 1))
+    assert not chip.chip.interrupt
+    assert (chip.read(0x18), chip.read(0x00) >> 12) == (0x0008, 0)
+    # its own alone show it
+    assert provoked(cause, out).read(0x00) >> 12 == flags
+    assert provoked(cause, interrupt).read(0x18) == status | 0x0008
+
+
+@pytest.mark.parametrize("cause", CAUSES)
+def test_status_without_gates_where_the_application_note_is_right(cause):
+    chip = provoked(cause, 0x0000, open_points=OpenPoints(status_gated=False))
+    assert not chip.chip.interrupt
+    assert chip.read(0x18) == CAUSES[cause][3] | 0x48
+
+
+def test_codes_at_the_ends_of_the_range():
+    assert provoked("offset above the ratio: under-range", 0).code() == 0
+    assert provoked("reference below the sensor: over-range", 0).code() == 0xFFFFFFF
+    for cause in ("no sensor, long conversion: watchdog", "no sensor, short conversion: no edges"):
+        assert provoked(cause, 0).code() == 0
+
+
+def test_an_amplitude_that_is_only_low_leaves_the_value_usable_and_one_that_is_high_pulls_it():
+    assert provoked("drive too weak: low amplitude", 0xF8FD).code() == 0x17982F3
+    pulled = provoked("drive too strong: high amplitude", 0xF8FD).code()
+    assert 1e-5 < abs(pulled / 0x17982F3 - 1) < 1e-3
+
+
+def test_the_watchdog_comes_after_its_time_and_again():
+    chip = Chip(sensors={0: None})
+    chip.wake(RCOUNT0=0xFFFF)
+    chip.wait(16384 / CLOCK + WATCHDOG - 1e-6)
+    assert chip.read(0x18) == 0
+    for _ in range(5):
+        chip.wait(2e-6)
+        assert chip.read(0x18) & 0x0840 == 0x0840
+        chip.wait(WATCHDOG - 2e-6)
+
+
+def test_no_watchdog_while_channels_take_turns():
+    chip = Chip(sensors={0: None, 1: GOOD})
+    chip.wake(MUX=0x820C, RCOUNT1=1000, SETTLE1=40, DIVIDERS1=0x1002, DRIVE1=DRIVE, RCOUNT0=0xFFFF)
+    chip.wait(1.0)
+    assert chip.read(0x18) & 0x0800 == 0
+
+
+def test_a_coil_that_comes_back_is_measured_again():
+    chip = Chip(sensors={0: None})
+    chip.wake(RCOUNT0=0xFFFF)
+    chip.wait(20e-3)
+    assert chip.read(0x18) & 0x0800
+    chip.chip.advance()
+    chip.bench.sensors[0] = GOOD
+    chip.wait(2 * conversion(0xFFFF))
+    assert chip.read(0x18) & 0x0200  # the oscillation was missing in a part of the first one
+    chip.wait(2 * conversion(0xFFFF))
+    assert chip.read(0x18) == 0x0048
+    assert chip.code() == 0x17982F3
+
+
+def test_status_names_the_first_channel_and_forgets_the_second():
+    weak = replace(GOOD, parallel_resistance=12e3)
+    strong = replace(GOOD, parallel_resistance=25e3)
+    chip = Chip(sensors={0: GOOD, 1: weak, 2: strong})
+    more = {f"{name}{k}": value for k in (1, 2) for name, value in
+            (("RCOUNT", 1000), ("SETTLE", 40), ("DIVIDERS", 0x1002), ("DRIVE", DRIVE))}  # fmt: skip
+    chip.wake(MUX=0xA20C, **more)
+    chip.wait(3 * conversion() * 1.01)
+    # frozen when channel 1 was done: low amplitude of channel 1, results of channels 0 and 1, data not ready yet
+    assert chip.read(0x18) == 1 << 14 | 0x0200 | 0x000C
+    # the error of channel 2 is lost in STATUS but not in its data
+    assert chip.read(0x18) & 0x3F00 == 0
+    assert chip.read(0x04) >> 12 == 0b0001
+
+
+@pytest.mark.parametrize("by", ["status", "data"])
+def test_an_error_goes_when_status_or_the_data_of_its_channel_is_read(by):
+    chip = provoked("drive too weak: low amplitude", 0xF8FD)
+    chip.read(0x18 if by == "status" else 0x00)
+    assert not chip.chip.interrupt or by == "data"  # DATA0_MSB leaves data ready
+    assert chip.read(0x18) & 0x3F00 == 0
+
+
+@pytest.mark.parametrize("cleared", [False, True])
+def test_unread_and_ready(cleared):
+    chip = Chip(open_points=OpenPoints(status_clears_unread=cleared))
+    chip.wake()
+    chip.wait(conversion() * 1.01)
+    assert chip.read(0x18) == 0x0048
+    assert chip.read(0x18) == (0 if cleared else 0x0008)
+    chip.read(0x00)
+    assert chip.read(0x18) == 0
+
+
+@pytest.mark.parametrize("on_read", [False, True])
+def test_flags_go_by_reading_or_by_the_next_good_result(on_read):
+    chip = Chip(
+        sensors={0: replace(GOOD, parallel_resistance=12e3)}, open_points=OpenPoints(flags_clear_on_read=on_read)
+    )
+    chip.wake()
+    chip.wait(conversion() * 1.01)
+    assert chip.read(0x00) >> 12 == 1
+    assert chip.read(0x00) >> 12 == (0 if on_read else 1)
+    chip.bench.sensors[0] = GOOD
+    chip.wait(3 * conversion())
+    assert chip.read(0x00) >> 12 == 0
+
+
+def test_the_interrupt_pin_can_be_switched_off():
+    chip = Chip()
+    chip.wake(AWAKE | 0x80)
+    chip.wait(conversion() * 1.01)
+    assert not chip.chip.interrupt
+    assert chip.read(0x18) == 0x0048
+
+
+# ---------------------------------------------------------------------------------------------- the drive
+
+
+@pytest.mark.parametrize("code", DRIVES)
+def test_the_chip_finds_a_drive_that_the_table_allows(code):
+    _, low, high = DRIVES[code]
+    R = 1e3 * math.sqrt(low * high)
+    chip = Chip(sensors={0: replace(GOOD, parallel_resistance=R)})
+    chip.wake(0x0001, DRIVE0=0)  # drive and amplitude left to the chip
+    chip.wait(conversion() * 1.01)
+    assert chip.read(0x18) & 0x3F00 == 0
+    found = chip.chip.peek(0x1E)
+    assert found & 0xF83F == 0  # only INIT_IDRIVE is written by the chip
+    # the rows overlap: its own or the next one
+    assert found >> 6 in (code - 1, code, code + 1)
+
+
+def test_a_found_drive_stays_when_it_is_written_to_idrive():
+    chip = Chip()
+    chip.wake(0x0001, DRIVE0=0)
+    chip.wait(conversion() * 1.01)
+    found = chip.read(0x1E) >> 6
+    chip.wake(DRIVE0=found << 11)
+    assert chip.chip.peek(0x1E) == found << 11 | found << 6
+    chip.wait(conversion() * 1.01)
+    assert chip.read(0x18) == 0x0048
+
+
+@pytest.mark.parametrize("code", DRIVES)
+def test_amplitude_is_equation_12(code):
+    microamperes, low, high = DRIVES[code]
+    tank = Resonator(2e6, 1e3, 10.0)
+    # rounded to three digits; at the ends of a row the amplitude is 1.2 and 1.8 V
+    assert replace(tank, parallel_resistance=low * 1e3).amplitude(microamperes * 1e-6) == pytest.approx(1.2, rel=0.03)
+    assert replace(tank, parallel_resistance=high * 1e3).amplitude(microamperes * 1e-6) == pytest.approx(1.8, rel=0.05)
+
+
+def test_high_current_drives_a_small_resistance():
+    small = {0: replace(GOOD, parallel_resistance=250.0)}
+    assert Chip(sensors=small).result(DRIVE0=31 << 11, RCOUNT0=100)[1] == 0b1001
+    chip = Chip(sensors=small)
+    chip.wake(AWAKE | 0x40, DRIVE0=30 << 11)  # the data sheet says "up to 6 mA" and "down to 250 Ω", nothing between
+    chip.wait(conversion() * 1.01)
+    assert chip.read(0x18) == 0x0048
+
+
+# ---------------------------------------------------------------------------------------------- misuse
+
+
+@pytest.mark.parametrize(
+    ("registers", "config", "bench", "said"),
+    [
+        ({"DIVIDERS0": 0x0002}, AWAKE, {}, "divider 0"),
+        ({"DIVIDERS0": 0x1000}, AWAKE, {}, "divider 0"),
+        ({"DIVIDERS0": 0x1001}, AWAKE, {}, "at most 3.5e"),
+        ({"RCOUNT0": 4}, AWAKE, {}, "RCOUNT0 is 4"),
+        ({"SETTLE0": 13}, AWAKE, {}, "needs 14"),  # ⌈20·21.7/(16·2)⌉
+        ({"MUX": 0x020B}, AWAKE, {}, "DEGLITCH"),  # 33 MHz in the application table, not in the register's
+        ({}, AWAKE | EXTERNAL, {}, "CLKIN is grounded"),
+        ({"DIVIDERS0": 0x1001}, AWAKE | EXTERNAL, {"clkin": 40e6}, "at most 3.5e"),
+        ({}, AWAKE, {"sensors": {0: replace(GOOD, frequency=9e6)}}, "FIN_DIVIDER0 must be at least 2"),
+        ({"MUX": 0x820C, "SETTLE0": 3}, AWAKE, {}, "more than 3"),
+        ({"MUX": 0x820C, "RCOUNT0": 8}, AWAKE, {}, "RCOUNT0 is 8"),
+        ({"MUX": 0x820C}, AWAKE | 0x40, {}, "HIGH_CURRENT_DRV"),
+        ({}, AWAKE | 0x4000 | 0x40, {}, "HIGH_CURRENT_DRV"),
+    ],
+)
+def test_what_must_not_be_converted_with(registers, config, bench, said):
+    chip = Chip(**bench)
+    with pytest.raises(UndocumentedUse, match=said):  # noqa: PT012 - some show only when the sensor runs
+        chip.wake(config, **registers)
+        chip.wait(2 * conversion())
+        chip.read(0x18)
+
+
+def test_a_sensor_that_had_no_time_to_settle_is_called_weak():
+    chip = Chip(strict=False)
+    assert chip.result(SETTLE0=13)[0] == 0x0248
+    chip.wait(conversion())
+    assert chip.read(0x18) == 0x0048  # it has settled meanwhile
+
+
+def test_an_ldc1612_has_no_channel_2():
+    chip = Chip(channels=2, strict=False)
+    chip.wake(AWAKE | 0x8000)
+    chip.wait(1)
+    assert chip.read(0x18) == 0
+    assert "channel 2" in chip.misuse.notes[0]
+
+
+@pytest.mark.parametrize("address", [0x08, 0x0C, 0x10, 0x14, 0x19, 0x1B, 0x1E])
+def test_settings_are_changed_in_sleep(address):
+    chip = Chip()
+    chip.wake()
+    with pytest.raises(UndocumentedUse, match="while the chip was active"):
+        chip.write(address, chip.chip.peek(address))
+    with pytest.raises(UndocumentedUse, match="CONFIG was changed"):
+        chip.write(0x1A, AWAKE | 0x4000)
+    chip.write(0x1A, ASLEEP)
+
+
+def test_the_examples_of_the_data_sheet_are_allowed():
+    # section 8.2.4: 2.4 MHz, Q 10, 40 MHz at CLKIN by 2, one channel and two
+    sensors = {k: Resonator(2.4e6, 6.6e3, 10.0) for k in range(2)}
+    for mux in (0x020C, 0x820C):
+        chip = Chip(clkin=40e6, sensors=sensors)
+        both = {f"{name}{k}": value for k in range(2) for name, value in
+                (("DIVIDERS", 0x1002), ("RCOUNT", 0x04D6), ("SETTLE", 0x000A), ("DRIVE", 0x9000))}  # fmt: skip
+        chip.wake(0x1601, MUX=mux, **both)
+        chip.wait(0.01)
+        assert chip.read(0x18) & 0x3F40 == 0x0040
+        assert chip.code() == round(2.4 / 20 * 2**28)
+
+
+def test_what_was_not_the_drivers_fault_is_not_blamed_on_it():
+    chip = Chip()
+    chip.chip.brown_out()
+    chip.write(0x1A, AWAKE)  # with dividers 0, which it cannot know
+    chip.write(0x1A, ASLEEP)
+    chip.wake()
+    assert chip.misuse.notes == []
+    with pytest.raises(UndocumentedUse):
+        chip.write(0x08, 1000)
+
+
+@given(
+    st.lists(
+        st.one_of(
+            st.tuples(st.just("read"), st.sampled_from([*RESETS, 0x1D]), st.just(0)),
+            st.tuples(st.just("write"), st.sampled_from([*RESETS, 0x1D]), st.integers(0, 0xFFFF)),
+            st.tuples(st.just("wait"), st.sampled_from([1e-6, 1e-3, 0.1, 30.0]), st.just(0)),
+            st.tuples(st.just("sensor"), st.sampled_from([None, GOOD, replace(GOOD, parallel_resistance=1e3)]),
+                      st.integers(0, 3)),
+        ),
+        max_size=25,
+    ),
+    st.booleans(), st.booleans(), st.booleans(),
+)  # fmt: skip
+def test_no_treatment_breaks_the_chip(steps, unread, gated, on_read):
+    chip = Chip(strict=False, open_points=OpenPoints(unread, gated, on_read))
+    for kind, what, value in steps:
+        if kind == "read":
+            assert 0 <= chip.read(what) <= 0xFFFF
+        elif kind == "write":
+            chip.write(what, value)
+        elif kind == "wait":
+            chip.wait(what)
+        else:
+            chip.chip.advance()
+            chip.bench.sensors[value] = what
+        assert chip.read(0x18) & 0x00B0 == 0  # reserved
+    chip.write(0x1C, 0x8000)
+    assert {a: chip.chip.peek(a) for a in RESETS} == RESETS
+
+
+# ---------------------------------------------------------------------------------------------- the bus
+
+
+def on_a_bus(**options):
+    chip = Chip(**options)
+    return chip, EmulatedBus(chip.chip, chip.clock)
+
+
+def test_the_wire_takes_its_time():
+    chip, bus = on_a_bus()
+    bus.read(0x7E)
+    assert chip.clock.now() == pytest.approx(120e-6)  # 48 bits at 400 kHz
+    bus.write(0x08, 5)
+    assert chip.clock.now() == pytest.approx(120e-6 + 95e-6)  # 38 bits
+
+
+def test_faults_of_the_bus():
+    chip, bus = on_a_bus()
+    bus.refuse(2)
+    for _ in range(2):
+        with pytest.raises(BusFault, match="did not acknowledge register 0x7e"):
+            bus.read(0x7E)
+    assert bus.read(0x7E) == 0x5449
+    bus.hold()
+    for _ in range(3):
+        with pytest.raises(BusTimeout, match="held down"):
+            bus.write(0x08, 5)
+    assert chip.chip.peek(0x08) == 0x0080
+    bus.clear()
+    bus.flip(0, 15)
+    assert (bus.read(0x7E), bus.read(0x7E), bus.read(0x7E)) == (0x5448, 0xD449, 0x5449)
+    bus.flip(0)
+    bus.write(0x1B, 0x020C)
+    assert bus.read(0x1B) == 0x020D
+
+
+def test_the_log_of_the_bus():
+    _, bus = on_a_bus()
+    bus.log = []
+    bus.write(0x08, 7)
+    bus.read(0x08)
+    assert bus.log == [("write", 0x08, 7), ("read", 0x08, 7)]
+
+
+# ---------------------------------------------------------------------------------------------- small parts
+
+
+def test_the_virtual_clock_never_steps_back():
+    clock = VirtualClock(2.0)
+    clock.sleep(-1.0)
+    assert clock.now() == 2.0
+    for nothing in (math.nan, math.inf):
+        with pytest.raises(HardwareError, match="a wait must be finite"):
+            clock.sleep(nothing)
+
+
+def test_notes_do_not_grow_without_end():
+    misuse = Misuse(strict=False)
+    for k in range(5000):
+        misuse.note(str(k))
+    assert len(misuse.notes) == 1000
+
+
+def test_nothing_oscillates_where_losses_are_too_large():
+    L, C = 50e-6, 120e-12
+    critical = math.sqrt(L / C)  # where ω² = 1/(LC) − (R/L)² is 0
+    assert series_tank(L, C, critical * (1 + 1e-9)) is None
+    assert series_tank(L, C, critical * (1 - 1e-9)).frequency > 0
+
+
+@given(st.floats(1e-6, 1e-3), st.floats(10e-12, 1e-9), st.floats(0.1, 10.0))
+def test_a_coil_with_losses(L, C, R):
+    tank = series_tank(L, C, R)
+    w = 2 * math.pi * tank.frequency
+    Y = 1 / (R + 1j * w * L) + 1j * w * C
+    assert abs(Y.imag) < 1e-9 * w * C  # the resonance is where nothing reactive is left
+    assert 1 / Y.real == pytest.approx(tank.parallel_resistance)

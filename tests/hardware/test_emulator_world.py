@@ -1,0 +1,469 @@
+"""The physics behind the emulated switches against the package's own: scan, response map, drift.
+
+Who checks whom: an untouched board against `scan_states`; a pressed one against `response_map`, which solves every
+position that the emulator interpolates; temperature against the formula of a tank with losses; the time of a scan
+against the paper's.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import xarray as xr
+from support.broken_drivers import RightDriver
+
+from coilarray import load_design
+from coilarray.circuit.impedance import design_network, scan_states
+from coilarray.circuit.network import Network
+from coilarray.design.bundled import read
+from coilarray.design.model import parse_design
+from coilarray.design.scan_states import ScanState, Switches, paper_plan
+from coilarray.errors import HardwareError
+from coilarray.hardware.emulator import (
+    Conditions,
+    Drift,
+    EmulatedBoard,
+    Oscillator,
+    VirtualClock,
+    emulated_board,
+    plain_board,
+)
+from coilarray.hardware.emulator.indenter import LIFTED, Indenter, Place
+from coilarray.hardware.emulator.response_table import ResponseTable, response_table, table_axes
+from coilarray.hardware.emulator.sensor_world import SensorWorld
+from coilarray.hardware.scan.board_network import board_network
+from coilarray.hardware.scan.kept_parts import keep_folder, kept
+from coilarray.hardware.scan.wiring import load_wiring
+from coilarray.response.map import response_map
+
+PAPER = load_design("gast2020")
+WIRING = load_wiring()
+FIRST = ScanState("coil1", (("coil1", 1),))
+LONG = 0xFFFF
+# within one and a half coils, at the spacing of the whole table
+DEPTH = table_axes(PAPER)[0]
+X, Y = 1.2e-3 * np.arange(-9, 10), 1.2e-3 * np.arange(-4, 5)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("kept")
+
+
+@pytest.fixture(scope="module")
+def prepared():
+    return design_network(PAPER)
+
+
+@pytest.fixture(scope="module")
+def network(folder, prepared):
+    with pytest.MonkeyPatch.context() as patch:  # not twice
+        patch.setattr("coilarray.hardware.scan.board_network.design_network", lambda design: prepared)
+        return board_network(PAPER, folder)
+
+
+@pytest.fixture(scope="module")
+def table(folder):
+    return response_table(PAPER, folder, (DEPTH, Y, X))
+
+
+@pytest.fixture(scope="module")
+def make(network, table):
+    """A board of the paper's design, with a small table."""
+
+    def board(*, oscillator=None, drift=None, noise=0.0, seed=0, **world):
+        return EmulatedBoard(
+            WIRING.coils,
+            WIRING.encode(),
+            SensorWorld(network, lambda: table, **world),
+            clock=VirtualClock(),
+            conditions=Conditions(oscillator or Oscillator(), drift or Drift(), noise),
+            strict=True,
+            seed=seed,
+        )
+
+    return board
+
+
+class Scanner(RightDriver):
+    """Full resolution, and the drives of these coils."""
+
+    def registers(self):
+        return ((register, LONG if register == 0x08 else value) for register, value in super().registers())
+
+    def drive(self, coil):
+        return 8  # 52 µA: 1.4 V at 21 kΩ
+
+    def wait(self):
+        self.board.clock.sleep(16 * LONG / self.reference)
+
+
+def frequencies(board, clock=43.4e6):
+    driver = Scanner(board, clock)
+    driver.configure()
+    readings = driver.scan()
+    assert {reading.reasons for reading in readings.values()} == {frozenset()}
+    return np.array([reading.frequency for reading in readings.values()])
+
+
+STEP = 21.7e6 / 2**28  # of the code in Hz
+
+
+# ---------------------------------------------------------------------------------- untouched
+
+
+@pytest.fixture(scope="module")
+def scanned(prepared):
+    return scan_states(prepared)
+
+
+def test_the_tank_of_an_untouched_board_is_that_of_the_scan(network, table, scanned):
+    world = SensorWorld(network, lambda: table)
+    for state in PAPER.circuit.plan:
+        tank, expected = world.resonator(state, LIFTED, 25.0), scanned.sel(state=state.name)
+        # the same functions on the same numbers, kept as float64
+        assert tank.frequency == pytest.approx(float(expected.frequency), rel=1e-12)
+        assert tank.parallel_resistance == pytest.approx(float(expected.parallel_resistance), rel=1e-9)
+        assert tank.quality_factor == pytest.approx(float(expected.loaded_quality_factor), rel=1e-6)
+
+
+def test_an_untouched_board_reads_what_the_scan_says(make, scanned):
+    read = frequencies(make())
+    assert np.abs(read - scanned.frequency.values).max() <= 0.5001 * STEP  # rounding to a code
+
+
+def test_readings_scatter_as_stated(make, scanned):
+    # 20 scans of 6 coils: their standard deviation is known to 6.5 %, four times that is the tolerance
+    board = make(noise=1.4e-7, seed=5)
+    read = np.array([frequencies(board) for _ in range(20)])
+    error = read / scanned.frequency.values - 1
+    assert np.std(error) == pytest.approx(1.4e-7, rel=0.26)
+    assert abs(np.mean(error)) < 4 * 1.4e-7 / math.sqrt(error.size)
+
+
+# ------------------------------------------------------------------------------------ pressed
+
+
+def test_a_pressed_board_reads_what_the_response_map_says(make, network, folder):
+    # where both solve the same positions and depths nothing is interpolated: what is left is half a code in each of
+    # two frequencies, of which L has twice the relative error
+    depth, y, x = DEPTH[[1, 3, 4]], Y[[2, 4, 5, 7]], X[[2, 5, 9, 12]]
+    known = {"network": network, "inductance": lambda: network.inductance}
+    expected = response_map(PAPER, depths=depth, x=x, y=y, **known)
+    board = make()
+    untouched = frequencies(board)
+    board.world = SensorWorld(network, lambda: response_table(PAPER, folder, (depth, y, x)))
+    for h, j, i in ((1, 1, 2), (2, 3, 0)):
+        board.indenter.press(x[i], y[j], depth[h])
+        delta = (untouched / frequencies(board)) ** 2 - 1
+        assert np.abs(delta - expected.delta.values[h, j, i]).max() < 2.01 * STEP / 1.77e6
+    board.indenter.lift()
+    assert np.array_equal(frequencies(board), untouched)
+
+
+def test_between_the_positions_of_the_table_it_is_as_wrong_as_stated(network, table):
+    random = np.random.default_rng(2)
+    x, y = (np.sort(random.uniform(axis[1], axis[-2], n)) for axis, n in ((X, 12), (Y, 6)))
+    depths = [0.3e-3, 1.0e-3]
+    known = {"network": network, "inductance": lambda: network.inductance}
+    expected = response_map(PAPER, depths=depths, x=x, y=y, **known)
+    L = expected.inductance.values.max()
+    got = np.array([[[table.at(Place(a, b, h)) for a in x] for b in y] for h in depths])
+    error = np.abs(got - expected.inductance_change.values) / L
+    # 2e-7 come from the solver itself, which takes other positions. Stated for 1 mm, where L changes by 8e-4: 2e-7
+    # (root of the mean square of the diagonal) and 4e-6
+    assert np.sqrt(np.mean(np.diagonal(error[1], axis1=-2, axis2=-1) ** 2)) < 2.5e-7
+    assert error[1].max() < 4e-6
+    assert error[0].max() < 1.5e-6
+    assert np.abs(expected.inductance_change.values[1]).max() / L > 5e-4
+
+
+def test_the_table_is_exact_for_what_its_splines_can_be():
+    depth, y, x = np.linspace(0.2, 1.2, 6) ** 2 * 1e-3, np.linspace(-3, 3, 5) * 1e-3, np.linspace(-4, 4, 6) * 1e-3
+
+    def change(x, y, h):  # cubic across, from the second to the third power of the root of the depth
+        return (1 + 200 * x - 3e4 * x**2 + 5e6 * x**3) * (2 - 100 * y + 1e6 * y**3) * (3 * h - 40 * h**1.5)
+
+    given = change(x, y[:, None], depth[:, None, None])[..., None, None] * np.array([[1.0, 0.5], [0.5, 2.0]])
+    table = ResponseTable(x, y, depth, given)
+    for place in (Place(1.1e-3, -2.3e-3, 0.7e-3), Place(-3.9e-3, 2.9e-3, 0.01e-3), Place(0, 0, 1.44e-3)):
+        assert table.at(place)[1, 0] == pytest.approx(0.5 * change(*place), rel=1e-9, abs=1e-15)
+    assert np.array_equal(table.at(LIFTED), np.zeros((2, 2)))
+
+
+def test_the_whole_table_reaches_over_all_coils_and_the_design_s_own_map():
+    depth, y, x = table_axes(PAPER)
+    assert np.diff(x).max() <= 1.2e-3
+    assert np.diff(y).max() <= 1.2e-3
+    assert depth[-1] == pytest.approx(1.7e-3)
+    assert (x[0], x[-1]) == (pytest.approx(-26e-3), pytest.approx(53.12e-3 + 11.5e-3 * math.cos(math.pi / 6)))
+    assert (y[0], y[-1]) == (pytest.approx(-11.5e-3), pytest.approx(11.5e-3))
+
+
+def test_a_sample_with_edges_is_not_left():
+    bounded = read("gast2020").replace(
+        'origin = "coil2" ', 'sample_x_mm = [-30, 30]\nsample_y_mm = [-10, 10]\norigin = "coil2" '
+    )
+    depth, y, x = table_axes(parse_design(bounded))
+    assert (x[0], x[-1], y[0], y[-1], depth[-1]) == pytest.approx((-26e-3, 26e-3, -6e-3, 6e-3, 1e-3))
+
+
+def test_a_moving_indenter_is_averaged_over_a_conversion(make):
+    board = make()
+    path = [(0.0, 0.0, 0.0, 0.5e-3), (1.0, 0.0, 0.0, 0.8e-3)]
+    board.indenter.follow(path)
+    driver = Scanner(board)
+    driver.configure()
+    driver.sleep()
+    driver.switch("coil2")
+    driver.write(0x1E, 8 << 11)
+    woken = board.clock.now() + 95e-6  # the end of the transaction
+    driver.wake()
+    moving = driver.result().frequency
+    middle = woken + 16384 / 43.4e6 + 16 * 64 / 21.7e6 + 16 * LONG / 21.7e6 / 2
+    board.indenter.press(*Indenter.at(_followed(path), middle))
+    still = board.true_tank().frequency
+    board.indenter.lift()
+    # the middle of the path against the mean over it: second order in the 15 µm of depth it moves, 1e-8 of L
+    assert abs(moving - still) < STEP
+    assert abs(still / board.true_tank().frequency - 1) > 1e-4
+
+
+def _followed(path):
+    indenter = Indenter()
+    indenter.follow(path)
+    return indenter
+
+
+def test_the_indenter_stands_before_and_after_its_path():
+    indenter = _followed([(1.0, 0.0, 0.0, 0.0), (2.0, 4e-3, -2e-3, 1e-3)])
+    assert indenter.at(0.0) == Place(0.0, 0.0, 0.0)
+    assert indenter.at(1.25) == pytest.approx((1e-3, -0.5e-3, 0.25e-3))
+    assert indenter.at(9.0) == Place(4e-3, -2e-3, 1e-3)
+    indenter.lift()
+    assert indenter.at(9.0) == Place(4e-3, -2e-3, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("path", "said"),
+    [
+        ([], "at least one point"),
+        ([(0.0, math.nan, 0.0, 0.0)], "all finite"),
+        ([(0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1e-3)], "times .* must rise"),
+        ([(0.0, 0.0, 0.0, -1e-3)], "must not be negative"),
+    ],
+)
+def test_paths_that_cannot_be(path, said):
+    with pytest.raises(HardwareError, match=said):
+        Indenter().follow(path)
+
+
+@pytest.mark.parametrize(
+    ("place", "said"),
+    [((0.1, 0.0, 1e-3), "x of the emulated indenter must be -10.8 to 10.8 mm; got 100 mm"),
+     ((0.0, 0.1, 1e-3), "y of the emulated indenter"), ((0.0, 0.0, 2e-3), "depth .* must be 0 to 1.7 mm; got 2 mm")],
+)  # fmt: skip
+def test_places_that_the_table_does_not_reach(make, place, said):
+    board = make()
+    with pytest.raises(HardwareError, match=said):
+        board.indenter.press(*place)
+    board.indenter.press(place[0], place[1], 0.0)  # above, it may go anywhere
+    assert board.place().depth == 0
+
+
+# -------------------------------------------------------------------------- time and temperature
+
+
+def test_a_scan_takes_as_long_as_the_paper_s(make):
+    # waking, converting and two reads of six coils: 293.6 ms; the paper says 0.2935 s
+    board = make()
+    driver = Scanner(board)
+    driver.configure()
+    total = 0.0
+    for coil in WIRING.coils:
+        driver.sleep()
+        driver.switch(coil)
+        driver.write(0x10, 0)
+        driver.write(0x1E, 8 << 11)
+        board.misuse.strict = False  # no time is left here for settling
+        driver.wake()
+        woken = board.clock.now()
+        board.clock.sleep(48.5e-3)
+        while not board.chip.interrupt:
+            board.clock.sleep(1e-6)
+        driver.data()
+        total += board.clock.now() - woken
+    assert total == pytest.approx(0.2936, abs=0.5e-4)
+    assert total == pytest.approx(0.2935, rel=5e-4)
+
+
+def apparent(frequency):
+    return 1 / frequency**2
+
+
+def test_the_clock_s_temperature_appears_in_the_inductance(make):
+    cold, warm = (frequencies(make(drift=Drift(start=T), copper=0.0)) for T in (25.0, 45.0))
+    slope = (apparent(warm) / apparent(cold) - 1) / 20
+    assert slope == pytest.approx(-26e-6, rel=2e-3)  # two codes of 4e-8 in 20 K are 1e-8, less than a thousandth
+
+
+def test_warm_copper_lowers_the_frequency():
+    # one coil without strays: ω² = 1/LC − (R/L)², R_p = L/RC
+    L, C, R, warmer = np.array([[50e-6]]), np.zeros((1, 1)), 20.0, 12.0
+    alone = Network(("coil1",), L, lambda frequency: np.array([[R]]), C[0], C, Switches(tank_capacitance=120e-12))
+    world = SensorWorld(alone, lambda: None)
+    for temperature, r in ((25.0, R), (25.0 + warmer, R * (1 + 3.93e-3 * warmer))):
+        tank = world.resonator(FIRST, LIFTED, temperature)
+        omega = math.sqrt(1 / (50e-6 * 120e-12) - (r / 50e-6) ** 2)
+        assert tank.frequency == pytest.approx(omega / (2 * math.pi), rel=1e-11)
+        assert tank.parallel_resistance == pytest.approx(50e-6 / (r * 120e-12), rel=1e-6)
+
+
+def test_a_capacitor_that_drifts_looks_like_inductance(make, network):
+    still = Oscillator(temperature_coefficient=0.0)
+    options = {"oscillator": still, "copper": 0.0, "capacitor": 30e-6}
+    cold, warm = (frequencies(make(drift=Drift(start=T), **options)) for T in (25.0, 45.0))
+    share = 120e-12 / (120e-12 + network.winding_capacitance)
+    # without what the coils have between them: some pF of 140
+    assert (apparent(warm) / apparent(cold) - 1) / 20 == pytest.approx(30e-6 * share, rel=0.04)
+
+
+def test_temperature_over_time():
+    drift = Drift(rate=0.01, sway=2.0, period=100.0, start=20.0)
+    assert drift.at(0.0) == 20.0
+    assert drift.at(25.0) == pytest.approx(20 + 0.25 + 2.0)
+    assert Drift().at(1e6) == 25.0
+
+
+def test_a_stray_capacitance_of_one_coil_lowers_its_frequency(make):
+    plain, more = frequencies(make()), frequencies(make(strays={"coil3": 3e-12}))
+    change = apparent(more) / apparent(plain) - 1
+    # 3 pF beside the tank's 120 pF, the winding's 17 and some more; through a grounded coil the others hardly see it
+    assert change[2] == pytest.approx(3 / 137, rel=0.04)
+    assert np.abs(np.delete(change, 2)).max() < 1e-4
+    with pytest.raises(HardwareError, match="strays names the coil 'coil9'"):
+        make(strays={"coil9": 1e-12})
+
+
+# ----------------------------------------------------------------------------- other circuits
+
+
+def test_two_coils_in_series_and_in_parallel_store_what_their_matrix_says(network, table):
+    bare = replace(network, winding_capacitance=np.zeros(6), mutual_capacitance=np.zeros((6, 6)))
+    world = SensorWorld(bare, lambda: table)
+    L = bare.inductance
+    pair = (("coil1", 1), ("coil4", 1))
+    parallel = 1 / np.linalg.inv(L[np.ix_([0, 3], [0, 3])]).sum()
+    for connection, expected in (("series", L[0, 0] + L[3, 3] + 2 * L[0, 3]), ("parallel", parallel)):
+        tank = world.resonator(ScanState("pair", pair, connection, "open"), LIFTED, 25.0)
+        quality = tank.quality_factor
+        found = (1 - 1 / quality**2) / ((2 * math.pi * tank.frequency) ** 2 * 120e-12)
+        assert found == pytest.approx(expected, rel=1e-3)  # of two coils with different losses
+
+
+def test_what_cannot_oscillate_is_nothing():
+    L, C = np.array([[50e-6]]), np.zeros((1, 1))
+    damped = Network(("coil1",), L, lambda frequency: np.array([[1e5]]), C[0], C, Switches())
+    world = SensorWorld(damped, lambda: None)
+    assert world.resonator(FIRST, LIFTED, 25.0) is None
+
+
+def test_an_open_short_or_grounded_converter_has_no_tank(make):
+    board = make()
+    assert board.true_tank() is None
+    for words in (b"\x11\x11\x11\x11\x11\x66", b"\x11\x11\x11\x11\x11\x23"):
+        board.switches.shift(words)
+        assert board.true_tank() is None
+
+
+def test_only_the_first_channel_is_wired(make):
+    board = make()
+    board.switches.shift(WIRING.words(FIRST))
+    assert board.sensor(0, 0.0).frequency == pytest.approx(1.7747e6, rel=1e-3)
+    assert board.sensor(1, 0.0) is None
+
+
+# ---------------------------------------------------------------------------- made once and kept
+
+
+def test_circuit_and_table_are_computed_once(folder, table, network, monkeypatch):
+    def never(*arguments, **options):
+        raise AssertionError
+
+    monkeypatch.setattr("coilarray.hardware.scan.board_network._circuit", never)
+    monkeypatch.setattr("coilarray.hardware.emulator.response_table._computed", never)
+    again = board_network(PAPER, folder)
+    assert np.array_equal(again.inductance, network.inductance)
+    assert np.array_equal(again.resistance(1.77e6), network.resistance(1.77e6))
+    assert np.array_equal(response_table(PAPER, folder, (DEPTH, Y, X)).change, table.change)
+    for other, axes in ((replace(PAPER, digest="other"), (DEPTH, Y, X)), (PAPER, (DEPTH, Y, X + 1e-4))):
+        with pytest.raises(AssertionError):
+            response_table(other, folder, axes)
+
+
+def test_a_damaged_or_outdated_part_is_computed_again(tmp_path, monkeypatch):
+    made = []
+
+    def compute():
+        made.append(xr.Dataset({"a": ("n", [1.0, 2.0])}))
+        return made[-1]
+
+    kept(tmp_path, "thing", PAPER, "", compute)
+    (path,) = tmp_path.iterdir()
+    for damage in (b"", path.read_bytes()[:200], b"not netCDF"):
+        path.write_bytes(damage)
+        assert kept(tmp_path, "thing", PAPER, "", compute).a.values.tolist() == [1.0, 2.0]
+    assert len(made) == 4
+    kept(tmp_path, "thing", PAPER, "", compute)
+    assert len(made) == 4
+    monkeypatch.setattr("coilarray.hardware.scan.kept_parts.code_version", lambda: "0.2")
+    kept(tmp_path, "thing", PAPER, "", compute)
+    assert len(made) == 5
+    assert list(tmp_path.iterdir()) == [path]  # nothing old is left behind
+
+
+def test_where_it_is_kept(tmp_path, monkeypatch):
+    monkeypatch.setenv("COILARRAY_CACHE", str(tmp_path / "there"))
+    assert keep_folder() == tmp_path / "there" / "emulator"
+    assert keep_folder(tmp_path / "here") == tmp_path / "here"
+    assert (tmp_path / "here").is_dir()
+
+
+def test_a_board_needs_the_coils_of_its_wiring_and_something_to_press_with(folder):
+    with pytest.raises(HardwareError, match="the wiring has the coil 'coil4', the design starter only coil1"):
+        emulated_board(load_design("starter"), WIRING, folder=folder)
+    untouchable = replace(PAPER, indentation=None)
+    with pytest.raises(HardwareError, match=r"has no \[indenter\] and \[indentation\]"):
+        table_axes(untouchable)
+    with pytest.raises(HardwareError, match="4 positions along x and y"):
+        response_table(PAPER, folder, (DEPTH, Y[:3], X))
+
+
+def test_a_whole_board_from_a_design(folder, monkeypatch):
+    made = []
+
+    def small(design, where, progress):
+        made.append(design)
+        return response_table(design, where, (DEPTH, Y, X))
+
+    monkeypatch.setattr("coilarray.hardware.emulator.make.response_table", small)
+    board = emulated_board(PAPER, WIRING, folder=folder, strict=True, noise=0.0)
+    board.switches.shift(WIRING.words(paper_plan(WIRING.coils)[1]))
+    untouched = board.true_tank().frequency
+    assert made == []  # only when something is pressed
+    board = emulated_board(PAPER, WIRING, folder=folder, path=[(0.0, 0.0, 0.0, 1e-3)], noise=0.0)
+    board.switches.shift(WIRING.words(paper_plan(WIRING.coils)[1]))
+    assert (untouched / board.true_tank().frequency) ** 2 - 1 > 5e-4
+    assert made == [PAPER]
+
+
+def test_a_plain_board_has_the_inductances_it_is_given():
+    board = plain_board(WIRING, {**dict.fromkeys(WIRING.coils, 50e-6), "coil2": 60e-6}, resistance=0.0)
+    for state, L in zip(paper_plan(WIRING.coils)[:2], (50e-6, 60e-6), strict=True):
+        board.switches.shift(WIRING.words(state))
+        assert board.true_tank().frequency == pytest.approx(1 / (2 * math.pi * math.sqrt(L * 120e-12)))
+    with pytest.raises(HardwareError, match="inductances"):
+        plain_board(WIRING, {"coil1": 50e-6})

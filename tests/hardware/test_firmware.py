@@ -1,0 +1,957 @@
+"""The firmware's logic, compiled here, on small stand-ins for its chips: every command, error, fault and rule.
+
+Who checks whom: its hash against `ScanSettings.canonical`, its rules of switching against `legal_switching` (Python, by
+another hand), its checksum against `binascii`, its memory against the sanitizers of the compiler.
+"""
+
+import binascii
+import itertools
+import random
+import re
+import shutil
+import subprocess
+from dataclasses import replace
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.firmware_chips import StubChain, StubConverter
+from support.firmware_host import SKETCH, SUPPORT, Firmware, compiled, logic_sources, needs_compiler
+from support.firmware_lines import draft, intact, seal
+
+from coilarray.errors import HardwareError
+from coilarray.hardware.emulator.virtual_clock import VirtualClock
+from coilarray.hardware.scan.legal_switching import check_switching
+from coilarray.hardware.scan.settings import StateSettings, scan_settings
+from coilarray.hardware.scan.wiring import load_wiring
+from coilarray.hardware.wire.faults import BusFault, BusTimeout
+
+pytestmark = needs_compiler
+
+CODE = 0x17982F3
+WORDS = f"{CODE:08X}"
+SETTINGS = scan_settings(load_wiring(), rcount=900, drives={f"coil{number}": 4 + number for number in range(1, 7)})
+SAFE = SETTINGS.safe_words
+LEASE = 10.0  # s
+
+
+class Board:
+    """Firmware, its stand-ins, and a computer that counts its commands."""
+
+    def __init__(self, *, wired_back=False, devices=6, start=0.0, **options):
+        self.clock = VirtualClock(start)
+        self.converter = StubConverter(self.clock, lambda: CODE, conversion=SETTINGS.wait_us * 1e-6)
+        self.chain = StubChain(self.clock, self.converter, devices, wired_back=wired_back)
+        self.firmware = Firmware(self.converter, self.chain, self.clock, **options)
+        self.number, self.begun = -1, b""
+        self.before = self.lines(0.1)
+
+    def lines(self, seconds):
+        """Run and return the texts of the whole lines that came; every one of them must be intact."""
+        *lines, self.begun = (self.begun + self.firmware.run(seconds)).split(b"\n")
+        return [intact(line) for line in lines if line]
+
+    def send(self, command):
+        self.number = (self.number + 1) % 256
+        self.firmware.feed(seal(f">{self.number:02X},{command}"))
+
+    def reply(self, number, within=1.0):
+        """The reply to a command, without its number; other lines are passed over."""
+        end = self.clock.now() + within
+        while self.clock.now() < end:
+            for line in self.lines(1e-3):
+                if line.startswith(f"<{number:02X},"):
+                    return line[4:]
+        raise AssertionError("no reply")
+
+    def ask(self, command, within=1.0):
+        self.send(command)
+        return self.reply(self.number, within)
+
+    def configure(self, plan=SETTINGS):
+        return [self.ask(command) for command in draft(plan)]
+
+    @property
+    def mode(self):
+        return self.ask("PING").split(",")[3]
+
+    @property
+    def resting(self):
+        return self.converter.asleep and self.chain.words == SAFE
+
+
+def configured(**options):
+    board = Board(**options)
+    assert board.configure()[-1] == f"OK,{SETTINGS.hash:04X}"
+    return board
+
+
+def scan_words(reply):
+    """Words of a scan reply or line, after its sequence, time, hash and boot number."""
+    return reply.split(",")[-6:]
+
+
+# ------------------------------------------------------------------------------------------------------------- start-up
+
+
+def test_chips_are_made_safe_before_anything_else():
+    board = Board()
+    assert board.chain.history[0] == (b"\x11" * 6, True)
+    assert board.converter.log[0] == ("write", 0x1A, 0x2801)
+    assert board.converter.cleared == 1  # a transfer that the reset cut off
+
+
+def test_first_line_ends_what_the_port_sent_before_and_is_a_heartbeat():
+    clock = VirtualClock()
+    converter = StubConverter(clock)
+    firmware = Firmware(converter, StubChain(clock, converter), clock)
+    sent = firmware.run(0.01)
+    assert sent.startswith(b"\nH")
+    text = intact(sent[1:-1])
+    assert re.fullmatch(rf"H{firmware.boot:08X},[0-9A-F]{{8}},0000,u", text)
+
+
+def test_heartbeat_every_second_without_another_line():
+    board = Board()
+    board.lines(0.5)
+    board.ask("PING")  # puts it off by half a second
+    times = [int(line.split(",")[1], 16) for line in board.lines(3.5) if line.startswith("H")]
+    assert len(times) == 3
+    assert times[0] > 1.5e6  # µs: 0.1 s of the start, 0.5 s, and a whole second after the reply
+    # 1 s from line to line, and what one poll takes
+    assert [later - earlier for earlier, later in itertools.pairwise(times)] == pytest.approx([1e6, 1e6], abs=200)
+
+
+def test_another_boot_number_and_no_configuration_after_every_start():
+    board = configured()
+    boot = board.firmware.boot
+    board.firmware.reset()
+    assert board.firmware.boot != boot
+    assert board.mode == "u"
+    assert board.ask("SCAN").startswith("ERR,3")
+    assert board.resting
+
+
+# ------------------------------------------------------------------------------------------------------------- commands
+
+
+def test_hello():
+    board = Board()
+    assert board.ask("HELLO") == f"OK,1.0,coilarray-reader-1.0,{board.firmware.boot:08X},5449,3055,32,16,-"
+
+
+def test_hello_tells_a_chain_that_is_wired_back():
+    assert Board(wired_back=True).ask("HELLO").endswith(",readback")
+
+
+def test_hello_says_zeros_of_a_converter_that_does_not_answer():
+    board = Board()
+    board.converter.fault = raising(BusFault("absent"))
+    assert ",0000,0000," in board.ask("HELLO")
+
+
+def test_hello_ends_a_stream():
+    board = configured()
+    board.ask("START,00000000")
+    assert board.ask("HELLO").startswith("OK,1.0")
+    assert board.resting
+    assert board.mode == "i"
+
+
+@pytest.mark.parametrize("name", ["six_coils", "six_coils_4"])
+def test_configuration_reaches_the_chip(name):
+    wiring = load_wiring(name)
+    plan = scan_settings(wiring)
+    board = Board(devices=len(plan.safe_words), safe_words=plan.safe_words)
+    assert board.configure(plan)[-1] == f"OK,{plan.hash:04X}"
+    for address, value in plan.registers:
+        assert board.converter.registers[address] == (value | 0x2000 if address == 0x1A else value)
+    assert board.chain.words == plan.safe_words
+    assert board.mode == "i"
+
+
+@settings(max_examples=60)
+@given(
+    rcount=st.integers(5, 0xFFFF), settle=st.integers(0x40, 0xFFFF), drive=st.integers(0, 31),
+    order=st.permutations(range(6)), count=st.integers(1, 6), external=st.booleans(), offset=st.integers(0, 0x800),
+)  # fmt: skip
+def test_hash_is_that_of_the_canonical_bytes(rcount, settle, drive, order, count, external, offset):
+    plan = replace(
+        SETTINGS, rcount=rcount, settle_count=settle, external_clock=external, offset=offset,
+        states=tuple(replace(SETTINGS.states[index], drive=drive) for index in order[:count]),
+    )  # fmt: skip
+    board = Board()
+    *commands, commit = draft(plan)
+    assert {board.ask(command) for command in commands} == {"OK"}
+    assert board.ask(commit) == f"OK,{plan.hash:04X}"
+
+
+def test_scan():
+    board = configured()
+    sequence, time, plan, boot, *words = board.ask("SCAN").removeprefix("OK,").split(",")
+    assert (sequence, plan, boot) == ("00000000", f"{SETTINGS.hash:04X}", f"{board.firmware.boot:08X}")
+    assert words == [WORDS] * 6
+    assert int(time, 16) / 1e6 < board.clock.now()
+    assert board.resting
+
+
+def test_a_scan_takes_the_steps_of_the_rules():
+    board = configured()
+    board.chain.history.clear()
+    board.converter.log.clear()
+    board.ask("SCAN")
+    words = [words for words, _ in board.chain.history]
+    assert words == [sent for state in SETTINGS.states for sent in (bytes(6), state.words, SAFE)]
+    assert all(slept for _, slept in board.chain.history)
+    config = dict(SETTINGS.registers)[0x1A]
+    steps = []
+    for state in SETTINGS.states:
+        steps += [("write", 0x1E, SETTINGS.drive_register(state)), ("write", 0x1A, config), ("read", 0x18, 0x48)]
+        steps += [("read", 0x00, CODE >> 16), ("read", 0x01, CODE & 0xFFFF), ("write", 0x1A, config | 0x2000)]
+    steps.append(("read", 0x14, dict(SETTINGS.registers)[0x14]))
+    assert board.converter.log == steps
+
+
+def test_stream_as_fast_as_it_goes():
+    board = configured()
+    board.ask("START,00000000")
+    scans = [line for line in board.lines(1.0) if line.startswith("S")]
+    numbers = [int(line[1:9], 16) for line in scans]
+    times = [int(line.split(",")[1], 16) for line in scans]
+    assert numbers == list(range(len(scans)))
+    gaps = [later - earlier for earlier, later in itertools.pairwise(times)]
+    # six states of the wait and, in the stand-ins, 6 transfers of 120 µs and 3 shifts of 50 µs; one more transfer
+    assert gaps == pytest.approx([6 * (SETTINGS.wait_us + 870) + 120] * len(gaps), abs=30)
+    assert {tuple(scan_words(line)) for line in scans} == {(WORDS,) * 6}
+    assert board.mode == "s"
+
+
+def test_every_stream_counts_from_nought():
+    board = configured()
+    for _ in range(2):
+        board.ask("START,00000000")
+        scans = [line for line in board.lines(0.2) if line.startswith("S")]
+        assert int(scans[0][1:9], 16) == 0
+        board.ask("STOP")
+
+
+def test_stream_keeps_its_interval():
+    board = configured()
+    board.ask(f"START,{50_000:08X}")
+    times = [int(line.split(",")[1], 16) for line in board.lines(2.0) if line.startswith("S")]
+    assert len(times) == pytest.approx(40, abs=1)
+    gaps = [later - earlier for earlier, later in itertools.pairwise(times)]
+    assert gaps == pytest.approx([50_000] * len(gaps), abs=200)  # µs; a poll with one transfer
+
+
+def test_a_missed_interval_is_not_made_up():
+    board = configured()
+    board.ask(f"START,{50_000:08X}")
+    board.lines(0.5)
+    board.clock.sleep(1.0)  # the board was held up
+    lines = [line for line in board.lines(0.5) if line.startswith("S")]
+    numbers = [int(line[1:9], 16) for line in lines]
+    assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
+    assert len(numbers) <= 12  # 10 of half a second, the one under way, and the late one; not the 20 that were missed
+
+
+def test_stop_rests_the_board_and_is_always_allowed():
+    board = Board()
+    assert board.ask("STOP") == "OK"
+    board.configure()
+    board.ask("START,00000000")
+    assert board.ask("STOP") == "OK"
+    assert board.resting
+    assert not [line for line in board.lines(2.0) if line.startswith("S")]
+
+
+@pytest.mark.parametrize("command", ["STOP", "HELLO", "BEGIN,06,06"])
+def test_a_scan_that_is_ended_gets_no_reply(command):
+    board = configured()
+    board.send("SCAN")
+    board.lines(0.004)
+    board.send(command)
+    replies = [line for line in board.lines(0.5) if line.startswith("<")]
+    assert [reply[:3] for reply in replies] == [f"<{board.number:02X}"]
+    assert board.resting
+
+
+def test_ping_within_a_scan_and_the_scan_after_it():
+    board = configured()
+    board.send("SCAN")
+    board.lines(0.004)
+    board.send("PING")
+    ping, scan = (line for line in board.lines(0.5) if line.startswith("<"))
+    assert ping.startswith(f"<{board.number:02X},OK,{board.firmware.boot:08X}")
+    assert scan.startswith(f"<{board.number - 1:02X},OK,00000000,")
+    board.firmware.feed(seal(f">{board.number:02X},PING"))
+    assert board.lines(0.1) == [ping]  # the repeat of the ping, not of the scan
+
+
+def test_ping_tells_time_mode_and_dropped_lines():
+    board = Board()
+    board.firmware.feed(b"noise\n")
+    _, boot, time, mode, dropped = board.ask("PING").split(",")
+    assert (int(boot, 16), mode, dropped) == (board.firmware.boot, "u", "1")
+    assert int(time, 16) == pytest.approx(board.clock.now() * 1e6, abs=5e3)  # µs; the reply takes 3 ms
+
+
+def test_peek():
+    assert Board().ask("PEEK,7F") == "OK,3055"
+
+
+@pytest.mark.parametrize(("wired_back", "answer"), [(False, "none"), (True, "same")])
+def test_chain(wired_back, answer):
+    board = configured(wired_back=wired_back)
+    assert board.ask("CHAIN") == f"OK,{answer}"
+    assert board.resting
+
+
+def test_chain_that_differs():
+    board = configured(wired_back=True)
+    board.chain.corrupt = lambda words: bytes([words[0] ^ 0x80]) + words[1:]
+    assert board.ask("CHAIN") == "OK,differ"
+
+
+# ------------------------------------------------------------------------------------------------------- repeats, lease
+
+
+def test_a_repeat_gets_the_last_reply_and_does_nothing():
+    board = configured()
+    board.send("SCAN")
+    reply = board.lines(0.2)
+    log = list(board.converter.log)
+    board.firmware.feed(seal(f">{board.number:02X},SCAN"))
+    assert board.lines(0.2) == reply
+    assert board.converter.log == log
+
+
+def test_the_same_id_with_another_command_is_no_repeat():
+    board = configured()
+    board.ask("PING")
+    board.firmware.feed(seal(f">{board.number:02X},STOP"))
+    assert board.lines(0.1) == [f"<{board.number:02X},OK"]
+
+
+def test_a_repeat_of_a_scan_under_way_is_answered_once():
+    board = configured()
+    board.send("SCAN")
+    board.lines(0.004)
+    board.firmware.feed(seal(f">{board.number:02X},SCAN"))
+    assert len(board.lines(0.5)) == 1
+
+
+def test_errors_are_repeated_too():
+    board = Board()
+    board.send("NONSENSE")
+    first = board.lines(0.1)
+    board.firmware.feed(seal(f">{board.number:02X},NONSENSE"))
+    assert board.lines(0.1) == first == [f"<{board.number:02X},ERR,1,unknown verb"]
+
+
+def test_stream_ends_with_its_lease():
+    board = configured()
+    board.ask("START,000F4240")
+    started = board.clock.now()
+    lines = board.lines(LEASE + 2)
+    (end,) = [line for line in lines if line.startswith("E")]
+    assert end == f"E1,{SETTINGS.hash:04X},{board.firmware.boot:08X},lease ended"
+    after = lines[lines.index(end) + 1 :]
+    assert after
+    assert all(line.startswith("H") and line.endswith(",i") for line in after)
+    assert len([line for line in lines if line.startswith("S")]) == 10
+    assert board.clock.now() - started == pytest.approx(LEASE + 2)
+    assert board.resting
+    assert board.mode == "i"
+
+
+@pytest.mark.parametrize("command", ["PING", "NONSENSE", "repeat"])
+def test_every_command_renews_the_lease(command):
+    board = configured()
+    board.ask("START,000F4240")
+    for _ in range(4):
+        if command == "repeat":
+            board.firmware.feed(seal(f">{board.number:02X},START,000F4240"))
+        else:
+            board.send(command)
+        lines = board.lines(0.8 * LEASE)
+        assert not [line for line in lines if line.startswith("E")]
+    assert [line for line in board.lines(LEASE) if line.startswith("E1")]
+
+
+def test_noise_does_not_renew_the_lease():
+    board = configured()
+    board.ask("START,000F4240")
+    for _ in range(12):
+        board.firmware.feed(b">00,PING*0000\n")
+        board.lines(1.0)
+    assert board.mode == "i"
+
+
+# --------------------------------------------------------------------------------------------------------------- errors
+
+
+def raising(error, verb=None, register=None):
+    """A fault of every transfer, or of those of one kind or register."""
+
+    def fault(this_verb, this_register):
+        if verb in (None, this_verb) and register in (None, this_register):
+            raise error
+
+    return fault
+
+
+@pytest.mark.parametrize(
+    ("command", "error"),
+    [
+        ("", "1"), ("hello", "1"), ("HELLOO", "1"), ("HELL", "1"), ("HELLO,1", "2"), ("PING,", "2"), ("START", "2"),
+        ("START,1", "2"), ("START,0000000G", "2"), ("START,000000000", "2"), ("START,80000000", "2"),
+        ("BEGIN,00,01", "2"), ("BEGIN,01,00", "2"), ("BEGIN,11,01", "2"), ("BEGIN,01,21", "2"),
+        ("BEGIN,1,1", "2"), ("BEGIN,0a,01", "2"), ("PEEK,8", "2"), ("PEEK,800", "2"),
+        ("WIRE,00,0000000000000000", "3"), ("SAFE,00", "3"), ("REG,08,FFFF", "3"), ("WAIT,00000000,00000001", "3"),
+        ("STATE,00,00,0000", "3"), ("COMMIT,0000", "3"), ("SCAN", "3"), ("START,00000000", "3"),
+    ],
+)  # fmt: skip
+def test_errors_without_a_draft(command, error):
+    board = Board()
+    assert re.fullmatch(rf"ERR,{error},[^,*]{{1,80}}", board.ask(command))
+    assert board.mode == "u"
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "WIRE,06,0000000000000000", "WIRE,00,00000000000000", "WIRE,00,000000000000000000", "WIRE,00,000000000000000x",
+        "SAFE,1111111111", "SAFE,11111111111111", "SAFE,", "REG,09,0001", "REG,1A,3401", "REG,1A,5401", "REG,1A,1400",
+        "REG,1A,1501", "REG,1B,820C", "REG,1B,0000", "REG,14,0002", "REG,14,1000", "REG,14,1402", "REG,08,0004",
+        "REG,19,0100", "WAIT,00000002,00000001", "WAIT,00000001,03938701", "STATE,06,111111111111,3000",
+        "STATE,00,1111111111,3000", "STATE,00,111111111111,3001", "STATE,00,111111111111", "COMMIT,12", "COMMIT,1234G",
+    ],
+)  # fmt: skip
+def test_bad_arguments_of_a_draft(command):
+    board = Board()
+    board.ask("BEGIN,06,06")
+    assert re.fullmatch(r"ERR,2,[^,*]{1,80}", board.ask(command))
+
+
+@pytest.mark.parametrize(
+    "command",
+    ["SCAN", "START,00000000", "PEEK,7F", "CHAIN", "WIRE,00,0000000000000000", "SAFE,00", "REG,08,FFFF",
+     "WAIT,00000000,00000001", "STATE,00,00,0000", "COMMIT,0000"],
+)  # fmt: skip
+@pytest.mark.parametrize("running", ["SCAN", "START,00000000"])
+def test_busy(command, running):
+    board = configured()
+    board.send(running)
+    board.lines(0.004)
+    assert board.ask(command) == "ERR,9,a scan or a stream is under way"
+    assert board.mode == ("s" if "START" in running else "i")
+
+
+@pytest.mark.parametrize("left_out", range(1, 22))
+def test_incomplete_draft(left_out):
+    board = configured()
+    *commands, commit = draft(SETTINGS)
+    for index, command in enumerate(commands):
+        if index != left_out:
+            board.ask(command)
+    assert board.ask(commit) == "ERR,5,draft incomplete"
+    assert board.mode == "u"  # and the old configuration is gone
+    assert board.resting
+
+
+def test_another_hash():
+    board = configured()
+    for command in draft(SETTINGS)[:-1]:
+        board.ask(command)
+    assert board.ask("COMMIT,0000") == f"ERR,5,hash of the draft is {SETTINGS.hash:04X}"
+    assert board.mode == "u"
+
+
+def test_commit_without_a_draft_changes_nothing():
+    board = configured()
+    assert board.ask("COMMIT,0000") == "ERR,3,no draft"
+    assert board.mode == "i"
+
+
+def test_another_chip():
+    board = Board()
+    board.converter.registers[0x7F] = 0x3054
+    assert board.configure()[-1] == "ERR,8,5449 3054"
+    assert board.mode == "u"
+
+
+@pytest.mark.parametrize("address", [0x08, 0x0C, 0x10, 0x14, 0x19, 0x1A, 0x1B])
+def test_register_that_reads_back_otherwise(address):
+    board = Board()
+    read = board.converter.read
+    board.converter.read = lambda register: read(register) ^ (register == address)
+    reply = board.configure()[-1]
+    assert reply.startswith(f"ERR,7,register {address:02X} is ")
+    assert board.mode == "u"
+
+
+def test_chain_that_reads_back_otherwise():
+    board = Board(wired_back=True)
+    board.chain.corrupt = lambda words: words[:-1] + bytes([words[-1] ^ 1])
+    assert board.configure()[-1] == "ERR,7,switches"
+
+
+@pytest.mark.parametrize("error", [BusFault("absent"), BusTimeout("stuck")])
+@pytest.mark.parametrize("register", [0x7E, 0x7F, 0x1A, 0x08, 0x1B])
+def test_bus_fault_in_commit(error, register):
+    board = Board()
+    *commands, commit = draft(SETTINGS)
+    for command in commands:
+        board.ask(command)
+    board.converter.fault = raising(error, register=register)
+    cleared = board.converter.cleared
+    assert board.ask(commit).startswith("ERR,6,")
+    assert board.converter.cleared > cleared
+    assert board.mode == "u"
+
+
+@pytest.mark.parametrize("command", ["STOP", "BEGIN,06,06", "PEEK,00"])
+def test_commands_that_meet_a_dead_bus(command):
+    board = configured()
+    board.ask("START,00000000")
+    if command.startswith("PEEK"):
+        board.ask("STOP")
+    board.converter.fault = raising(BusFault("absent"))
+    assert board.ask(command).startswith("ERR,6,")
+    assert board.chain.words == SAFE  # grounded all the same
+    board.converter.fault = lambda verb, register: None
+    assert board.ask("STOP") == "OK"
+    assert board.resting
+
+
+# ----------------------------------------------------------------------------------------- switching that is illegal
+
+
+def with_words(words, *, safe=SAFE, wiring=SETTINGS.wiring):
+    return replace(SETTINGS, safe_words=safe, wiring=wiring, states=(StateSettings("state", words, 6),))
+
+
+@pytest.mark.parametrize(
+    ("words", "safe", "reason"),
+    [
+        ("331111111111", "111111111111", "state 0: on two nets is terminal 10"),
+        ("221111111122", "111111111111", "state 0: several terminals on INA"),
+        ("241111111111", "111111111111", "state 0: several terminals on INB"),
+        ("021111111111", "111111111111", "state 0: one of INA and INB has no terminal"),
+        ("201111111111", "111111111111", "state 0: one of INA and INB has no terminal"),
+        ("021111111120", "111111111111", "state 0: INA and INB have two coils"),
+        ("811111111111", "111111111111", "state 0: unused switch closed"),
+        ("221111111111", "111111111110", "safe words: not just grounded is terminal 0"),
+        ("221111111111", "111111111151", "safe words: not just grounded is terminal 1"),
+        ("221111111111", "111111111191", "safe words: unused switch closed"),
+    ],
+)
+def test_the_firmware_itself_refuses_illegal_switching(words, safe, reason):
+    plan = with_words(bytes.fromhex(words), safe=bytes.fromhex(safe))
+    with pytest.raises(HardwareError):
+        check_switching(plan)
+    board = configured()
+    board.chain.history.clear()
+    assert board.configure(plan)[-1] == f"ERR,4,{reason}"
+    assert board.mode == "u"
+    assert {words for words, _ in board.chain.history} == {SAFE}  # none of it was ever sent
+
+
+@pytest.mark.parametrize("words", ["221111111111", "441111111111", "000000000000", "111111111111", "220000000000"])
+def test_legal_switching(words):
+    board = Board()
+    assert board.configure(with_words(bytes.fromhex(words)))[-1].startswith("OK,")
+
+
+codes = st.sampled_from([*range(16), 0xFF])
+
+
+@settings(max_examples=300)
+@given(st.data())
+def test_rules_of_switching_agree_with_pythons(data):
+    """Small wirings with few terminals, so that chance finds the legal cases too."""
+    board = Board(devices=2, safe_words=b"\0\0")
+    wiring = bytes(data.draw(st.lists(codes, min_size=16, max_size=16)))
+    grounded = [sum((code & 3 == 0) << bit for bit, code in enumerate(wiring[half : half + 8])) for half in (0, 8)]
+    safe = data.draw(st.sampled_from([bytes(grounded), bytes(2), b"\x11\x11"]))
+    words = bytes(data.draw(st.lists(st.integers(0, 255).map(lambda a: a & 0x55), min_size=2, max_size=2)))
+    plan = with_words(words, safe=safe, wiring=wiring)
+    try:
+        check_switching(plan)
+        legal = True
+    except HardwareError:
+        legal = False
+    assert board.configure(plan)[-1].startswith("OK," if legal else "ERR,4,")
+
+
+# --------------------------------------------------------------------------------------------------- faults of chips
+
+
+def state_of(board):
+    """Index of the state that is measured, or None."""
+    return next((index for index, state in enumerate(SETTINGS.states) if board.chain.words == state.words), None)
+
+
+def in_state(board, wanted, error):
+    def fault(verb, register):
+        if state_of(board) == wanted:
+            raise error
+
+    return fault
+
+
+@pytest.mark.parametrize(("error", "mark"), [(BusFault("absent"), "!1"), (BusTimeout("stuck"), "!2")])
+def test_bus_fault_in_one_state(error, mark):
+    board = configured()
+    board.converter.fault = in_state(board, 2, error)
+    assert scan_words(board.ask("SCAN")) == [WORDS] * 2 + [mark] + [WORDS] * 3
+    assert board.chain.words == SAFE
+    assert board.mode == "i"
+
+
+@pytest.mark.parametrize("register", [0x1E, 0x1A, 0x18, 0x00, 0x01])
+def test_any_transfer_of_a_state_may_fail(register):
+    board = configured()
+    absent = raising(BusFault("absent"), register=register)
+    board.converter.fault = lambda verb, at: absent(verb, at) if state_of(board) == 4 else None
+    assert scan_words(board.ask("SCAN")) == [WORDS] * 4 + ["!1"] + [WORDS]
+    assert board.resting or register == 0x1A
+    board.converter.fault = lambda verb, at: None
+    assert scan_words(board.ask("SCAN")) == [WORDS] * 6
+
+
+def test_switches_wait_for_a_converter_that_did_not_go_to_sleep():
+    board = configured()
+
+    def fault(verb, register):
+        if state_of(board) == 1 and (verb, register) == ("write", 0x1A) and not board.converter.asleep:
+            raise BusFault("absent")
+
+    board.converter.fault = fault
+    board.chain.history.clear()
+    assert scan_words(board.ask("SCAN")) == [WORDS, "!1", *[WORDS] * 4]
+    awake = [index for index, (_, slept) in enumerate(board.chain.history) if not slept]
+    assert awake == [5]  # only the words that ground the coils after it
+
+
+def test_a_scan_that_cannot_be_verified_is_no_measurement():
+    board = configured()
+    board.converter.fault = raising(BusTimeout("stuck"), "read", 0x14)
+    assert scan_words(board.ask("SCAN")) == ["!2"] * 6
+
+
+@pytest.mark.parametrize("error", [BusFault("absent"), BusTimeout("stuck")])
+def test_three_bus_faults_running_end_the_stream(error):
+    board = configured()
+    board.ask("START,00000000")
+    board.lines(0.1)
+    cleared = board.converter.cleared
+    board.converter.fault = in_state(board, 3, error)
+    lines = board.lines(1.0)
+    marked = [line for line in lines if line.startswith("S") and scan_words(line)[3] != WORDS]
+    assert len(marked) == 3
+    assert f"E3,{SETTINGS.hash:04X},{board.firmware.boot:08X},bus fault" in lines
+    assert board.converter.cleared > cleared
+    assert ("write", 0x1C, 0x8000) in board.converter.log
+    assert board.mode == "u"
+    assert board.resting
+
+
+def test_two_bus_faults_running_do_not():
+    board = configured()
+    board.ask("START,00000000")
+    for _ in range(5):
+        board.converter.fault = in_state(board, 3, BusFault("absent"))
+        while not [line for line in board.lines(0.005) if "!1" in line]:
+            pass
+        board.converter.fault = lambda verb, register: None
+        lines = board.lines(0.3)
+        assert not [line for line in lines if line.startswith("E")]
+    assert board.mode == "s"
+
+
+def test_no_result_in_time():
+    board = configured()
+    board.converter.converts = False
+    looks, woken = [], []
+
+    def watch(verb, register):  # called at the end of a transfer
+        if (verb, register) == ("read", 0x18):
+            looks.append(board.clock.now() - woken[-1])
+        if (verb, register) == ("write", 0x1A) and board.converter.asleep:
+            woken.append(board.clock.now())
+
+    board.converter.fault = watch
+    assert scan_words(board.ask("SCAN")) == ["!3"] * 6
+    each = len(looks) // 6
+    assert looks == pytest.approx(looks[:each] * 6, abs=50e-6)
+    # once after the wait, then every millisecond and at the time-out; a transfer takes 120 µs
+    assert looks[0] == pytest.approx(SETTINGS.wait_us * 1e-6 + 120e-6, abs=50e-6)
+    steps = [later - earlier for earlier, later in itertools.pairwise(looks[: each - 1])]
+    assert steps == pytest.approx([1e-3] * len(steps), abs=50e-6)
+    assert looks[each - 1] == pytest.approx(SETTINGS.timeout_us * 1e-6 + 120e-6, abs=50e-6)
+
+
+def test_a_late_result_is_taken():
+    board = configured()
+    board.converter.conversion += 3e-3
+    assert scan_words(board.ask("SCAN")) == [WORDS] * 6
+
+
+def test_status_goes_with_the_words():
+    board = configured()
+    board.converter.extra_status = 0x0200
+    assert scan_words(board.ask("SCAN")) == [f"{WORDS}.0248"] * 6
+
+
+def test_an_error_that_an_early_look_cleared_is_not_lost():
+    board = configured()
+    board.converter.conversion += 3e-3
+    read, told = board.converter.read, []
+
+    def reading(register):
+        value = read(register)
+        if register == 0x18 and not told:
+            told.append(value)
+            return value | 0x0800  # watchdog, and no result yet
+        return value
+
+    board.converter.read = reading
+    assert scan_words(board.ask("SCAN")) == [f"{WORDS}.0848", *[WORDS] * 5]
+
+
+@pytest.mark.parametrize("streaming", [True, False])
+def test_converter_that_was_reset(streaming):
+    board = configured()
+    if streaming:
+        board.ask("START,00000000")
+        board.lines(0.105)
+        board.converter.reset()
+        lines = board.lines(1.0)
+        (bad,) = [line for line in lines if "!" in line]
+        assert scan_words(bad) == ["!4"] * 6
+        assert lines[lines.index(bad) + 1] == f"E2,{SETTINGS.hash:04X},{board.firmware.boot:08X},converter was reset"
+    else:
+        board.converter.reset()
+        assert scan_words(board.ask("SCAN")) == ["!4"] * 6
+    assert board.mode == "u"
+    assert board.resting
+    assert board.configure()[-1].startswith("OK")
+    assert scan_words(board.ask("SCAN")) == [WORDS] * 6
+
+
+def test_switches_that_differ_end_the_stream():
+    board = configured(wired_back=True)
+    board.ask("START,00000000")
+    board.lines(0.1)
+    wrong = SETTINGS.states[1].words
+    board.chain.corrupt = lambda words: bytes([words[0] ^ 2]) + words[1:] if words == wrong else words
+    lines = board.lines(1.0)
+    marked = [line for line in lines if "!" in line]
+    assert [scan_words(line) for line in marked] == [[WORDS, "!5", *[WORDS] * 4]] * 3
+    assert f"E4,{SETTINGS.hash:04X},{board.firmware.boot:08X},switches differ" in lines
+    assert board.mode == "u"
+
+
+def test_switches_that_differ_before_a_state_are_not_joined_to_it():
+    board = configured(wired_back=True)
+    board.chain.history.clear()
+    board.chain.corrupt = lambda words: b"\xff" * 6
+    assert scan_words(board.ask("SCAN")) == ["!5"] * 6
+    assert not {state.words for state in SETTINGS.states} & {words for words, _ in board.chain.history}
+
+
+# -------------------------------------------------------------------------------------------------- bytes and bounds
+
+
+@pytest.mark.parametrize("end", [b"\n", b"\r\n"])
+def test_both_line_ends(end):
+    board = Board()
+    board.firmware.feed(seal(">00,STOP").rstrip(b"\n") + end)
+    assert board.lines(0.1) == ["<00,OK"]
+
+
+@pytest.mark.parametrize(
+    ("data", "dropped"),
+    [
+        (b"\n\r\n\n", 0), (b"x\n", 1), (b">00,PING*0000\n", 1), (seal(">00,PING").lower(), 1), (b"\x00\xff\n\x80\n", 2),
+        (b"a" * 513 + b"\n", 1), (b"a" * 100_000 + b"\n", 1), (seal("S00,PING"), 1), (seal(">00PING"), 1),
+        (seal(">0,PING"), 1), (seal(">G0,PING"), 1), (seal(">00"), 1), (b"*FFFF\n", 1),
+        (seal(">00,PING").replace(b"P", b"\t"), 1), (seal(">00,STOP")[:-1] + b"\r\r\n", 1),
+        (seal(">00,STOP").replace(b"*", b"-"), 1),
+    ],
+)  # fmt: skip
+def test_lines_that_are_dropped(data, dropped):
+    board = Board()
+    board.firmware.feed(data)
+    assert board.lines(0.1) == []
+    assert board.ask("PING").split(",")[-1] == str(dropped)
+
+
+def test_longest_line():
+    """512 characters are read, 513 are not."""
+    board = Board()
+    longest = ">00," + "X" * (512 - 5 - 4)
+    board.firmware.feed(seal(longest))
+    assert board.lines(0.1) == ["<00,ERR,1,unknown verb"]
+    text = longest + "X"
+    board.firmware.feed(b"%b*%04X\n" % (text.encode(), binascii.crc_hqx(text.encode(), 0xFFFF)))
+    assert board.lines(0.1) == []
+
+
+def test_the_largest_scan_still_fits():
+    """16 devices, 32 states, every one with a status."""
+    wiring = b"".join(bytes([8 * index, 8 * index + 1, *[0xFF] * 2, 8 * index + 4, 8 * index + 6, 0xFF, 0xFF])
+                      for index in range(7)) + b"\xff" * 72  # fmt: skip
+    safe = b"\x11" * 7 + bytes(9)
+    states = tuple(StateSettings(str(number), safe, 6) for number in range(32))
+    plan = replace(SETTINGS, wiring=wiring, safe_words=safe, states=states)
+    board = Board(devices=16, safe_words=safe)
+    assert board.configure(plan)[-1].startswith("OK")
+    board.converter.extra_status = 0x3F00
+    words = board.ask("SCAN").split(",")[5:]
+    assert words == [f"{WORDS}.3F48"] * 32
+    board.ask("START,00000000")
+    assert len(board.lines(1.0)) > 5
+
+
+def test_a_slow_port_slows_the_stream_and_loses_nothing():
+    board = configured(byte_time=10 / 9600)
+    board.ask("START,00000000")
+    board.lines(1.0)
+    scans = [line for line in board.lines(8.0) if line.startswith("S")]
+    numbers = [int(line[1:9], 16) for line in scans]
+    assert numbers == list(range(numbers[0], numbers[0] + len(scans)))
+    assert len(scans) == pytest.approx(8 * 960 / 92, rel=0.05)  # a line of six words has 92 characters
+    assert board.ask("STOP", 5.0) == "OK"
+
+
+def test_the_boards_time_wraps():
+    board = configured(start=2**32 * 1e-6 - 1.0)
+    board.ask(f"START,{100_000:08X}")
+    times = [int(line.split(",")[1], 16) for line in board.lines(3.0) if line.startswith("S")]
+    gaps = [(later - earlier) % 2**32 for earlier, later in itertools.pairwise(times)]
+    assert min(times) < 3e6 < max(times)
+    assert gaps == pytest.approx([1e5] * len(gaps), abs=200)
+    assert not [line for line in board.lines(4.0) if line.startswith("E")]
+    assert [line for line in board.lines(LEASE) if line.startswith("E1")]
+
+
+def test_random_bytes_change_nothing():
+    chance = random.Random(8)
+    board = configured()
+    before = dict(board.converter.registers)
+    for _ in range(300):
+        board.firmware.feed(chance.randbytes(chance.randrange(1, 700)))
+        board.firmware.feed(bytes(chance.choice(b"0123456789ABCDEF>,*SCAN\n") for _ in range(chance.randrange(100))))
+        board.firmware.take()
+    board.firmware.feed(b"\n")
+    board.lines(0.1)
+    assert board.mode == "i"
+    assert board.converter.registers == before
+    assert board.resting
+    assert scan_words(board.ask("SCAN")) == [WORDS] * 6
+
+
+def damaged(chance, line):
+    """A line with one fault of the kinds that a serial port makes."""
+    where = chance.randrange(len(line))
+    return chance.choice([
+        line[:where] + line[where + 1 :],
+        line[:where] + bytes([line[where] ^ 1 << chance.randrange(8)]) + line[where + 1 :],
+        line[:where] + line[where : where + 1] + line[where:],
+        line[:where],
+        line[:where] + chance.randbytes(3) + line[where:],
+    ])  # fmt: skip
+
+
+def session_bytes(chance, count):
+    """Commands of a session in random order, some damaged, some with random arguments."""
+    commands = [*draft(SETTINGS), "HELLO", "SCAN", "START,00000000", "START,00010000", "STOP",
+                "PING", "PEEK,18", "CHAIN"]  # fmt: skip
+    number = 0
+    for _ in range(count):
+        number += chance.random() < 0.9
+        if chance.random() < 0.3:
+            for command in commands[:23]:
+                number += 1
+                yield seal(f">{number & 255:02X},{command}")
+        command = chance.choice(commands)
+        if chance.random() < 0.3:
+            verb, *arguments = command.split(",")
+            arguments = ["".join(chance.choice("0123456789ABCDEFx,") for _ in argument) for argument in arguments]
+            command = ",".join([verb, *arguments])
+        line = seal(f">{number & 255:02X},{command}")
+        yield damaged(chance, line) if chance.random() < 0.3 else line
+
+
+def test_words_that_are_not_legal_never_reach_the_switches():
+    """Whatever the computer says: random commands with right checksums, half of them after a good configuration."""
+    chance = random.Random(80)
+    board = Board()
+    for line in session_bytes(chance, 1000):
+        board.firmware.feed(line)
+        board.firmware.step(chance.choice([0.0, 0.001, 0.02]))
+        board.firmware.take()
+    legal = {SAFE, bytes(6), *(state.words for state in SETTINGS.states)}
+    sent = {words for words, _ in board.chain.history}
+    assert len(sent) > 3
+    for words in sent - legal:  # of a state that chance made
+        check_switching(with_words(words))
+    assert all(slept for _, slept in board.chain.history)
+    assert len(board.chain.history) > 1000
+
+
+@pytest.mark.parametrize("one_fault_in", [0, 5, 100])
+def test_no_access_outside_its_memory(tmp_path_factory, one_fault_in):
+    """The logic under the address and undefined-behaviour sanitizers, on chips that fail at random."""
+    folder = tmp_path_factory.getbasetemp()
+    program = folder / "fuzz"
+    if not program.exists():
+        sources = [str(path) for path in (*logic_sources(), SUPPORT / "fuzz.cpp")]
+        try:
+            compiled(folder, "fuzz", "-fsanitize=address", "-no-pie", *sources)
+        except subprocess.CalledProcessError:
+            pytest.skip("the compiler has no address sanitizer")
+    chance = random.Random(one_fault_in)
+    data = b"".join(session_bytes(chance, 3000)) + chance.randbytes(20_000)
+    command = [str(program), str(one_fault_in)]
+    done = subprocess.run(command, check=False, input=data, capture_output=True, timeout=600)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert int(done.stdout) > 1000
+
+
+# ------------------------------------------------------------------------------------------------- size of the thing
+
+
+def test_memory_is_bounded_and_static():
+    board = Board()
+    assert board.firmware.size < 6 * 1024  # of 16 KB; the core's own buffers and 1 KB of stack need the rest
+    text = "".join(path.read_text() for path in SKETCH.iterdir())
+    assert not re.search(r"\b(malloc|calloc|realloc|free|new|String|std::|printf)\b\s*[(<]?", re.sub(r"//.*", "", text))
+
+
+def test_fits_the_microcontroller(tmp_path):
+    """Compiled for its core as the Arduino core's own flags do, without the core: code and constants, and memory."""
+    compiler, size = shutil.which("arm-none-eabi-g++"), shutil.which("arm-none-eabi-size")
+    if not (compiler and size):
+        pytest.skip("arm-none-eabi-g++ is not installed")
+    library = subprocess.run(
+        [compiler, "-x", "c++", "-E", "-"], check=False, input=b"#include <string.h>", capture_output=True
+    )
+    if library.returncode:
+        pytest.skip("arm-none-eabi-g++ has no C library")
+    sketch = tmp_path / "sketch.cpp"
+    sketch.write_text('#include "coilarray_reader.ino"\n')
+    flags = ["-mcpu=cortex-m0", "-mthumb", "-Os", "-std=gnu++11", "-ffunction-sections", "-fdata-sections",
+             "-fno-threadsafe-statics", "-fno-rtti", "-fno-exceptions", "-Wall", "-Wextra", "-Werror"]  # fmt: skip
+    objects = []
+    for source in (*sorted(SKETCH.glob("*.cpp")), sketch):
+        objects.append(str(tmp_path / f"{source.stem}.o"))
+        command = [compiler, *flags, f"-I{SKETCH}", f"-I{SUPPORT}", "-c", str(source), "-o", objects[-1]]
+        subprocess.run(command, check=True)
+    lines = subprocess.run([size, "-t", *objects], check=True, capture_output=True, text=True).stdout.splitlines()
+    text, data, bss = map(int, lines[-1].split()[:3])
+    assert text + data < 24 * 1024  # of 64 KB; the Arduino core takes some 10 KB
+    assert data + bss < 8 * 1024  # of 16 KB

@@ -1,0 +1,246 @@
+"""The firmware behind a pseudo-terminal, on the emulated board; the hooks by which a campaign of faults reaches it.
+
+The firmware and `DirectReader` are two drivers of the same chips by the same rules: they must read the same words.
+"""
+
+import contextlib
+import itertools
+import os
+import time
+
+import pytest
+import serial
+from support.emulated_reader import WIRING, at_rest, plain, quick_settings, reader_of
+from support.firmware_chips import StubChain, StubConverter
+from support.firmware_host import Firmware, FirmwareHost, needs_compiler
+from support.firmware_lines import draft, intact, seal
+from support.patience import PATIENCE, until
+
+from coilarray.hardware.emulator.virtual_clock import VirtualClock
+from coilarray.hardware.wire.buses import ComputerClock
+
+pytestmark = [needs_compiler, pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")]
+
+SETTINGS = quick_settings()
+INDUCTANCES = {name: (40 + 3 * index) * 1e-6 for index, name in enumerate(WIRING.coils)}
+
+
+class Computer:
+    """The least of a driver: one port, commands one after the other."""
+
+    def __init__(self, port, number=0):
+        self.port = serial.Serial(port, 115200, timeout=0.05, exclusive=True)
+        self.number, self.begun, self.lines = number, b"", []
+        self.strict = True  # every line must be intact
+
+    def next_line(self):
+        end = time.monotonic() + PATIENCE
+        while not self.lines:
+            assert time.monotonic() < end, "no line"
+            *lines, self.begun = (self.begun + self.port.read(max(1, self.port.in_waiting))).split(b"\n")
+            self.lines += [intact(line) if self.strict else line.decode() for line in lines if line]
+        return self.lines.pop(0)
+
+    def ask(self, command):
+        self.number = (self.number + 1) % 256
+        self.port.write(seal(f">{self.number:02X},{command}"))
+        while True:
+            line = self.next_line()
+            if line.startswith(f"<{self.number:02X},"):
+                return line[4:]
+
+    def configure(self, settings=SETTINGS):
+        return [self.ask(command) for command in draft(settings)][-1]
+
+
+@contextlib.contextmanager
+def hosted(board=None, **options):
+    board = board or plain(inductances=INDUCTANCES)
+    with FirmwareHost(board.bus, board.switches, board.clock, **options) as host:
+        computer = Computer(host.port)
+        try:
+            yield board, host, computer
+        finally:
+            computer.port.close()
+
+
+def test_firmware_and_direct_driver_read_the_same_words():
+    one, other = plain(inductances=INDUCTANCES), plain(inductances=INDUCTANCES)
+    direct = reader_of(other)
+    direct.configure(SETTINGS)
+    with hosted(one) as (board, _, computer):
+        assert computer.configure() == f"OK,{SETTINGS.hash:04X}"
+        words = computer.ask("SCAN").split(",")[-6:]
+        assert computer.ask("STOP") == "OK"
+        assert at_rest(board)
+    # no noise; the state of the clock's temperature is the same at any time without drift
+    read = [(f"{sample.msb:04X}{sample.lsb:04X}", sample.status) for sample in direct.scan().samples]
+    assert words == [word if status == 0x48 else f"{word}.{status:04X}" for word, status in read]
+    assert len(set(words)) == 6
+    assert not one.chip.misuse.notes
+
+
+def test_stream_through_the_port():
+    with hosted() as (board, host, computer):
+        computer.configure()
+        computer.ask("START,00000000")
+        numbers = []
+        while len(numbers) < 300:
+            number, _, plan, boot, *words = computer.next_line().split(",")
+            assert (plan, boot, len(words)) == (f"{SETTINGS.hash:04X}", f"{host.boot:08X}", 6)
+            numbers.append(int(number.removeprefix("S"), 16))
+        assert numbers == list(range(300))
+        # time waits for the computer: never further ahead than the bytes that are not read
+        assert board.clock.now() < 20.0
+        assert computer.ask("STOP") == "OK"
+        assert at_rest(board)
+
+
+def test_reset_within_a_stream():
+    with hosted() as (board, host, computer):
+        computer.configure()
+        computer.ask("START,00000000")
+        computer.next_line()
+        computer.strict, boot = False, host.boot
+        host.reset()
+        assert host.boot != boot
+        lines = [computer.next_line()]
+        while not lines[-1].startswith("H"):
+            lines.append(computer.next_line())
+        assert all(line.startswith("S") for line in lines[:-1])
+        assert intact(lines[-1].encode()) == f"H{host.boot:08X},{lines[-1][10:18]},0000,u"
+        with host.paused():
+            assert board.chain.words == WIRING.safe_words
+            assert board.chip.asleep
+
+
+def read_on(port):
+    for _ in range(100):
+        port.write(b"\n")
+        port.read(100)
+
+
+def test_unplug_and_replug():
+    with hosted() as (board, host, computer):
+        computer.configure()
+        computer.ask("START,00000000")
+        host.unplug()
+        with pytest.raises((serial.SerialException, OSError)):
+            read_on(computer.port)
+        port = host.replug()
+        again = Computer(port)
+        assert again.ask("HELLO").startswith("OK,1.0,")
+        assert ",u," in again.ask("PING")
+        again.port.close()
+        with host.paused():
+            assert at_rest(board)
+
+
+def test_stall():
+    with hosted() as (_, host, computer):
+        computer.ask("HELLO")
+        host.stall()
+        sent_before = computer.port.in_waiting  # a heartbeat, where a second has gone by
+        computer.port.write(seal(">77,PING"))
+        time.sleep(0.05)
+        assert computer.port.in_waiting == sent_before
+        host.stall(False)
+        while not computer.next_line().startswith("<77,OK"):
+            pass
+
+
+def test_hooks_get_whole_lines_out_and_all_bytes_in():
+    out, into = [], []
+    with hosted() as (_, host, computer):
+        with host.paused():
+            host.to_computer = lambda line: out.append(line) or line
+            host.to_board = lambda data: into.append(data) or data
+        computer.configure()
+        computer.ask("SCAN")
+    assert all(line.endswith(b"\n") and line.count(b"\n") == 1 for line in out)
+    assert b"".join(into).count(b"\n") == len(draft(SETTINGS)) + 1
+
+
+def test_dropped_lines_do_not_hold_time():
+    """A computer that is gone: the stream ends with its lease although nobody reads."""
+    dropped = []
+    with hosted() as (board, host, computer):
+
+        def drop(line):
+            dropped.append((line[:2], board.clock.now()))
+            return b""
+
+        computer.configure()
+        computer.ask("START,00080000")
+        with host.paused():
+            host.to_computer = drop
+            started = board.clock.now()
+        until(lambda: [kind[:1] for kind, _ in dropped[-2:]] == [b"H", b"H"])
+        with host.paused():
+            assert at_rest(board)
+    (end,) = [index for index, (kind, _) in enumerate(dropped) if kind == b"E1"]
+    assert dropped[end][1] < started + 10.1  # the lease, and the scan that was under way
+    assert {kind[:1] for kind, _ in dropped[:end]} == {b"S"}
+    assert {kind[:1] for kind, _ in dropped[end + 1 :]} == {b"H"}
+
+
+def test_pace():
+    with hosted(pace=20.0) as (board, host, computer):
+        computer.configure()
+        computer.ask("START,00000000")
+        real = time.monotonic()  # before the pause: what passes within it is made up for
+        with host.paused():
+            virtual = board.clock.now()
+        for _ in range(100):
+            computer.next_line()
+        assert board.clock.now() - virtual < 20.0 * (time.monotonic() - real) + 0.2  # a step and the unread bytes
+
+
+def test_real_time():
+    """Heartbeats come after every second of the computer's own clock."""
+    clock = ComputerClock()
+    before = time.monotonic()
+    converter = StubConverter(VirtualClock())
+    with FirmwareHost(converter, StubChain(VirtualClock(), converter), clock) as host:
+        computer = Computer(host.port)
+        asked = int(computer.ask("PING").split(",")[2], 16)
+        beats = [computer.next_line() for _ in range(2)]
+        took = time.monotonic() - before
+        computer.port.close()
+    assert all(beat.startswith("H") for beat in beats)
+    times = [asked, *(int(beat.split(",")[1], 16) for beat in beats)]
+    between = [(later - earlier) % 2**32 for earlier, later in itertools.pairwise(times)]  # µs, which wrap
+    assert all(1e6 <= one <= 1e6 * took for one in between)
+
+
+def test_an_error_of_a_chip_that_no_board_could_have_is_raised():
+    clock = VirtualClock()
+    converter = StubConverter(clock)
+    host = FirmwareHost(converter, StubChain(clock, converter), clock)
+    computer = Computer(host.port)
+    computer.ask("PING")
+
+    def fault(verb, register):
+        raise ZeroDivisionError
+
+    converter.fault = fault
+    computer.port.write(seal(">55,HELLO"))
+    until(lambda: not host.alive)
+    with pytest.raises(ZeroDivisionError):
+        host.close()
+    computer.port.close()
+
+
+def test_ten_minutes_lose_no_scan():
+    board = plain(inductances=INDUCTANCES)
+    firmware = Firmware(board.bus, board.switches, board.clock)
+    for number, command in enumerate(draft(SETTINGS)):
+        firmware.feed(seal(f">{number:02X},{command}"))
+        firmware.run(0.1)
+    firmware.feed(seal(f">80,START,{1_000_000:08X}"))
+    scans = 0
+    for number in range(120):
+        firmware.feed(seal(f">{number:02X},PING"))
+        scans += firmware.run(5.0).count(b"\nS")
+    assert scans == pytest.approx(600, abs=3)
+    assert not board.chip.misuse.notes

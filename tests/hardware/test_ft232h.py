@@ -1,0 +1,357 @@
+"""FT232H: what the commands to its engine do at the pins, with pyftdi's own code between, down to the edges.
+
+The engine below executes the commands of the chip's application note AN_108; on its pins hang chips that know edges.
+"""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+from support.emulated_reader import WIRING
+from support.pin_level import Registers, SwitchRegister
+
+from coilarray.errors import HardwareError, MissingDependencyError
+from coilarray.hardware.board.connect import open_board
+from coilarray.hardware.wire.faults import BusFault, BusTimeout, DeviceLost, SwitchFault
+from coilarray.hardware.wire.ft232h import SwitchPins, ft232h_adapters, open_ft232h
+from coilarray.hardware.wire.shift_settings import ShiftSettings
+
+pyftdi_i2c = pytest.importorskip("pyftdi.i2c", reason="pyftdi is not installed")
+from pyftdi.ftdi import Ftdi, FtdiError  # noqa: E402
+from pyftdi.usbtools import UsbToolsError  # noqa: E402
+
+URL = "ftdi://ftdi:232h/1"
+PINS = SwitchPins(clock=4, data=6, sync=1, back=7)
+
+
+class Engine(Ftdi):
+    """The serial engine of an FT232H with chips on its pins; pyftdi talks to it instead of to USB."""
+
+    bench = None  # what is on the pins: set by the tests
+
+    def open_mpsse_from_url(self, url, **options):
+        bench = self.bench
+        if bench.refuses is not None:
+            raise bench.refuses
+        bench.url, bench.options = url, options
+        self._connected, self._answers = True, bytearray()
+        self._low = [options["initial"] & 0xFF, options["direction"] & 0xFF]
+        self._high = [options["initial"] >> 8, options["direction"] >> 8]
+        self._levels()
+        return options["frequency"]
+
+    is_connected = property(lambda self: getattr(self, "_connected", False))
+    fifo_sizes = property(lambda self: (1024, 1024))
+    has_wide_port = property(lambda self: self.bench.wide)
+    mpsse_bit_delay = property(lambda self: 0.5e-6)
+
+    def enable_3phase_clock(self, enable=True):
+        assert enable
+
+    def enable_drivezero_mode(self, lines):
+        assert lines == 0b111
+
+    def close(self, freeze=False):
+        self.bench.closed.append(freeze)
+        self._connected = False
+
+    def read_data_bytes(self, size, attempt=1, request_gen=None):
+        taken, self._answers = self._answers[:size], self._answers[size:]
+        return bytearray() if self.bench.dumb else taken
+
+    def write_data(self, data):
+        if self.bench.unplugged:
+            raise FtdiError("UsbError: [Errno 19] No such device (it may have been disconnected)")
+        self.bench.writes += 1
+        rest = list(data)
+        while rest:
+            self._execute(rest.pop(0), rest)
+        return len(data)
+
+    def _execute(self, command, rest):
+        if command == 0x80:
+            self._low = [rest.pop(0), rest.pop(0)]
+            self._levels()
+        elif command == 0x82:
+            self._high = [rest.pop(0), rest.pop(0)]
+            self._levels()
+        elif command == 0x81:
+            self._answers.append(self._low[0] & ~4 | self._levels() << 2)
+        elif command == 0x83:
+            back = self.bench.chain.dout << self.bench.pins.back
+            self._answers.append(self._high[0] & self._high[1] & ~(1 << self.bench.pins.back) | back)
+        elif command == 0x11:  # bytes out, at falling edges, highest bit first
+            length = rest.pop(0) + (rest.pop(0) << 8) + 1
+            for _ in range(length):
+                byte = rest.pop(0)
+                for bit in reversed(range(8)):
+                    self._pulse(byte >> bit & 1)
+        elif command == 0x13:  # bits out
+            count, byte = rest.pop(0) + 1, rest.pop(0)
+            for k in range(count):
+                self._pulse(byte >> (7 - k) & 1)
+        elif command == 0x20:  # bytes in, at rising edges
+            length = rest.pop(0) + (rest.pop(0) << 8) + 1
+            for _ in range(length):
+                self._answers.append(int("".join(str(self._pulse()) for _ in range(8)), 2))
+        elif command == 0x22:  # bits in
+            self._answers.append(int("".join(str(self._pulse()) for _ in range(rest.pop(0) + 1)), 2))
+        else:
+            assert command == 0x87, f"command {command:#04x} is not for the engine"
+
+    def _pulse(self, bit=None):
+        """One clock; a bit out, or, released, the level in."""
+        if bit is not None:
+            self._low[0] = self._low[0] & ~2 | bit << 1
+        self._low[0] &= ~1
+        self._levels()
+        self._low[0] |= 1
+        level = self._levels()
+        self._low[0] &= ~1
+        self._levels()
+        return level
+
+    def _levels(self):
+        """Drive the pins; return the level of SDA on the wire."""
+        value, out = self._low
+        scl, sda = (value & 1 if out & 1 else 1), (value >> 1 & 1 if out & 2 else 1)
+        pins = self.bench.pins
+        level, driven = self._high
+        assert not driven & ~pins.driven
+        level |= ~driven  # pulled up
+        self.bench.chain.line(level >> pins.clock & 1, level >> pins.data & 1, level >> pins.sync & 1)
+        return self.bench.chip.line(scl, sda)
+
+
+class Bench:
+    def __init__(self, devices=6):
+        self.chip = Registers(0x2A, {0x7E: 0x5449, 0x7F: 0x3055})
+        self.chain = SwitchRegister(devices)
+        self.pins = PINS
+        self.wide, self.unplugged, self.dumb, self.refuses = True, False, False, None
+        self.writes, self.closed = 0, []
+
+
+@pytest.fixture
+def bench(monkeypatch):
+    made = Bench()
+    monkeypatch.setattr(Engine, "bench", made)
+    monkeypatch.setattr(pyftdi_i2c, "Ftdi", Engine)
+    return made
+
+
+def opened(bench, **options):
+    return open_ft232h(URL, 0x2A, **{"pins": bench.pins, **options})
+
+
+# ------------------------------------------------------------------------------------ registers
+
+
+def test_a_register_is_read_with_a_repeated_start_highest_byte_first(bench):
+    bus, _ = opened(bench)
+    assert bus.read(0x7E) == 0x5449
+    assert bench.chip.transfers == [[0x54, 0x7E], [0x55]]
+    assert bench.chip.stops == 1
+
+
+def test_a_register_is_written_in_one_transfer_highest_byte_first(bench):
+    bus, _ = opened(bench)
+    bus.write(0x14, 0x1002)
+    assert bench.chip.transfers == [[0x54, 0x14, 0x10, 0x02]]
+    assert bench.chip.stops == 1
+    assert bus.read(0x14) == 0x1002
+
+
+def test_a_chip_that_does_not_acknowledge_is_asked_once(bench):
+    bench.chip.address = 0x2B
+    bus, _ = opened(bench)
+    with pytest.raises(BusFault, match=r"the converter at 0x2a on ftdi://ftdi:232h/1 does not answer\."):
+        bus.read(0x7E)
+    assert bench.chip.transfers == [[0x54]]
+    with pytest.raises(BusFault):
+        bus.write(0x08, 1)
+
+
+def test_usb_is_waited_for_half_a_second_at_most(bench):
+    bus, _ = opened(bench)
+    assert bus._controller.ftdi.timeouts == (500, 500)
+
+
+def test_the_other_address(bench):
+    bench.chip.address = 0x2B
+    bus, _ = open_ft232h(URL, 0x2B, pins=PINS)
+    assert bus.read(0x7F) == 0x3055
+
+
+def test_the_switches_do_not_move_while_the_bus_works(bench):
+    bus, switches = opened(bench)
+    switches.shift(bytes(range(6)))
+    for register in range(5):
+        bus.write(register, 0xA55A)
+        bus.read(register)
+    assert bench.chain.latched == [bytes(range(6))]
+    assert bench.chain.clocks == 48
+
+
+def test_clearing_the_bus_is_nine_clocks_and_a_stop(bench):
+    bus, _ = opened(bench)
+    rises = []
+    line = bench.chip.line
+
+    def watch(scl, sda):
+        if scl and not bench.chip._scl:
+            rises.append(sda)
+        return line(scl, sda)
+
+    bench.chip.line = watch
+    bus.clear()
+    assert rises == [1] * 9 + [0]  # SDA falls while the clock is low and rises while it is high
+    assert bench.chip.stops == 1
+    assert bus.read(0x7E) == 0x5449
+
+
+def test_a_chip_that_was_cut_off_in_a_read_lets_go_after_the_clear(bench):
+    bus, _ = opened(bench)
+    bench.chip.registers[0x08] = 0x0000  # zeros: the chip holds the data line down
+    chip = bench.chip
+    for scl, sda in ((1, 1), (1, 0), (0, 0)):
+        chip.line(scl, sda)
+    for bit in [int(b) for b in f"{0x2A << 1 | 1:08b}"] + [1] + [1] * 3:
+        for scl in (0, 1, 0):
+            chip.line(scl, bit)
+    assert chip.line(0, 1) == 0
+    bus.clear()
+    assert chip.line(1, 1) == 1
+    assert bus.read(0x7F) == 0x3055
+
+
+# ------------------------------------------------------------------------------------ switches
+
+
+@pytest.mark.parametrize("mode", [1, 2])
+def test_words_arrive_bit_by_bit_and_are_latched_by_sync(bench, mode):
+    _, switches = opened(bench, settings=ShiftSettings(mode=mode))
+    assert switches.shift(b"\x01\x02\x04\x80\xa5\xff") is None
+    assert bench.chain.latched == [b"\x01\x02\x04\x80\xa5\xff"]
+    assert bench.chain.clocks == 48
+
+
+def test_a_transfer_is_one_message_to_the_adapter(bench):
+    _, switches = opened(bench, settings=ShiftSettings(readback=True))
+    before = bench.writes
+    switches.shift(bytes(6))
+    assert bench.writes - before == 1
+
+
+def test_a_mode_that_changes_data_after_the_edge_shifts_something_else(bench):
+    _, switches = opened(bench, settings=ShiftSettings(mode=0))
+    switches.shift(b"\x01\x02\x04\x80\xa5\xff")
+    assert len(bench.chain.latched) == 1
+    assert bench.chain.latched != [b"\x01\x02\x04\x80\xa5\xff"]
+
+
+def test_lowest_bit_first(bench):
+    _, switches = opened(bench, settings=ShiftSettings(least_significant_first=True))
+    switches.shift(b"\x01\x02\x04\x80\xa5\xff")
+    assert bench.chain.latched == [b"\x80\x40\x20\x01\xa5\xff"]
+
+
+@pytest.mark.parametrize("order", [False, True])
+@pytest.mark.parametrize("mode", [1, 2])
+def test_what_comes_back_is_what_was_sent_before(bench, mode, order):
+    _, switches = opened(bench, settings=ShiftSettings(mode=mode, readback=True, least_significant_first=order))
+    switches.shift(b"\x01\x02\x04\x80\xa5\xff")
+    assert switches.shift(bytes(6)) == b"\x01\x02\x04\x80\xa5\xff"
+    assert switches.shift(bytes(6)) == bytes(6)
+
+
+@pytest.mark.parametrize("mode", [1, 2])
+def test_the_clock_idles_where_its_mode_has_it_from_the_beginning(bench, mode):
+    opened(bench, settings=ShiftSettings(mode=mode))
+    assert (bench.chain.clock, bench.chain.sync) == (mode == 2, 1)
+    assert bench.chain.latched == []
+
+
+# ------------------------------------------------------------------------------------ what goes wrong
+
+
+def test_an_adapter_that_is_unplugged_is_lost(bench):
+    bus, switches = opened(bench)
+    bench.unplugged = True
+    for step in (lambda: bus.read(0), lambda: bus.write(0, 0), bus.clear, lambda: switches.shift(bytes(6))):
+        with pytest.raises(DeviceLost, match=r"the adapter ftdi://ftdi:232h/1 is gone: UsbError"):
+            step()
+    bus.close()
+    switches.close()
+
+
+def test_an_adapter_that_returns_nothing_is_told(bench):
+    bus, switches = opened(bench, settings=ShiftSettings(readback=True))
+    bench.dumb = True
+    with pytest.raises(BusTimeout, match="does not answer: No answer from FTDI"):
+        bus.read(0)
+    with pytest.raises(SwitchFault, match=r"returned 0 levels of the switches' 48\."):
+        switches.shift(bytes(6))
+
+
+def test_closing_leaves_the_pins_as_they_are_and_may_be_repeated(bench):
+    bus, switches = opened(bench)
+    for port in (bus, switches, bus):
+        port.close()
+    assert set(bench.closed) == {True}
+
+
+@pytest.mark.parametrize(
+    ("error", "message"),
+    [
+        (UsbToolsError("No USB device matches URL ftdi://ftdi:232h/1"), "No USB device matches URL"),
+        (ValueError("No backend available"), "No backend available"),
+        (OSError(13, "Access denied (insufficient permissions)"), "insufficient permissions"),
+    ],
+)
+def test_an_adapter_that_cannot_be_opened_is_one_line(bench, error, message):
+    bench.refuses = error
+    with pytest.raises(HardwareError, match=rf"ftdi://ftdi:232h/1 cannot be opened: .*{message}"):
+        opened(bench)
+
+
+def test_an_adapter_without_a_second_port_is_refused_and_closed(bench):
+    bench.wide = False
+    with pytest.raises(HardwareError, match="has no pins C0 to C7 for the switches"):
+        opened(bench)
+    assert bench.closed
+
+
+@pytest.mark.parametrize("pins", [{"clock": 8}, {"data": -1}, {"clock": 2}, {"back": 0}])
+def test_pins_that_cannot_be_are_refused(pins):
+    with pytest.raises(HardwareError, match="must be four different ones of C0 to C7"):
+        SwitchPins(**pins)
+
+
+def test_a_missing_library_names_its_extra(monkeypatch):
+    for name in ("pyftdi", "pyftdi.i2c", "pyftdi.usbtools", "pyftdi.ftdi"):
+        monkeypatch.setitem(sys.modules, name, None)
+    with pytest.raises(MissingDependencyError, match=r"boards on an FT232H need pyftdi"):
+        open_board("ftdi://ftdi:232h/1")
+    assert ft232h_adapters() == ()
+
+
+def test_adapters_are_listed_by_the_url_that_opens_them(monkeypatch):
+    from types import SimpleNamespace as Device
+
+    found = [(Device(pid=0x6014, sn="FT1"), 1), (Device(pid=0x6010, sn=None), 2), (Device(pid=0x6001, sn="A"), 1)]
+    monkeypatch.setattr(Ftdi, "list_devices", classmethod(lambda cls: found))
+    assert ft232h_adapters() == ("ftdi://ftdi:232h:FT1/1", "ftdi://ftdi:2232h/1")
+
+
+def test_a_board_at_the_adapter_is_opened_grounded_and_asleep(bench):
+    bench.pins = SwitchPins()
+    with open_board(f"{URL}?readback=yes") as board:
+        assert board.line.startswith("ftdi://ftdi:232h/1?readback=yes: FT232H; LDC1614 (5449/3055); wiring six_coils;")
+        assert bench.chain.latched == [WIRING.safe_words]
+        assert bench.chip.registers[0x1A] == 0x2801
+        bench.chip.registers[0x1A] = 0x1401
+    assert bench.chip.registers[0x1A] == 0x2801
+    assert bench.chain.latched[-1] == WIRING.safe_words
+    assert bench.closed == [True]

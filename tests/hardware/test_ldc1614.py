@@ -1,0 +1,244 @@
+"""LDC1614: codes, frequencies and limits against the data sheet's own examples."""
+
+from __future__ import annotations
+
+import math
+import re
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from coilarray.hardware import (
+    check_channel,
+    code_to_frequency,
+    drive_for,
+    frequency_to_code,
+    inductance_from_frequency,
+    settle_count,
+)
+from coilarray.hardware.chips.ldc1614 import frequency_from_inductance
+from coilarray.hardware.chips.ldc1614_limits import (
+    AMPLITUDE,
+    DRIVE_WINDOW,
+    check_clock,
+    deglitch_for,
+    drive_of,
+    input_divider,
+    reference_divider,
+)
+
+
+def test_code_of_two_megahertz():
+    # 2 MHz at f_ref 21.7 MHz: code 0x17982F3, one step 0.0808 Hz
+    assert frequency_to_code(2e6, 21.7e6) == 0x17982F3
+    assert code_to_frequency(2, 21.7e6) - code_to_frequency(1, 21.7e6) == pytest.approx(0.0808, rel=1e-3)
+
+
+@given(st.integers(1, (1 << 28) - 2), st.integers(1, 15), st.integers(0, 0xFFFF))
+def test_there_and_back(code, divider, offset):
+    # float64 holds 28 bits exactly
+    f = code_to_frequency(code, 21.7e6, divider=divider, offset=offset)
+    assert frequency_to_code(f, 21.7e6, divider=divider, offset=offset) == code
+
+
+def test_offset():
+    # one step of OFFSET is 4096 codes
+    assert code_to_frequency(5000, 20e6, offset=3) == pytest.approx(code_to_frequency(5000 + 3 * 4096, 20e6), rel=1e-15)
+
+
+def test_inductance():
+    # 120 pF and 2 MHz: 52.77 µH
+    assert inductance_from_frequency(2e6, 120e-12) == pytest.approx(52.77e-6, rel=1e-4)
+
+
+@pytest.mark.parametrize(("quality", "shift"), [(10, -0.81), (20, -0.28), (40, -0.11)])
+def test_losses_lower_the_frequency(quality, shift):
+    # facts: shift in percent for 52.8 µH and 120 pF, printed to a hundredth
+    lossless = frequency_from_inductance(52.8e-6, 120e-12)
+    lossy = frequency_from_inductance(52.8e-6, 120e-12, quality)
+    assert (lossy / lossless - 1) * 100 == pytest.approx(shift, abs=0.0101)
+
+
+@given(st.floats(1e3, 10e6), st.floats(1e-12, 1e-6), st.floats(2, 1e4) | st.just(math.inf))
+def test_lossy_inductance_there_and_back(frequency, capacitance, quality):
+    L = inductance_from_frequency(frequency, capacitance, quality)
+    # at Q = 2 and 10 MHz the cubic's two roots come near each other, which costs about ten roundings
+    assert frequency_from_inductance(L, capacitance, quality) == pytest.approx(frequency, rel=1e-13)
+    # equation 1 itself
+    period = math.sqrt(L * capacitance)
+    square = 1 - 1 / quality**2 - 5e-9 / (quality * period)
+    assert 2 * math.pi * frequency * period == pytest.approx(math.sqrt(square), rel=1e-12)
+    # losses lower the frequency, so a smaller inductance explains it
+    assert L <= inductance_from_frequency(frequency, capacitance) * (1 + 1e-15)
+
+
+def test_no_losses_is_the_limit_of_few():
+    assert inductance_from_frequency(2e6, 120e-12, 1e12) == pytest.approx(
+        inductance_from_frequency(2e6, 120e-12),
+        rel=1e-13,  # first order in 1/Q: 5 ns·ω/Q = 6e-14
+    )
+    assert frequency_from_inductance(inductance_from_frequency(2e6, 120e-12), 120e-12) == pytest.approx(2e6, rel=1e-14)
+
+
+@given(st.floats(600, 88e3))  # above, the smallest current passes 1.8 V
+def test_every_resistance_of_the_table_has_a_drive(R):
+    drive = drive_for(R)
+    if drive is None:  # the table's rows leave no gap
+        raise AssertionError(R)
+    assert drive.amplitude == pytest.approx(4 * R * drive.current / math.pi)
+    # rows of the table are rounded to three digits: the lower end may be missed by that
+    assert AMPLITUDE[0] * 0.99 <= drive.amplitude <= AMPLITUDE[1]
+
+
+def test_drive_prefers_the_larger_current():
+    # 33 kΩ fits the rows of 32 µA and 40 µA
+    drive = drive_for(33e3)
+    assert (drive.code, drive.current) == (6, pytest.approx(40e-6))
+    assert drive.amplitude == pytest.approx(4 * 33e3 * 40e-6 / math.pi)
+    assert drive_for(91e3) is None
+    assert drive_for(math.inf) is None
+
+
+# data sheet, table 42: IDRIVE, current in µA, smallest and largest R_p in kΩ
+TABLE_42 = """
+0:16/60.0/90.0 1:18/51.8/77.6 2:20/44.6/66.9 3:23/38.4/57.6 4:28/33.7/49.7 5:32/29.5/42.8 6:40/23.6/36.9
+7:46/20.5/31.8 8:52/18.1/27.4 9:59/16.1/23.6 10:72/13.1/20.4 11:82/11.5/17.6 12:95/9.92/15.1 13:110/8.57/13.0
+14:127/7.42/11.2 15:146/6.46/9.69 16:169/5.58/8.35 17:195/4.83/7.20 18:212/4.45/6.21 19:244/3.86/5.35
+20:297/3.17/4.61 21:342/2.76/3.97 22:424/2.22/3.42 23:489/1.93/2.95 24:551/1.71/2.54 25:635/1.48/2.19
+26:763/1.24/1.89 27:880/1.07/1.63 28:1017/0.93/1.40 29:1173/0.80/1.21 30:1355/0.70/1.05 31:1563/0.60/0.90
+"""
+ROWS = [tuple(float(word) for word in re.split("[:/]", entry)) for entry in TABLE_42.split()]
+
+
+def test_drive_table():
+    """Of the rows that hold R_p the one with the largest current is taken, unless its amplitude passes the clamps."""
+    assert [drive_of(int(code), 1e3).current for code, *_ in ROWS] == [pytest.approx(row[1] * 1e-6) for row in ROWS]
+    ends = sorted({end * 1e3 for row in ROWS for end in row[2:]})
+    for R in [end * factor for end in ends for factor in (1 - 1e-9, 1, 1 + 1e-9)]:
+        rows = [row for row in ROWS if row[2] * 1e3 <= R <= row[3] * 1e3]
+        unclamped = [row for row in rows if 4 * R * row[1] * 1e-6 / math.pi <= 1.8]
+        wanted = max((unclamped or rows), default=None)
+        drive = drive_for(R)
+        assert (None if drive is None else drive.code) == (None if wanted is None else wanted[0]), R
+
+
+def test_amplitude():
+    # equation 12: I = π V/(4 R_p)
+    drive = drive_of(18, 5.7e3)
+    assert math.pi * drive.amplitude / (4 * 5.7e3) == pytest.approx(212e-6, rel=1e-12)
+
+
+def test_drive_window_has_a_name():
+    (window,) = (limit for limit in check_channel(1.93e6, 33e3, 48) if limit.name == DRIVE_WINDOW)
+    assert (window.value, window.low, window.high) == (33e3, 600, 90e3)
+
+
+@pytest.mark.parametrize(
+    ("clock", "divider", "given", "broken"),
+    [
+        # at most 35 MHz of either clock, and the internal one divided
+        (43.4e6, 2, {}, []),
+        (43.4e6, 1, {}, ["FREF_DIVIDER", "reference frequency (Hz)"]),
+        (35e6, 1, {}, ["FREF_DIVIDER"]),
+        (35e6, 1, {"external": True}, []),
+        (36e6, 1, {"external": True}, ["reference frequency (Hz)"]),
+        (43.4e6, 2, {"rcount": 5, "settle_count": 0}, []),
+        (43.4e6, 2, {"rcount": 4}, ["RCOUNT"]),
+        (34e6, 2, {}, ["clock (Hz)"]),
+        (56e6, 2, {}, ["clock (Hz)"]),
+        (1.9e6, 1, {"external": True}, ["clock (Hz)"]),
+        (43.4e6, 0x400, {}, ["FREF_DIVIDER"]),
+    ],
+)
+def test_clocks(clock, divider, given, broken):
+    assert [limit.name for limit in check_clock(clock, divider, **given) if not limit.kept] == broken
+
+
+@given(st.floats(2e6, 55e6), st.booleans())
+def test_reference_divider_is_the_least(clock, external):
+    divider = reference_divider(clock, external=external)
+    assert clock / divider <= 35e6
+    if divider > (1 if external else 2):
+        assert clock / (divider - 1) > 35e6
+
+
+@given(st.floats(1e3, 10e6), st.floats(1e6, 35e6))
+def test_input_divider_is_the_least(frequency, reference):
+    if frequency >= 15 / 4 * reference:
+        with pytest.raises(ValueError, match="must be below 15/4 of"):
+            input_divider(frequency, reference)
+        return
+    divider = input_divider(frequency, reference)
+    assert frequency / divider < reference / 4
+    least = 2 if frequency >= 8.75e6 else 1
+    assert divider == least or frequency / (divider - 1) >= reference / 4
+
+
+def test_input_filter():
+    # the lowest above the sensor
+    assert [deglitch_for(f) for f in (1e3, 0.99e6, 1e6, 3.29e6, 3.3e6, 9.99e6, 10e6)] == [1, 1, 4, 4, 5, 5, 7]
+
+
+def test_limits():
+    kept = check_channel(1.93e6, 33e3, 48, 8e6)
+    assert all(limit.kept for limit in kept)
+    broken = {limit.name for limit in check_channel(6e6, 100.0, 0.5, 7e6) if not limit.kept}
+    assert broken == {
+        "sensor frequency by divider over reference", "frequency over self-resonance", "R_p (Ω)", "quality factor",
+    }  # fmt: skip
+    assert {limit.name for limit in check_channel(9e6, 5e3, 20, reference=40e6) if not limit.kept} == {
+        "reference frequency (Hz)", "FIN_DIVIDER",
+    }  # fmt: skip
+    assert [limit.name for limit in check_channel(500.0, 33e3, 48) if not limit.kept] == ["sensor frequency (Hz)"]
+    # both ends of the drive table
+    assert all(limit.kept for R in (600.0, 90e3) for limit in check_channel(1.9e6, R, 48))
+    # a divider of two lets 6 MHz pass
+    assert "sensor frequency by divider over reference" not in {
+        limit.name for limit in check_channel(6e6, 33e3, 48, divider=2) if not limit.kept
+    }
+
+
+@pytest.mark.parametrize(("quality", "count"), [(10, 7), (20, 14), (40, 28)])
+def test_settle_count(quality, count):
+    # data sheet's rule at 21.7 MHz and 2 MHz
+    assert settle_count(2e6, quality, 21.7e6) == count
+    assert settle_count(10e6, 1, 21.7e6) == 4
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: code_to_frequency(0, 21.7e6), "the ends mark a range error"),
+        (lambda: code_to_frequency((1 << 28) - 1, 21.7e6), "the ends mark a range error"),
+        (lambda: code_to_frequency(1, math.nan), "reference must be positive and finite"),
+        (lambda: code_to_frequency(1, 1e6, divider=16), "divider must be 1 to 15; got 16"),
+        (lambda: code_to_frequency(1, 1e6, offset=-1), "offset must be 0 to 65535; got -1"),
+        (lambda: frequency_to_code(30e6, 21.7e6), "outside 1 to"),
+        (lambda: inductance_from_frequency(0, 1e-12), "frequency must be positive and finite; got 0"),
+        (lambda: inductance_from_frequency(1e6, -1), "capacitance must be positive and finite; got -1"),
+        (lambda: inductance_from_frequency(1e6, 1e-9, 1.0), "quality_factor must be above 1; got 1.0"),
+        (lambda: inductance_from_frequency(1e6, 1e-9, math.nan), "quality_factor must be above 1; got nan"),
+        (lambda: inductance_from_frequency(50e6, 1e-12, 1.2), "no inductance oscillates at 50000000.0 Hz"),
+        (lambda: frequency_from_inductance(-1e-6, 1e-9), "inductance must be positive and finite; got -1e-06"),
+        (lambda: frequency_from_inductance(1e-6, math.inf), "capacitance must be positive and finite; got inf"),
+        (lambda: frequency_from_inductance(1e-6, 1e-9, 0.5), "quality_factor must be above 1; got 0.5"),
+        (lambda: frequency_from_inductance(1e-9, 1e-12, 1.2), "are too fast and too lossy"),
+        (lambda: drive_of(32, 1e3), "code must be 0 to 31; got 32"),
+        (lambda: drive_of(-1, 1e3), "code must be 0 to 31; got -1"),
+        (lambda: drive_of(0, math.nan), "parallel_resistance must be positive; got nan"),
+        (lambda: check_clock(0.0, 2), "clock must be positive; got 0.0"),
+        (lambda: check_clock(1e6, 0), "divider must be positive; got 0"),
+        (lambda: reference_divider(-1.0), "clock must be positive; got -1.0"),
+        (lambda: input_divider(0.0, 1e6), "frequency must be positive; got 0.0"),
+        (lambda: input_divider(1e6, 0.0), "reference must be positive; got 0.0"),
+        (lambda: deglitch_for(999.0), "frequency must be 1000 to 1e"),
+        (lambda: deglitch_for(10.1e6), "frequency must be 1000 to 1e"),
+        (lambda: drive_for(0), "parallel_resistance must be positive; got 0"),
+        (lambda: check_channel(0, 1e3, 10), "frequency must be positive; got 0"),
+        (lambda: settle_count(1e6, -1), "quality_factor must be positive; got -1"),
+    ],
+)
+def test_bad_input(call, message):
+    with pytest.raises(ValueError, match=message):
+        call()

@@ -1,0 +1,191 @@
+"""LDC1614 registers: the table covers every bit once, resets and settings are the data sheet's, nothing illegal."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from coilarray.errors import HardwareError
+from coilarray.hardware.chips.ldc1614_registers import (
+    ASLEEP,
+    DEVICE,
+    MANUFACTURER,
+    check_value,
+    decode,
+    encode,
+    register,
+    registers,
+)
+
+RESETS = {
+    **{f"DATA{k}_{part}": 0 for k in range(4) for part in ("MSB", "LSB")},
+    **{f"RCOUNT{k}": 0x0080 for k in range(4)},
+    **{f"{name}{k}": 0 for name in ("OFFSET", "SETTLECOUNT", "CLOCK_DIVIDERS", "DRIVE_CURRENT") for k in range(4)},
+    "STATUS": 0, "ERROR_CONFIG": 0, "CONFIG": 0x2801, "MUX_CONFIG": 0x020F, "RESET_DEV": 0,
+    "MANUFACTURER_ID": 0x5449, "DEVICE_ID": 0x3055,
+}  # fmt: skip
+ADDRESSES = {
+    "DATA0_MSB": 0x00, "DATA3_LSB": 0x07, "RCOUNT0": 0x08, "OFFSET0": 0x0C, "SETTLECOUNT0": 0x10,
+    "CLOCK_DIVIDERS3": 0x17, "STATUS": 0x18, "ERROR_CONFIG": 0x19, "CONFIG": 0x1A, "MUX_CONFIG": 0x1B,
+    "RESET_DEV": 0x1C, "DRIVE_CURRENT0": 0x1E, "DRIVE_CURRENT3": 0x21, "MANUFACTURER_ID": 0x7E, "DEVICE_ID": 0x7F,
+}  # fmt: skip
+WRITABLE = [name for name, entry in registers().items() if entry.writable]
+
+
+def test_resets():
+    # data sheet, pages 15 to 33
+    assert {name: entry.reset for name, entry in registers().items()} == RESETS
+    assert (register(0x7E).reset, register(0x7F).reset) == (MANUFACTURER, DEVICE)
+
+
+def test_addresses():
+    assert {name: register(name).address for name in ADDRESSES} == ADDRESSES
+    assert [entry.address for entry in registers().values()] == sorted({e.address for e in registers().values()})
+    assert all(register(entry.address) is entry for entry in registers().values())
+
+
+@pytest.mark.parametrize("name", registers())
+def test_every_bit_once(name):
+    masks = [field.mask for field in register(name).fields]
+    assert sum(masks) == 0xFFFF
+    together = 0
+    for mask in masks:
+        assert together & mask == 0
+        together |= mask
+    assert all(field.reset <= field.largest for field in register(name).fields)
+
+
+def test_what_can_be_written():
+    assert set(WRITABLE) == set(RESETS) - {
+        *(f"DATA{k}_{part}" for k in range(4) for part in ("MSB", "LSB")), "STATUS", "MANUFACTURER_ID", "DEVICE_ID",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("name", "fields", "value"),
+    [
+        # the data sheet's worked examples
+        ("RCOUNT0", {"RCOUNT0": 0x04D6}, 0x04D6),
+        ("MUX_CONFIG", {"DEGLITCH": 4}, 0x020C),
+        ("MUX_CONFIG", {"AUTOSCAN_EN": 1, "DEGLITCH": 4}, 0x820C),
+        ("DRIVE_CURRENT0", {"IDRIVE0": 18}, 0x9000),
+        ("DRIVE_CURRENT0", {"IDRIVE0": 31}, 0xF800),
+        ("DRIVE_CURRENT0", {"IDRIVE0": 19}, 0x9800),
+        (
+            "CONFIG",
+            {
+                "SLEEP_MODE_EN": 0,
+                "RP_OVERRIDE_EN": 1,
+                "SENSOR_ACTIVATE_SEL": 0,
+                "AUTO_AMP_DIS": 1,
+                "REF_CLK_SRC": 1,
+            },
+            0x1601,
+        ),
+        ("SETTLECOUNT0", {"SETTLECOUNT0": 0x0100}, 0x0100),
+        # of the reference board
+        ("CLOCK_DIVIDERS0", {"FIN_DIVIDER0": 1, "FREF_DIVIDER0": 2}, 0x1002),
+        ("CONFIG", {"RP_OVERRIDE_EN": 1, "SENSOR_ACTIVATE_SEL": 0, "AUTO_AMP_DIS": 1}, 0x3401),
+        ("RESET_DEV", {"RESET_DEV": 1}, 0x8000),
+        ("ERROR_CONFIG", {"DRDY_2INT": 1}, 0x0001),
+    ],
+)
+def test_examples(name, fields, value):
+    assert encode(name, fields) == value
+    assert decode(name, value) | fields == decode(name, value)
+    assert register("CONFIG").field("SLEEP_MODE_EN").mask == ASLEEP
+
+
+@st.composite
+def words(draw):
+    """A writable register and values of its fields that the data sheet allows."""
+    name = draw(st.sampled_from(WRITABLE))
+    fields = {}
+    for field in register(name).fields:
+        if field.reserved:
+            continue
+        least = {"RCOUNT": 5, "FIN_DIVIDER": 1, "FREF_DIVIDER": 1}.get(field.name.rstrip("0123"), 0)
+        allowed = st.integers(least, field.largest)
+        if field.name == "DEGLITCH":
+            allowed = st.sampled_from([1, 4, 5, 7])
+        if not field.writable:
+            allowed = st.just(0)
+        fields[field.name] = draw(allowed)
+    return name, fields
+
+
+@given(words())
+def test_there_and_back(word):
+    name, fields = word
+    value = encode(name, fields)
+    assert decode(name, value) == fields
+    assert encode(register(name).address, fields) == value
+    check_value(name, value)
+
+
+@given(st.sampled_from(WRITABLE), st.integers(0, 0xFFFF))
+def test_what_may_be_written_is_made_of_its_fields(name, value):
+    try:
+        check_value(name, value)
+    except HardwareError:
+        # a value that is refused cannot be made either
+        try:
+            fields = decode(name, value)
+        except HardwareError:
+            return
+        with pytest.raises(HardwareError):
+            encode(name, fields)
+    else:
+        assert encode(name, decode(name, value)) == value
+
+
+@given(st.sampled_from(WRITABLE), st.integers(0, 15))
+def test_a_flipped_reserved_bit_is_refused(name, bit):
+    good = encode(name, {"FIN_DIVIDER" + name[-1]: 1, "FREF_DIVIDER" + name[-1]: 2} if "DIVIDERS" in name else {})
+    field = next(field for field in register(name).fields if field.mask >> bit & 1)
+    if field.reserved:
+        for refuse in (check_value, decode):
+            with pytest.raises(HardwareError, match=rf"bits {field.msb} to {field.lsb} of {name} must read"):
+                refuse(name, good ^ 1 << bit)
+    else:
+        assert decode(name, good ^ 1 << bit) != decode(name, good)
+
+
+@pytest.mark.parametrize("stuck", [0x0000, 0xFFFF])
+def test_a_stuck_bus_is_no_config(stuck):
+    with pytest.raises(HardwareError, match="CONFIG must read"):
+        decode("CONFIG", stuck)
+
+
+def test_reset_dividers_are_illegal():
+    # the reset value 0 is reserved in both fields, so the register must be programmed
+    with pytest.raises(HardwareError, match="FIN_DIVIDER0 must be 1 to 15; got 0"):
+        check_value("CLOCK_DIVIDERS0", register("CLOCK_DIVIDERS0").reset)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: register("RCOUNT4"), "no register 'RCOUNT4'"),
+        (lambda: register(0x1D), "no register at the address 0x1d"),
+        (lambda: encode("STATUS", {}), "STATUS only reads"),
+        (lambda: check_value("DEVICE_ID", 0x3055), "DEVICE_ID only reads"),
+        (lambda: encode("CONFIG", {"SLEEP": 1}), "CONFIG has the fields ACTIVE_CHAN, .*; got 'SLEEP'"),
+        (lambda: encode("CONFIG", {"RESERVED": 1}), "CONFIG has the fields .*; got 'RESERVED'"),
+        (lambda: encode("CONFIG", {"ACTIVE_CHAN": 4}), "ACTIVE_CHAN must be an integer from 0 to 3; got 4"),
+        (lambda: encode("CONFIG", {"ACTIVE_CHAN": -1}), "ACTIVE_CHAN must be an integer from 0 to 3; got -1"),
+        (lambda: encode("CONFIG", {"ACTIVE_CHAN": 1.0}), "ACTIVE_CHAN must be an integer from 0 to 3; got 1.0"),
+        (lambda: encode("CONFIG", {"ACTIVE_CHAN": True}), "ACTIVE_CHAN must be an integer from 0 to 3; got True"),
+        (lambda: encode("RCOUNT0", {"RCOUNT0": 4}), "RCOUNT0 must be 5 to 65535; got 4"),
+        (lambda: encode("CLOCK_DIVIDERS1", {"FIN_DIVIDER1": 0}), "FIN_DIVIDER1 must be 1 to 15; got 0"),
+        (lambda: encode("CLOCK_DIVIDERS1", {"FIN_DIVIDER1": 1}), "FREF_DIVIDER1 must be 1 to 1023; got 0"),
+        (lambda: encode("MUX_CONFIG", {"DEGLITCH": 3}), "DEGLITCH must be 1, 4, 5 or 7"),
+        (lambda: encode("DRIVE_CURRENT0", {"INIT_IDRIVE0": 1}), "INIT_IDRIVE0 must be 0 when it is written; got 1"),
+        (lambda: decode("CONFIG", 0x10000), "CONFIG holds 0 to 0xFFFF; got 0x10000"),
+        (lambda: decode("CONFIG", -1), "CONFIG holds 0 to 0xFFFF; got -0x1"),
+    ],
+)
+def test_refused(call, message):
+    with pytest.raises(HardwareError, match=message):
+        call()

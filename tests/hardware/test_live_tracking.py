@@ -1,0 +1,168 @@
+"""From scan to scan: baselines, δ, positions, and what happens to scans without values; on boards of known formula."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from support.localize_boards import FIELD, bells, board
+
+from coilarray.errors import HardwareError
+from coilarray.hardware.record.live_tracking import LiveTracker
+from coilarray.hardware.scan.ldc1614_result import Reason
+from coilarray.hardware.scan.readings import ScanReading, StateReading
+from coilarray.localize.forward import forward_model
+from coilarray.localize.inverse import locate
+
+NAMES = [f"coil{k + 1}" for k in range(len(FIELD))]
+L_0 = np.linspace(50e-6, 54e-6, len(NAMES))
+MODEL = forward_model(board(FIELD))
+POINT = (3e-3, 2e-3, 1e-3)
+
+
+def scan(number, delta=None, *, noise=None, boot=1, bad=(), sequence=None, names=NAMES):
+    """Reading of the board with a δ of every coil."""
+    change = np.zeros(len(NAMES)) if delta is None else np.asarray(delta)
+    scatter = 0.0 if noise is None else noise.standard_normal(len(NAMES)) * 1e-6
+    values = L_0 * (1 + change) * (1 + scatter)
+    states = tuple(
+        StateReading(name, None, None, "bad", (Reason.WATCHDOG,))
+        if name in bad
+        else StateReading(name, 2e6, value, "good")
+        for name, value in zip(names, values.tolist(), strict=True)
+    )
+    return ScanReading(number if sequence is None else sequence, 0.25 * number, 0.0, boot, states)
+
+
+def ready(tracker, **options):
+    """Feed the baseline and return the last reading."""
+    for number in range(10):
+        reading = tracker.take(scan(number, **options))
+    return reading
+
+
+def test_the_baseline_comes_first():
+    tracker = LiveTracker(MODEL)
+    for number in range(9):
+        reading = tracker.take(scan(number))
+        assert reading.waiting == 9 - number
+        assert [state.delta for state in reading.states] == [None] * 5
+        assert (reading.location, reading.problem, reading.noise) == (None, "", None)
+    reading = tracker.take(scan(9))
+    assert reading.waiting == 0
+    np.testing.assert_allclose([state.delta for state in reading.states], 0.0, atol=1e-15)
+    assert reading.location.verdict == "nothing pressed"
+
+
+def test_delta_and_position_are_those_of_the_library():
+    tracker = LiveTracker(MODEL)
+    ready(tracker)
+    delta = bells(np.array(POINT), FIELD)
+    reading = tracker.take(scan(10, delta))
+    np.testing.assert_allclose([state.delta for state in reading.states], delta, atol=1e-15)
+    expected = locate(MODEL, dict(zip(NAMES, delta, strict=True)), noise=reading.noise)
+    assert reading.location.verdict == "found" == expected.verdict
+    assert reading.location.best.x == pytest.approx(expected.best.x, abs=1e-9)
+    assert reading.location.best.x == pytest.approx(POINT[0], abs=0.05e-3)
+    assert tracker.take(scan(11, delta), want_location=False).location is None
+
+
+def test_noise_is_that_of_the_baseline_and_the_tables():
+    random = np.random.default_rng(0)
+    tracker = LiveTracker(None, baseline_scans=200, noise=2e-6)
+    for number in range(200):
+        reading = tracker.take(scan(number, noise=random))
+    # 1e-6 of each scan, 1e-6/√200 of the baseline, 2e-6 of the table; 1000 values tell the first to 2 %
+    assert reading.noise == pytest.approx(np.hypot(2e-6, 1e-6), rel=0.02)
+    assert reading.location is None
+    assert reading.problem == ""  # nobody asked
+
+
+def test_zero_anew():
+    tracker = LiveTracker(MODEL)
+    ready(tracker)
+    pressed = bells(np.array(POINT), FIELD)
+    assert tracker.take(scan(10, pressed)).location.verdict == "found"
+    tracker.rezero()
+    for number in range(11, 21):
+        reading = tracker.take(scan(number, pressed))
+        assert reading.waiting == max(20 - number, 0)
+    np.testing.assert_allclose([state.delta for state in reading.states], 0.0, atol=1e-15)
+
+
+def test_scans_known_to_press_are_not_of_the_baseline():
+    tracker = LiveTracker(MODEL, baseline_scans=3)
+    pressed = bells(np.array(POINT), FIELD)
+    for number in range(6):
+        reading = tracker.take(scan(number, pressed if number % 2 else None), at_rest=number % 2 == 0)
+    np.testing.assert_allclose([state.delta for state in reading.states], pressed, atol=1e-15)
+
+
+def test_a_silent_coil_is_left_out():
+    tracker = LiveTracker(MODEL)
+    for number in range(29):
+        assert tracker.take(scan(number, bad=["coil2"])).waiting > 0
+    tracker.take(scan(29, bad=["coil2"]))
+    delta = bells(np.array(POINT), FIELD)
+    reading = tracker.take(scan(30, delta, bad=["coil2"]))
+    assert reading.states[1].delta is None
+    assert reading.states[1].verdict == "bad"
+    assert "does not oscillate" in reading.states[1].reasons[0]
+    others = {name: value for name, value in zip(NAMES, delta, strict=True) if name != "coil2"}
+    expected = locate(MODEL.select(list(others)), others, noise=reading.noise)
+    assert reading.location.best.x == pytest.approx(expected.best.x, abs=1e-9)
+    late = tracker.take(scan(31, delta))  # it speaks again, but has no baseline
+    assert (late.states[1].delta, late.states[1].reasons) == (None, ("no baseline",))
+
+
+def test_too_few_coils_give_no_position():
+    tracker = LiveTracker(MODEL)
+    ready(tracker)
+    reading = tracker.take(scan(10, bad=NAMES[:3]))
+    assert reading.location is None
+    assert reading.problem == "2 states have a value that the table knows; 3 are needed"
+    unknown = LiveTracker(MODEL)
+    names = ["a", "b", "c", "d", "e"]
+    ready(unknown, names=names)
+    assert unknown.take(scan(10, names=names)).problem.startswith("0 states have a value that the table knows")
+
+
+def test_a_wild_value_is_not_located():
+    tracker = LiveTracker(MODEL)
+    ready(tracker)
+    reading = tracker.take(scan(10, [3.0, 0, 0, 0, 0]))
+    assert reading.states[0].delta == pytest.approx(3.0)
+    assert reading.location.verdict == "nothing pressed"  # of the other four
+
+
+def test_a_board_without_any_value_waits_for_ever():
+    tracker = LiveTracker(MODEL)
+    for number in range(100):
+        reading = tracker.take(scan(number, bad=NAMES))
+    assert reading.waiting == 10
+    assert {state.verdict for state in reading.states} == {"bad"}
+
+
+def test_rate_and_lost_scans():
+    tracker = LiveTracker(None)
+    assert tracker.take(scan(0)).rate is None
+    assert tracker.take(scan(1)).rate == pytest.approx(4.0)
+    reading = tracker.take(scan(4))  # two are missing
+    assert (reading.lost, reading.rate, reading.elapsed) == (2, pytest.approx(2.0), 1.0)
+    again = tracker.take(scan(2, boot=7))  # restarted
+    assert (again.lost, again.rate, again.elapsed) == (2, None, 0.0)
+    assert tracker.take(scan(3, boot=7)).rate == pytest.approx(4.0)
+    back = tracker.take(scan(1, boot=7, sequence=0))  # a new stream: time and sequence begin again
+    assert (back.lost, back.rate) == (2, None)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"baseline_scans": 1}, "at least 2 scans; got 1"),
+        ({"noise": 0.0}, "noise must be positive and finite; got 0"),
+        ({"noise": float("nan")}, "noise must be positive and finite"),
+    ],
+)
+def test_bad_input(options, words):
+    with pytest.raises(HardwareError, match=words):
+        LiveTracker(MODEL, **options)

@@ -1,0 +1,449 @@
+"""The driver of a board against a board in memory on a clock of its own: every wait is exact, none is real.
+
+| what                                    | checked in                                        |
+| --------------------------------------- | ------------------------------------------------- |
+| start-up, configuration, scans, streams | here                                              |
+| each end of a stream or session         | test_microcontroller_ends.py                      |
+| ten thousand faults, no wrong value     | test_fault_campaign.py, against the real firmware |
+"""
+
+from __future__ import annotations
+
+import gc
+import itertools
+import math
+import os
+import tracemalloc
+from contextlib import closing
+from dataclasses import replace
+
+import pytest
+from support.scripted_board import (
+    REPLY,
+    SCAN_TIME,
+    SETTINGS,
+    TIMES,
+    Lasting,
+    ScriptedBoard,
+    configured,
+    opened,
+    sealed,
+    verbs,
+)
+
+from coilarray.errors import HardwareError
+from coilarray.hardware.board.microcontroller import open_microcontroller
+from coilarray.hardware.scan.scans import SampleFault
+from coilarray.hardware.scan.settings import scan_settings
+from coilarray.hardware.scan.wiring import load_wiring
+from coilarray.hardware.wire.faults import (
+    BoardRestarted,
+    BusFault,
+    CommandRefused,
+    NoAnswer,
+    NotABoard,
+    SwitchFault,
+    VersionMismatch,
+)
+from coilarray.hardware.wire.ports import SerialPort, parse_port
+
+
+@pytest.fixture
+def board():
+    return ScriptedBoard()
+
+
+@pytest.fixture
+def reader(board):
+    return configured(board)
+
+
+PORT = os.environ.get("COILARRAY_TEST_PORT", "")
+
+
+@pytest.mark.hardware
+@pytest.mark.skipif(not (PORT and isinstance(parse_port(PORT), SerialPort)), reason="no board with a microcontroller")
+def test_a_real_board():
+    place = parse_port(PORT)
+    with closing(open_microcontroller(place.name, bauds=place.bauds)) as reader:
+        assert (reader.peek(0x7E), reader.peek(0x7F)) == (0x5449, 0x3055)
+        reader.configure(SETTINGS)
+        assert len(reader.scan().samples) == 6
+        with closing(reader.scans()) as stream:
+            assert [scan.sequence for scan in itertools.islice(stream, 5)] == [0, 1, 2, 3, 4]
+        assert reader.counts.link.lines.dropped == 0
+
+
+# opening
+
+
+def test_opening_stops_the_board_before_it_greets_it(board):
+    reader = opened(board)
+    assert verbs(board) == ["STOP", "HELLO", "PING"]
+    assert reader.identity.kind == "scripted 1, protocol 1.0"
+    assert (reader.identity.manufacturer, reader.identity.device) == (0x5449, 0x3055)
+    assert (reader.identity.boot, reader.identity.emulated) == (0x1234ABCD, False)
+    assert reader.greeting.most_states == 64
+
+
+def test_a_board_whose_converter_does_not_obey_can_be_opened(board):
+    board.refuse["STOP"] = (6, "converter not put to sleep")
+    reader = opened(board)
+    with pytest.raises(BusFault, match="refused STOP"):
+        reader.rest()
+    reader.configure(SETTINGS)  # and is not asked to STOP once more
+    assert verbs(board).count("STOP") == 2
+
+
+def test_opening_goes_through_a_running_stream_and_half_a_line(board):
+    board.hash, board.mode = 0x1111, "s"
+    board.send(b"S0000")
+    board.clock.sleep(3.0)
+    reader = opened(board)
+    assert board.mode == "i"
+    assert reader.counts.scans.passed == 0
+    with pytest.raises(HardwareError, match="must be configured"):
+        reader.scan()
+
+
+def test_a_silent_port_is_no_answer_in_time(board):
+    board.deaf = board.silent = True
+    with Lasting(board) as it, pytest.raises(NoAnswer, match="did not answer STOP in 3 attempts"):
+        opened(board)
+    assert it.seconds == pytest.approx(TIMES.attempts * TIMES.reply, abs=0.01)  # longer than `opening`
+
+
+def test_bytes_without_a_line_are_no_board(board):
+    board.deaf, board.spoil = True, lambda line: bytes(byte | 0x80 for byte in line)
+    with Lasting(board) as it, pytest.raises(NotABoard, match="another device, or another baud rate"):
+        opened(board)
+    assert it.seconds < 2 * TIMES.attempts * TIMES.reply
+
+
+def test_a_flood_is_no_board(board):
+    board.read = lambda seconds: b"$GPGGA,123519,4807.038,N\n" * 160
+    with Lasting(board) as it, pytest.raises(NotABoard):
+        opened(board)
+    assert it.seconds == 0.0  # as many bytes as a second may have came in none
+
+
+def test_a_board_that_talks_and_does_not_listen_is_no_answer(board):
+    board.deaf = True
+    board.clock.sleep(1.0)
+    with pytest.raises(NoAnswer, match="did not answer STOP"):
+        opened(board)
+
+
+@pytest.mark.parametrize("version", ["2.0", "0.9"])
+def test_another_major_version_is_refused_whatever_follows_it(board, version):
+    board.version, board.greeting_tail = version, "something else"
+    with pytest.raises(VersionMismatch, match=f"speaks version {version} of the protocol, this package 1.0; flash"):
+        opened(board)
+
+
+def test_another_minor_version_is_told(board):
+    board.version = "1.7"
+    assert opened(board).identity.kind.endswith("protocol 1.7")
+
+
+def test_a_greeting_of_another_form_is_no_answer(board):
+    board.greeting_tail = "54,3055,64,8"
+    with pytest.raises(NoAnswer, match="did not answer HELLO"):
+        opened(board)
+
+
+# configuring
+
+
+def test_settings_are_told_in_order(board):
+    opened(board).configure(SETTINGS)
+    assert verbs(board)[3:] == ["BEGIN", *["WIRE"] * 6, "SAFE", *["REG"] * 7, "WAIT", *["STATE"] * 6, "COMMIT"]
+    assert board.sent[-1] == ("COMMIT", f"{SETTINGS.hash:04X}")
+
+
+def test_more_than_the_board_takes_is_refused_before_anything_is_sent(board):
+    board.greeting_tail = "5449,3055,5,8"
+    reader = opened(board)
+    board.sent.clear()
+    with pytest.raises(HardwareError, match="must have at most 5 states; got 6"):
+        reader.configure(SETTINGS)
+    assert board.sent == []
+
+
+def test_illegal_switching_is_refused_before_anything_is_sent(board):
+    reader = opened(board)
+    board.sent.clear()
+    first, *others = SETTINGS.states
+    two = replace(first, words=bytes(a | b for a, b in zip(first.words, others[0].words, strict=True)))
+    with pytest.raises(HardwareError, match="coil1"):
+        reader.configure(replace(SETTINGS, states=(two, *others)))
+    assert board.sent == []
+
+
+@pytest.mark.parametrize(
+    ("verb", "code", "fault"),
+    [
+        ("BEGIN", 1, CommandRefused),
+        ("REG", 2, CommandRefused),
+        ("STATE", 4, CommandRefused),
+        ("COMMIT", 5, CommandRefused),
+        ("COMMIT", 6, BusFault),
+        ("COMMIT", 7, BusFault),
+        ("COMMIT", 8, BusFault),
+        ("SAFE", "F", CommandRefused),
+    ],
+)
+def test_a_refusal_has_its_name_and_reason(board, verb, code, fault):
+    reader = opened(board)
+    board.refuse[verb] = (code, "because")
+    with pytest.raises(fault, match=rf"refused {verb} \(error {code}, .+\): because\."):
+        reader.configure(SETTINGS)
+    with pytest.raises(HardwareError, match="must be configured"):
+        reader.scan()
+    del board.refuse[verb]
+    reader.configure(SETTINGS)
+    assert reader.scan().configuration == SETTINGS.hash
+
+
+def test_a_board_that_holds_other_settings_is_found_out(board):
+    reader = opened(board)
+    board._do_commit = lambda value: ["1111"]
+    with pytest.raises(BusFault, match="holds the settings 1111"):
+        reader.configure(SETTINGS)
+
+
+# single scans
+
+
+def test_a_scan_is_what_the_board_said(board, reader):
+    board.words = lambda number: ["01798210", "01798211.1048", "!3", "0179FFFF", "01790000", "0ABCDEF0"]
+    scan = reader.scan()
+    assert [sample.fault for sample in scan.samples] == [0, 0, SampleFault.NO_RESULT, 0, 0, 0]
+    assert (scan.samples[1].msb, scan.samples[1].lsb, scan.samples[1].status) == (0x0179, 0x8211, 0x1048)
+    assert (scan.sequence, scan.configuration, scan.boot) == (0, SETTINGS.hash, board.boot)
+
+
+def test_a_lost_command_and_a_lost_reply_cost_one_repeat_each(board, reader):
+    board.deaf = True
+    lost = iter([True])
+
+    def spoil(line):
+        return b"" if next(lost, False) else line
+
+    board.spoil = lambda line: (setattr(board, "deaf", False), line)[1]  # hears again after the next heartbeat
+    board.clock.sleep(0.8)
+    reader.scan()
+    assert reader.counts.link.repeats == 1
+    board.spoil = spoil
+    first = len(board.sent)
+    reader.scan()
+    assert reader.counts.link.repeats == 2
+    assert verbs(board)[first:] == ["SCAN"]  # the board measured once
+
+
+def test_a_reply_that_comes_twice_is_taken_once(board, reader):
+    board.spoil = lambda line: line + line
+    assert [reader.scan().sequence for _ in range(5)] == [0] * 5
+    assert reader.counts.link.unasked == 4  # the last one's still waits
+
+
+def test_no_answer_in_time(board, reader):
+    board.deaf = board.silent = True
+    with Lasting(board) as it, pytest.raises(NoAnswer, match="did not answer SCAN in 3 attempts"):
+        reader.scan()
+    assert it.seconds == pytest.approx(REPLY, abs=0.01)
+    board.deaf = board.silent = False
+    board.sent.clear()
+    assert reader.scan().samples
+    assert verbs(board) == ["STOP", "SCAN"]  # the unanswered one might still be under way
+
+
+def test_noise_instead_of_an_answer_is_no_board(board, reader):
+    board.deaf = True
+    board.spoil = lambda line: bytes(byte ^ 0xFF for byte in line) * 20
+    with pytest.raises(NotABoard, match="no intact line"):
+        reader.scan()
+
+
+@pytest.mark.parametrize("chatter", ["H", "S"])
+def test_endless_messages_do_not_keep_a_command_waiting(board, reader, chatter):
+    """A board that answers nothing and says something whenever it is listened to."""
+
+    def read(seconds):
+        board.clock.sleep(0.01)
+        text = f"H{board.boot:08X},{board.microseconds():08X},{board.hash:04X},i"
+        return sealed(text if chatter == "H" else "S" + board.scan_text(1, 0.0)) * 40
+
+    board.read, board.deaf = read, True
+    with Lasting(board) as it, pytest.raises(NoAnswer):
+        reader.scan()
+    assert it.seconds < 2 * REPLY
+
+
+def test_a_scan_of_the_wrong_size_is_not_taken(board, reader):
+    board.words = lambda number: ["01798210"] * 5
+    with pytest.raises(NoAnswer, match="not asked for"):
+        reader.scan()
+    assert reader.counts.scans.misfit == 1
+
+
+def test_a_scan_with_other_settings_is_not_taken(board, reader):
+    board.hash = 0x1111
+    with pytest.raises(BoardRestarted, match="measures with the settings 1111"):
+        reader.scan()
+    with pytest.raises(HardwareError, match="must be configured"):
+        reader.scan()
+    reader.configure(SETTINGS)
+    assert reader.scan().configuration == SETTINGS.hash
+
+
+def test_a_scan_after_a_reset_of_the_converter_is_not_taken(board, reader):
+    board.words = lambda number: ["!4"] * 6
+    with pytest.raises(BoardRestarted, match="the converter was reset; configure it again"):
+        reader.scan()
+    with pytest.raises(HardwareError, match="must be configured"):
+        reader.scan()
+
+
+@pytest.mark.parametrize(("word", "fault"), [("!1", BusFault), ("!5", SwitchFault), ("01798210", CommandRefused)])
+def test_a_board_that_measures_no_more_is_named_after_its_last_scan(board, reader, word, fault):
+    board.words = lambda number: [word] * 6
+    reader.scan()
+    board.refuse["SCAN"] = (3, "not configured")
+    with pytest.raises(fault):
+        reader.scan()
+    with pytest.raises(HardwareError, match="must be configured"):
+        reader.scan()
+
+
+def test_registers_and_chain(board, reader):
+    assert reader.peek(0x7E) == 0x5449
+    assert reader.check_chain() == "none"
+    with pytest.raises(HardwareError, match="address must be 0 to 0xFF"):
+        reader.peek(0x100)
+
+
+# streams
+
+
+def test_a_stream_is_in_order_and_stops_with_its_iterator(board, reader):
+    stream = reader.scans()
+    scans = list(itertools.islice(stream, 20))
+    assert [scan.sequence for scan in scans] == list(range(20))
+    steps = [after.time - before.time for before, after in itertools.pairwise(scans)]
+    assert steps == pytest.approx([SCAN_TIME] * 19, abs=2e-6)  # the board's microseconds
+    assert [scan.samples[0].lsb for scan in scans] == list(range(20))
+    stream.close()
+    assert (board.mode, verbs(board)[-1]) == ("i", "STOP")
+    assert next(reader.scans()).sequence == 0
+
+
+def test_an_interval_is_kept(board, reader):
+    times = [scan.time for scan in itertools.islice(reader.scans(2.5), 8)]
+    assert [b - a for a, b in itertools.pairwise(times)] == pytest.approx([2.5] * 7, abs=2e-6)
+    assert ("START", f"{2_500_000:08X}") in board.sent
+    for interval in (-1.0, 2148.0, math.nan, math.inf):
+        with pytest.raises(HardwareError, match="interval must be 0 to 2147 s"):
+            reader.scans(interval)
+
+
+def test_the_lease_is_renewed_while_the_stream_is_fetched(board, reader):
+    for scan in reader.scans():
+        if scan.time > 60.0:
+            break
+    assert 60 / TIMES.ping * 0.8 < verbs(board).count("PING") <= 60 / TIMES.ping + 2
+
+
+def test_the_lease_is_renewed_while_a_long_interval_is_waited_for(board, reader):
+    times = [scan.time for scan in itertools.islice(reader.scans(100.0), 3)]
+    assert times[2] - times[0] == pytest.approx(200.0)
+
+
+def test_who_does_not_fetch_loses_the_stream(board, reader):
+    stream = reader.scans()
+    next(stream)
+    board.clock.sleep(15.0)
+    with pytest.raises(NoAnswer, match="heard nothing of this computer in time"):
+        list(stream)
+    assert reader.scan().samples
+
+
+def test_time_goes_on_over_its_wrap(board):
+    board.skew = 2**32 - 2_000_000
+    reader = opened(board)
+    reader.configure(SETTINGS)
+    times = [scan.time for scan in itertools.islice(reader.scans(), 20)]
+    assert [b - a for a, b in itertools.pairwise(times)] == pytest.approx([SCAN_TIME] * 19, abs=2e-6)
+    assert times[-1] > 2**32 * 1e-6
+    later = times[-1] + 5 * 3600
+    board.clock.sleep(5 * 3600)  # four wraps without a word that anybody heard
+    assert reader.scan().time == pytest.approx(later, abs=10.0)
+
+
+def test_ten_minutes_take_no_memory(board, reader):
+    """At two scans a second. What Python itself keeps apart is some kB; a scan takes one."""
+    stream, used = reader.scans(0.5), []
+    tracemalloc.start(1)
+    try:
+        for scan in stream:
+            if scan.sequence in (120, 1200):
+                board.sent.clear()
+                gc.collect()
+                used.append(tracemalloc.get_traced_memory()[0])
+            if scan.sequence == 1200:
+                break
+    finally:
+        tracemalloc.stop()
+        stream.close()
+    assert scan.time >= 600.0
+    assert used[1] - used[0] < 20_000
+
+
+def test_only_one_stream_runs_and_nothing_else_meanwhile(board, reader):
+    stream = reader.scans()
+    next(stream)
+    for call in (reader.scan, lambda: next(reader.scans()), lambda: reader.peek(0), lambda: reader.configure(SETTINGS)):
+        with pytest.raises(HardwareError, match="a stream runs; close its iterator first"):
+            call()
+    reader.rest()
+    assert list(stream) == []
+    assert reader.scan().samples
+
+
+def test_a_stream_asked_for_before_new_settings_does_not_start(board, reader):
+    stream = reader.scans()
+    reader.configure(scan_settings(load_wiring("six_coils"), rcount=1000))
+    with pytest.raises(HardwareError, match="configured again since"):
+        next(stream)
+
+
+def test_damaged_lines_are_gaps_that_are_counted(board, reader):
+    board.spoil = lambda line: (
+        line.replace(b"0179", b"0178", 1) if line.startswith(b"S") and line[8:9] in b"37" else line
+    )
+    sequences = [scan.sequence for scan in itertools.islice(reader.scans(), 20)]
+    assert sequences == [n for n in range(24) if n % 16 not in (3, 7)][:20]
+    assert reader.counts.link.lines.wrong_checksum == reader.counts.scans.lost == 4 - (sequences[-1] < 23)
+
+
+def test_scans_that_came_before_the_reply_to_start_are_not_lost(board, reader):
+    lost = iter([True])
+    board.spoil = lambda line: (
+        b"" if line.startswith(b"<") and board.sent[-1][0] == "START" and next(lost, False) else line
+    )
+    sequences = [scan.sequence for scan in itertools.islice(reader.scans(), 5)]
+    assert sequences == [0, 1, 2, 3, 4]
+    assert reader.counts.link.repeats == 1
+
+
+def test_old_scans_between_new_ones_are_left_out(board, reader):
+    old = []
+    board.spoil = lambda line: (old.append(line), line)[1]
+    for _ in itertools.islice(reader.scans(), 20):
+        pass
+    board.spoil = lambda line: line + old[len(board.sent) % len(old)] + old[-1]
+    stream = reader.scans()
+    scans = list(itertools.islice(stream, 20))
+    board.spoil = lambda line: line
+    assert [scan.sequence for scan in scans] == list(range(20))
+    assert reader.counts.scans.stale > 10

@@ -1,0 +1,281 @@
+"""Every way in which a stream or a session with a board ends: by name, within its time, and with a way on."""
+
+from __future__ import annotations
+
+import itertools
+from contextlib import closing
+
+import pytest
+from support.scripted_board import LONGEST, REPLY, SETTINGS, TIMES, Lasting, ScriptedBoard, configured, sealed, verbs
+
+from coilarray.errors import HardwareError
+from coilarray.hardware.board.microcontroller import MicrocontrollerReader
+from coilarray.hardware.scan.scans import SampleFault
+from coilarray.hardware.wire.faults import BoardRestarted, BusFault, DeviceLost, NoAnswer, NotABoard, SwitchFault
+
+
+@pytest.fixture
+def board():
+    return ScriptedBoard()
+
+
+@pytest.fixture
+def reader(board):
+    return configured(board)
+
+
+# ways in which a stream ends
+
+
+def stream_of(reader, scans=3):
+    stream = reader.scans()
+    for _ in range(scans):
+        next(stream)
+    return stream
+
+
+@pytest.mark.parametrize(
+    ("code", "fault", "text"),
+    [
+        (1, NoAnswer, "heard nothing of this computer"),
+        (2, BoardRestarted, "the converter was reset"),
+        (3, BusFault, "the converter does not answer"),
+        (4, SwitchFault, "switches do not hold"),
+    ],
+)
+def test_an_end_has_its_name(board, reader, code, fault, text):
+    stream = stream_of(reader)
+    board.end(code, "because")
+    with pytest.raises(fault, match=f"{text}.* \\(because\\)"):
+        list(stream)
+    if code != 1:
+        with pytest.raises(HardwareError, match="must be configured"):
+            reader.scan()
+        reader.configure(SETTINGS)
+    assert len(list(itertools.islice(reader.scans(), 3))) == 3
+
+
+@pytest.mark.parametrize(
+    ("words", "fault"),
+    [("01798210", NoAnswer), ("!1", BusFault), ("!2", BusFault), ("!3", NoAnswer), ("!5", SwitchFault)],
+)
+def test_an_end_whose_line_was_lost_is_named_after_the_last_scan(board, reader, words, fault):
+    board.words = lambda number: ["01798210"] * 5 + [words]
+    stream = stream_of(reader)
+    board.mode = "i"
+    with Lasting(board) as it, pytest.raises(fault):
+        list(stream)
+    assert it.seconds < TIMES.gap * SETTINGS.period + TIMES.reply
+
+
+def test_a_scan_after_a_reset_is_the_last(board, reader):
+    stream = stream_of(reader)
+    board.words = lambda number: ["!4"] * 6
+    assert {sample.fault for sample in next(stream).samples} == {SampleFault.CONVERTER_RESET}
+    with pytest.raises(BoardRestarted, match="configure it again"):
+        next(stream)
+
+
+def test_a_restart_ends_the_session(board, reader):
+    stream = stream_of(reader)
+    board.restart()
+    with pytest.raises(BoardRestarted, match="session 1234ABCE after 1234ABCD"):
+        list(stream)
+    for call in (reader.scan, lambda: reader.configure(SETTINGS), reader.rest):
+        with pytest.raises(BoardRestarted, match="this session has ended"):
+            call()
+    reader.close()
+
+
+def test_a_restart_between_scans_ends_the_session(board, reader):
+    board.restart()
+    board.spoil = lambda line: b"" if line.startswith(b"H") else line
+    board._going.clear()  # nobody heard the board start
+    board._do_scan = lambda: ["SCAN"]
+    board.refuse["SCAN"] = (3, "not configured")
+    with pytest.raises(BoardRestarted, match="has restarted"):
+        reader.scan()
+
+
+def test_settings_lost_without_a_restart(board, reader):
+    stream = stream_of(reader)
+    board.mode, board.hash = "u", 0
+    board.heartbeat()
+    with pytest.raises(BoardRestarted, match="has lost its settings"):
+        list(stream)
+    reader.configure(SETTINGS)
+    assert reader.scan().samples
+
+
+def test_a_heartbeat_tells_of_an_end(board, reader):
+    stream = reader.scans(50.0)
+    next(stream)
+    board.mode = "i"
+    with Lasting(board) as it, pytest.raises(NoAnswer, match="its reason was lost"):
+        next(stream)
+    assert it.seconds < 1.1  # heartbeats are a second apart
+
+
+def test_other_settings_in_a_stream(board, reader):
+    stream = stream_of(reader)
+    board.hash = 0x1111
+    with pytest.raises(BoardRestarted, match="measures with the settings 1111"):
+        list(stream)
+
+
+def test_a_stalled_stream_is_no_answer_in_time(board, reader):
+    stream = stream_of(reader)
+    board.silent = board.deaf = True
+    with Lasting(board) as it, pytest.raises(NoAnswer, match="no scan came"):
+        next(stream)
+    gap = max(TIMES.gap * SETTINGS.period, TIMES.least_gap + LONGEST)
+    assert it.seconds == pytest.approx(gap + REPLY, abs=0.05)  # and a STOP that nobody answers
+    board.silent = board.deaf = False
+    assert reader.scan().samples
+    assert "STOP" in verbs(board)  # it was owed
+
+
+def test_silence_between_two_far_scans_is_noticed_before_the_next_is_due(board, reader):
+    stream = reader.scans(100.0)
+    next(stream)
+    board.silent = board.deaf = True
+    with Lasting(board) as it, pytest.raises(NoAnswer):
+        next(stream)
+    assert it.seconds == pytest.approx(TIMES.heartbeat + LONGEST + REPLY, abs=0.05)
+
+
+def test_a_stream_that_turns_to_noise_is_no_board(board, reader):
+    stream = stream_of(reader)
+    board.spoil = lambda line: bytes(byte ^ 0x55 for byte in line) * 3
+    with pytest.raises(NotABoard, match="no intact line"):
+        list(stream)
+
+
+def test_anything_but_scans_does_not_keep_a_stream_waiting(board, reader):
+    stream = stream_of(reader)
+
+    def read(seconds):
+        board.clock.sleep(0.01)
+        return sealed(f"H{board.boot:08X},{board.microseconds():08X},{board.hash:04X},s") * 40
+
+    board.read, board.deaf = read, True
+    with Lasting(board) as it, pytest.raises(NoAnswer, match="no scan came"):
+        next(stream)
+    assert it.seconds < 2 * (TIMES.gap * SETTINGS.period + REPLY)
+
+
+def test_messages_nobody_fetches_are_bounded(board, reader):
+    line = sealed("S" + board.scan_text(1, 0.0))
+    chunks = iter([line * 3000])
+    board.read = lambda seconds: next(chunks, b"") or (board.clock.sleep(seconds), b"")[1]
+    with pytest.raises(NoAnswer):
+        reader.scan()
+    assert reader.counts.link.overflowed == 3000 - 1024
+
+
+# leaving
+
+
+def test_unplugging_is_a_lost_device_for_good(board, reader):
+    stream = stream_of(reader)
+    board.unplugged = True
+    with Lasting(board) as it, pytest.raises(DeviceLost, match="is gone"):
+        next(stream)
+    assert it.seconds == 0.0
+    board.unplugged = False
+    with pytest.raises(DeviceLost, match="this session has ended: scripted is gone"):
+        reader.scan()
+
+
+def test_closing_rests_the_board_and_never_raises(board, reader):
+    stream = stream_of(reader)
+    reader.close()
+    assert (board.mode, board.closed) == ("i", True)
+    reader.close()
+    with pytest.raises(DeviceLost, match="was closed"):
+        reader.scan()
+    assert list(stream) == []
+
+
+def test_a_silent_board_is_waited_for_once_after_an_interrupt(board, reader):
+    stream = stream_of(reader)
+    board.silent = board.deaf = True
+
+    def read(seconds):
+        del board.read
+        raise KeyboardInterrupt
+
+    board.read = read
+    with Lasting(board) as it, pytest.raises(KeyboardInterrupt):
+        next(stream)
+    assert it.seconds == pytest.approx(REPLY, abs=0.05)
+    with Lasting(board) as it:
+        reader.close()
+    assert (it.seconds, board.closed) == (0.0, True)
+
+
+def test_a_board_that_comes_back_is_stopped_at_the_end(board, reader):
+    stream = stream_of(reader)
+    board.deaf = True
+    with pytest.raises(NoAnswer):
+        reader.rest()
+    board.deaf = False
+    reader.close()
+    assert board.sent[-1] == ("STOP",)
+    assert board.mode == "i"
+    stream.close()
+
+
+@pytest.mark.parametrize("state", ["deaf", "unplugged"])
+def test_closing_a_board_that_is_gone_does_not_raise(board, reader, state):
+    setattr(board, state, True)
+    with Lasting(board) as it:
+        reader.close()
+    assert board.closed
+    assert it.seconds <= REPLY + 0.01
+
+
+def test_an_error_of_the_caller_stops_the_board(board, reader):
+    def measure():
+        with closing(reader.scans()) as stream:
+            next(stream)
+            raise KeyError
+
+    with pytest.raises(KeyError):
+        measure()
+    assert board.mode == "i"
+
+
+def test_closing_a_stream_tells_when_the_board_does_not_stop(board, reader):
+    stream = stream_of(reader)
+    board.deaf = board.silent = True
+    with pytest.raises(NoAnswer, match="did not answer STOP"):
+        stream.close()
+
+
+def test_reconnecting_is_a_new_session_without_settings(board, reader):
+    sessions = []
+
+    def reopen():
+        sessions.append(board.clock.now())
+        if len(sessions) < 4:
+            raise HardwareError("port scripted does not exist.")
+        board.closed = False
+        return MicrocontrollerReader(board, clock=board.clock, reopen=reopen)
+
+    board.unplugged = False
+    first = MicrocontrollerReader(board, clock=board.clock, reopen=reopen)
+    board.restart()
+    second = first.reconnect(patience=1.0)
+    assert len(sessions) == 4
+    assert second is not first
+    assert second.identity.boot == first.identity.boot + 1
+    with pytest.raises(HardwareError, match="must be configured"):
+        second.scan()
+    with pytest.raises(BoardRestarted, match="this session has ended"):
+        first.scan()
+    sessions.clear()
+    with pytest.raises(HardwareError, match="does not exist"):
+        second.reconnect()
+    with pytest.raises(HardwareError, match="cannot be opened again by this reader"):
+        reader.reconnect()

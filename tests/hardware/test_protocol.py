@@ -1,0 +1,377 @@
+"""Lines, messages, commands, time and sequence of the protocol, without a port.
+
+| what                    | against                                                                          |
+| ----------------------- | -------------------------------------------------------------------------------- |
+| checksum                | the catalogue's check value, and the division bit by bit                         |
+| lines                   | any cut of the bytes, every damage of a kind that CRC-16 must see, any bytes     |
+| messages                | texts put together here from PROTOCOL.md                                         |
+| commands of settings    | the hash, computed from the commands alone as a board would                      |
+| time                    | a clock that runs as long as it likes                                            |
+"""
+
+from __future__ import annotations
+
+import itertools
+import random
+from contextlib import suppress
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from support.scripted_board import crc16
+
+from coilarray.hardware.scan.scans import RawSample, SampleFault
+from coilarray.hardware.scan.settings import scan_settings
+from coilarray.hardware.scan.wiring import load_wiring
+from coilarray.hardware.wire.faults import BoardRestarted
+from coilarray.hardware.wire.protocol import (
+    MAX_LINE,
+    Answer,
+    BoardTime,
+    GateCounts,
+    Greeting,
+    Heartbeat,
+    LineParser,
+    MessageError,
+    Mode,
+    Pong,
+    Refusal,
+    ScanGate,
+    ScanMessage,
+    StreamEnd,
+    StreamEndReason,
+    command_line,
+    draft_commands,
+    parse_message,
+    read_greeting,
+    read_pong,
+    read_scan,
+    seal,
+)
+
+TEXTS = st.text(st.characters(min_codepoint=0x20, max_codepoint=0x7E), min_size=1, max_size=MAX_LINE - 5)
+SCAN = "S00000007,000F4240,D9A4,1234ABCD,01798210,01798211.1048,!3,0179FFFF,01790000,0ABCDEF0"
+
+
+def lines_of(data):
+    return LineParser().feed(data)
+
+
+# lines
+
+
+def test_checksum_is_that_of_the_catalogue():
+    assert seal("123456789") == b"123456789*29B1\n"
+
+
+@given(TEXTS)
+def test_checksum_is_the_division_bit_by_bit(text):
+    assert seal(text) == text.encode() + b"*%04X\n" % crc16(text.encode())
+
+
+@pytest.mark.parametrize("text", ["", "a\n", "tab\t", "\x7f", "µ", "x" * (MAX_LINE - 4)])
+def test_only_a_line_can_be_sealed(text):
+    with pytest.raises(ValueError, match="a line must be 1 to 507 printable ASCII characters"):
+        seal(text)
+
+
+@given(st.lists(TEXTS, max_size=6), st.lists(st.integers(0, 3000), max_size=12), st.sampled_from([b"", b"\r"]))
+def test_lines_come_out_however_the_bytes_are_cut(texts, cuts, carriage_return):
+    data = b"".join(seal(text)[:-1] + carriage_return + b"\n" for text in texts)
+    parser = LineParser()
+    ends = sorted(min(cut, len(data)) for cut in cuts)
+    pieces = [data[a:b] for a, b in itertools.pairwise([0, *ends, len(data)])]
+    assert [text for piece in pieces for text in parser.feed(piece)] == texts
+    assert (parser.counts.good, parser.counts.dropped) == (len(texts), 0)
+
+
+@given(st.binary(max_size=4000), st.integers(1, 700))
+def test_any_bytes_are_counted_line_by_line_and_never_raise(data, size):
+    parser = LineParser()
+    given_out = [text for first in range(0, len(data), size) for text in parser.feed(data[first : first + size])]
+    ended = [line.removesuffix(b"\r") for line in data.split(b"\n")[:-1]]
+    assert len(given_out) == parser.counts.good
+    assert parser.counts.good + parser.counts.dropped == sum(1 for line in ended if line)
+
+
+def test_every_kind_of_bad_line_has_its_counter():
+    parser = LineParser()
+    good = seal("H1234ABCD,000F4240,0000,u")
+    longest = seal("x" * (MAX_LINE - 5))
+    parser.feed(b"\n\r\n" + good + longest)
+    assert (parser.counts.good, parser.counts.dropped) == (2, 0)
+    parser.feed(good.replace(b"u", b"i") + good.lower() + good[:-6] + b"\n")
+    assert parser.counts.wrong_checksum == 3
+    parser.feed(good.replace(b"u", b"\x00") + good.replace(b"u", b"\xb5") + b"\r" + good)
+    assert parser.counts.wrong_character == 3
+    parser.feed(b"x" * (MAX_LINE + 1) + b"\n" + b"x" * MAX_LINE + b"\r\r\n" + b"x" * 5000 + b"\n" + good)
+    assert (parser.counts.too_long, parser.counts.good) == (3, 3)
+
+
+def test_a_line_without_end_takes_no_memory():
+    parser = LineParser()
+    for _ in range(1000):
+        parser.feed(b"x" * 4096)
+    assert len(parser._begun) <= MAX_LINE + 1
+    assert parser.feed(b"\n" + seal("H1234ABCD,000F4240,0000,u")) == ["H1234ABCD,000F4240,0000,u"]
+
+
+def test_every_flip_of_bits_within_sixteen_is_seen():
+    """A CRC of 16 bits sees every burst of up to 16; the checksum's own characters are covered by their exact form."""
+    line = seal(SCAN)[:-1]
+    number, bits = int.from_bytes(line, "big"), 8 * len(line)
+    noise = random.Random(8)
+    bursts = [1, 3, 0x8001, 0xFFFF, *(noise.getrandbits(16) | 1 for _ in range(20))]
+    for shift in range(bits - 16):
+        for burst in bursts:
+            damaged = (number ^ burst << shift).to_bytes(len(line), "big")
+            assert lines_of(damaged + b"\n") == []
+
+
+def test_a_scan_with_a_byte_dropped_repeated_or_swapped_is_no_scan():
+    """The widths of the fields are fixed, so what the checksum let through the form would still refuse."""
+    line = seal(SCAN)
+    for place in range(len(line) - 1):
+        swapped = line[:place] + line[place + 1 : place + 2] + line[place : place + 1] + line[place + 2 :]
+        damages = [line[:place] + line[place + 1 :], line[:place] + line[place : place + 1] + line[place:]]
+        for damaged in [*damages, *([swapped] if swapped != line else [])]:
+            assert lines_of(damaged) == []
+
+
+# messages
+
+
+def test_a_scan_is_read():
+    scan = parse_message(SCAN)
+    assert scan == ScanMessage(
+        sequence=7,
+        time=1_000_000,
+        configuration=0xD9A4,
+        boot=0x1234ABCD,
+        samples=(
+            RawSample(0x0179, 0x8210, 0x0048),
+            RawSample(0x0179, 0x8211, 0x1048),
+            RawSample(0, 0, 0, SampleFault.NO_RESULT),
+            RawSample(0x0179, 0xFFFF, 0x0048),
+            RawSample(0x0179, 0x0000, 0x0048),
+            RawSample(0x0ABC, 0xDEF0, 0x0048),
+        ),
+    )
+
+
+@given(
+    st.integers(0, 2**32 - 1),
+    st.integers(0, 2**32 - 1),
+    st.integers(0, 2**16 - 1),
+    st.integers(0, 2**32 - 1),
+    st.lists(
+        st.one_of(
+            st.builds(RawSample, *[st.integers(0, 2**16 - 1)] * 3),
+            st.sampled_from(list(SampleFault)[1:]).map(lambda fault: RawSample(0, 0, 0, fault)),
+        ),
+        min_size=1,
+        max_size=30,
+    ),
+)
+def test_any_scan_comes_back(sequence, time, configuration, boot, samples):
+    words = [
+        f"!{s.fault:X}" if s.fault else f"{s.msb:04X}{s.lsb:04X}" + ("" if s.status == 0x0048 else f".{s.status:04X}")
+        for s in samples
+    ]
+    text = f"S{sequence:08X},{time:08X},{configuration:04X},{boot:08X}," + ",".join(words)
+    assert parse_message(text) == ScanMessage(sequence, time, configuration, boot, tuple(samples))
+    assert read_scan(text[1:].split(",")) == parse_message(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("H1234ABCD,000F4240,0000,u", Heartbeat(0x1234ABCD, 1_000_000, 0, Mode.UNCONFIGURED)),
+        ("H1234ABCD,000F4240,D9A4,s", Heartbeat(0x1234ABCD, 1_000_000, 0xD9A4, Mode.STREAMING)),
+        ("E2,D9A4,1234ABCD,reset", StreamEnd(StreamEndReason.CONVERTER_RESET, 0xD9A4, 0x1234ABCD, "reset")),
+        ("<FE,OK", Answer(0xFE, ())),
+        ("<FE,OK,5449", Answer(0xFE, ("5449",))),
+        ("<00,ERR,4,two coils on INA", Refusal(0, 4, "two coils on INA")),
+    ],
+)
+def test_other_messages_are_read(text, message):
+    assert parse_message(text) == message
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "X00",
+        ">00,STOP",
+        "S",
+        SCAN.lower(),
+        SCAN.replace("S0", "S"),
+        SCAN[:33],
+        SCAN + ",",
+        SCAN.replace("!3", "!0"),
+        SCAN.replace("!3", "!6"),
+        SCAN.replace("!3", "!"),
+        SCAN.replace(".1048", "."),
+        SCAN.replace("0179FFFF", "0179FFF"),
+        SCAN.replace("0179FFFF", "0179 FFF"),
+        SCAN.replace("0179FFFF", "+179FFFF"),
+        "H1234ABCD,000F4240,0000,x",
+        "H1234ABCD,000F4240,0000",
+        "H1234ABCD,000F4240,0000,u,1",
+        "E0,D9A4,1234ABCD,",
+        "E5,D9A4,1234ABCD,",
+        "E2,D9A4,1234ABCD",
+        "<00",
+        "<0,OK",
+        "<00,ok",
+        "<00,ERR,4",
+        "<00,ERR,4,a,b",
+        "<00,ERR,44,a",
+    ],
+)
+def test_another_form_is_refused(text):
+    with pytest.raises(MessageError):
+        parse_message(text)
+
+
+@given(TEXTS)
+def test_any_text_is_read_or_refused(text):
+    with suppress(MessageError):
+        assert parse_message(text) is not None
+
+
+# replies
+
+
+HELLO = ["1.0", "XMC 2Go 1", "1234ABCD", "5449", "3055", "16", "8", "readback+fast"]
+
+
+def test_a_greeting_is_read():
+    assert read_greeting(HELLO) == Greeting(
+        (1, 0), "XMC 2Go 1", 0x1234ABCD, 0x5449, 0x3055, 16, 8, frozenset({"readback", "fast"})
+    )
+    assert read_greeting([*HELLO[:7], "-", "later"]).capabilities == frozenset()
+
+
+def test_a_pong_is_read():
+    assert read_pong(["1234ABCD", "000F4240", "i", "12"]) == Pong(0x1234ABCD, 1_000_000, Mode.IDLE, 12)
+
+
+@pytest.mark.parametrize(("place", "value"), [(0, "1"), (0, "1.x"), (0, "01.0"), (2, "1234"), (5, "1F"), (6, "-1")])
+def test_a_greeting_of_another_form_is_refused(place, value):
+    fields = list(HELLO)
+    fields[place] = value
+    with pytest.raises(MessageError):
+        read_greeting(fields)
+    with pytest.raises(MessageError):
+        read_greeting(HELLO[:7])
+
+
+@pytest.mark.parametrize("fields", [[], ["1234ABCD"], ["1234ABCD", "000F4240", "x", "0"], ["1234ABCD", "0", "i", "0"]])
+def test_a_pong_of_another_form_is_refused(fields):
+    with pytest.raises(MessageError):
+        read_pong(fields)
+
+
+# commands
+
+
+def told(settings):
+    """Bytes of the hash as a board puts them together from the commands that it has heard."""
+    commands = [line.split(",") for line in (",".join(command) for command in draft_commands(settings))]
+    of = {verb: [c[1:] for c in commands if c[0] == verb] for verb in {c[0] for c in commands}}
+    ((devices, states),) = of["BEGIN"]
+    assert [c[0] for c in (commands[0], commands[-1])] == ["BEGIN", "COMMIT"]
+    assert [int(index, 16) for index, _ in of["WIRE"]] == list(range(int(devices, 16)))
+    assert [int(index, 16) for index, _, _ in of["STATE"]] == list(range(int(states, 16)))
+    text = "".join(
+        (
+            b"coilarray1".hex(),
+            devices,
+            *(digits for _, digits in of["WIRE"]),
+            of["SAFE"][0][0],
+            *(address + value for address, value in of["REG"]),
+            *of["WAIT"][0],
+            states,
+            *(words + drive for _, words, drive in of["STATE"]),
+        )
+    )
+    return bytes.fromhex(text), of["COMMIT"][0][0]
+
+
+@pytest.mark.parametrize("wiring", ["six_coils", "six_coils_4"])
+def test_the_commands_tell_all_that_the_hash_is_of(wiring):
+    settings = scan_settings(load_wiring(wiring), rcount=1000, drives=17)
+    data, hashed = told(settings)
+    assert data == settings.canonical
+    assert int(hashed, 16) == crc16(data)
+
+
+def test_every_command_fits_its_line_and_goes_through_the_parser():
+    for number, command in enumerate(draft_commands(scan_settings(load_wiring()))):
+        assert lines_of(command_line(number, *command)) == [",".join((f">{number:02X}", *command))]
+
+
+# time
+
+
+@given(
+    st.integers(0, 2**33),
+    st.lists(st.tuples(st.floats(0, 2e5), st.booleans()), min_size=1, max_size=20),
+    st.floats(-0.01, 0.01),
+)
+def test_time_is_unwrapped_over_pauses_of_any_length(start, steps, skew):
+    """Pauses to 55 hours: 1 % of that is the 33 minutes by which the clocks may part."""
+    clock, board, now = BoardTime(), start, 0.0
+    first = clock.unwrap(board % 2**32, now)
+    for pause, ahead in steps:
+        now += pause
+        board += round(pause * (1 + (skew if ahead else 0)) * 1e6)
+        assert clock.unwrap(board % 2**32, now) - first == board - start
+
+
+def test_an_older_time_stays_older():
+    clock = BoardTime()
+    assert clock.unwrap(2**32 - 10, 0.0) == 2**32 - 10
+    assert clock.unwrap(5, 0.1) == 2**32 + 5
+    assert clock.unwrap(2**32 - 20, 0.2) == 2**32 - 20
+    assert clock.unwrap(6, 0.3) == 2**32 + 6
+
+
+# the gate
+
+
+def scan_of(sequence, *, configuration=0xD9A4, states=2):
+    return ScanMessage(sequence, 0, configuration, 1, (RawSample(1, 2, 0x48),) * states)
+
+
+def test_scans_pass_once_and_in_order():
+    gate = ScanGate(configuration=0xD9A4, states=2, start=100)
+    passed = [
+        gate.passes(scan_of(s), t) for s, t in [(0, 100), (1, 200), (1, 200), (0, 100), (4, 500), (3, 600), (5, 700)]
+    ]
+    assert passed == [True, True, False, False, True, False, True]
+    assert gate.counts == GateCounts(passed=4, lost=2, repeated=2, stale=1)
+
+
+def test_scans_from_before_the_stream_do_not_pass():
+    gate = ScanGate(configuration=0xD9A4, states=2, start=100)
+    assert not gate.passes(scan_of(17, configuration=0x1111), 99)
+    assert gate.counts == GateCounts(stale=1)
+
+
+def test_scans_of_another_number_of_states_do_not_pass():
+    gate = ScanGate(configuration=0xD9A4, states=2, start=0)
+    assert not gate.passes(scan_of(0, states=3), 1)
+    assert gate.counts == GateCounts(misfit=1)
+
+
+def test_scans_of_other_settings_end_it():
+    gate = ScanGate(configuration=0xD9A4, states=2, start=0)
+    with pytest.raises(BoardRestarted, match="measures with the settings 1111, not with D9A4"):
+        gate.passes(scan_of(0, configuration=0x1111), 1)
+
+
+def test_counts_add_up():
+    assert GateCounts(1, 2, 3, 4, 5) + GateCounts(10, 20, 30, 40, 50) == GateCounts(11, 22, 33, 44, 55)

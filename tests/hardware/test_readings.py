@@ -1,0 +1,150 @@
+"""Readings: words to frequency and inductance, and no number for anything that is no measurement."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from coilarray.design.scan_states import ScanState
+from coilarray.errors import HardwareError
+from coilarray.hardware.chips.ldc1614 import frequency_from_inductance, frequency_to_code
+from coilarray.hardware.scan.ldc1614_result import READY, Reason, Result, encode_result
+from coilarray.hardware.scan.readings import read_scan
+from coilarray.hardware.scan.scans import RawSample, RawScan, SampleFault
+from coilarray.hardware.scan.settings import scan_settings
+from coilarray.hardware.scan.wiring import load_wiring
+
+WIRING = load_wiring()
+SETTINGS = scan_settings(WIRING)
+ONE = scan_settings(WIRING, [ScanState("coil1", (("coil1", 1),))])
+GOOD = RawSample(0x0179, 0x82F3, READY)
+C = 120e-12
+
+
+def _scan(samples, settings=SETTINGS):
+    return RawScan(7, 1.5, 1e9, settings.hash, 0xB007, tuple(samples))
+
+
+def _one(sample, settings=ONE, **given):
+    (state,) = read_scan(_scan([sample], settings), settings, C, **given).states
+    return state
+
+
+def test_golden_reading():
+    # facts: code 0x17982F3 at 21.7 MHz is 2 MHz, and with 120 pF 52.77 µH
+    reading = read_scan(_scan([GOOD] * 6), SETTINGS, C)
+    assert [state.name for state in reading.states] == list(WIRING.coils)
+    assert reading.states[0].frequency == pytest.approx(2e6, abs=0.05)  # half a step of 0.0808 Hz
+    assert reading.states[0].inductance == pytest.approx(52.77e-6, rel=1e-4)
+    assert (reading.verdict, reading.sequence, reading.time, reading.received, reading.boot) == (
+        "good", 7, 1.5, 1e9, 0xB007,
+    )  # fmt: skip
+    assert set(reading.inductances) == set(WIRING.coils)
+
+
+@given(
+    L=st.floats(5e-6, 200e-6),
+    capacitance=st.floats(50e-12, 500e-12),
+    quality=st.floats(5, 200) | st.just(math.inf),
+    offset=st.integers(0, 100),
+    divider=st.integers(2, 4),
+)
+def test_inductance_there_and_back(L, capacitance, quality, offset, divider):
+    """From L to the nearest code and back: half a step of the code, twice in L."""
+    settings = scan_settings(
+        WIRING, [ScanState("coil1", (("coil1", 1),))], frequency=8e6, offset=offset, fin_divider=divider
+    )
+    f = frequency_from_inductance(L, capacitance, quality)
+    code = frequency_to_code(f, settings.reference, divider=divider, offset=offset)
+    sample = RawSample(*encode_result(Result(code)), READY)
+    (state,) = read_scan(_scan([sample], settings), settings, capacitance, qualities=quality).states
+    if f > 10e6:
+        assert (state.inductance, state.verdict) == (None, "bad")
+        return
+    step = divider * settings.reference / (1 << 28)
+    assert state.frequency == pytest.approx(f, abs=0.51 * step)
+    # dL/L = −2 df/f, a little more with the converter's delay at a low quality factor
+    assert state.inductance == pytest.approx(L, rel=1.5 * step / f)
+    assert (state.verdict == "good") == (f / divider < settings.reference / 4)
+
+
+@given(
+    st.integers(0, 0xFFFF), st.integers(0, 0xFFFF), st.just(READY) | st.integers(0, 0xFFFF),
+    st.sampled_from(SampleFault),
+)  # fmt: skip
+def test_a_number_only_where_it_is_a_measurement(msb, lsb, status, fault):
+    state = _one(RawSample(msb, lsb, status, fault))
+    assert (state.frequency is None) == (state.inductance is None) == (state.verdict == "bad")
+    assert bool(state.reasons) == (state.verdict != "good")
+    if fault is not SampleFault.NONE:
+        assert state.verdict == "bad"
+
+
+@pytest.mark.parametrize(
+    ("sample", "verdict", "reason"),
+    [
+        (RawSample(0, 0, 0, SampleFault.BUS_TIMEOUT), "bad", Reason.BUS_TIMEOUT),
+        (RawSample(0x2000, 0, 0x0848), "bad", Reason.WATCHDOG),
+        (RawSample(0x1179, 0x82F3, 0x0248), "doubtful", Reason.AMPLITUDE_LOW),
+        (RawSample(0x0400, 0x0000, READY), "doubtful", Reason.ABOVE_QUARTER),
+        (RawSample(0x0FFF, 0xFFFF, READY), "bad", Reason.OVER_RANGE),
+        # 0x3000 at 21.7 MHz is 993 Hz, 0x8000000 is 10.85 MHz: no sensor of this converter
+        (RawSample(0x0000, 0x3000, READY), "bad", Reason.NO_SENSOR),
+        (RawSample(0x0800, 0x0000, READY), "bad", Reason.NO_SENSOR),
+    ],
+)
+def test_verdicts(sample, verdict, reason):
+    state = _one(sample)
+    assert (state.verdict, reason in state.reasons) == (verdict, True)
+    mixed = read_scan(_scan([GOOD, sample, *[GOOD] * 4]), SETTINGS, C)
+    assert mixed.verdict == verdict
+    assert mixed.states[0].verdict == "good"
+    assert ("coil2" in mixed.inductances) == (verdict != "bad")
+
+
+def test_capacitances_and_qualities_by_name():
+    capacitances = {coil: (100 + k) * 1e-12 for k, coil in enumerate(WIRING.coils)}
+    qualities = {coil: 20.0 + k for k, coil in enumerate(WIRING.coils)}
+    states = read_scan(_scan([GOOD] * 6), SETTINGS, capacitances, qualities=qualities).states
+    for state in states:
+        f = frequency_from_inductance(state.inductance, capacitances[state.name], qualities[state.name])
+        assert f == pytest.approx(state.frequency, rel=1e-13)  # rounding
+
+
+def test_least_quality_has_an_inductance_up_to_the_highest_frequency():
+    code = frequency_to_code(9.99e6, ONE.reference)
+    state = _one(RawSample(*encode_result(Result(code)), READY), qualities=2.0)
+    assert frequency_from_inductance(state.inductance, C, 2.0) == pytest.approx(9.99e6, rel=1e-7)  # a step is 8e-9
+
+
+def test_a_better_clock():
+    # frequency goes with the clock, inductance with its inverse square
+    plain, better = _one(GOOD), _one(GOOD, clock=1.01 * ONE.clock)
+    assert better.frequency == pytest.approx(1.01 * plain.frequency, rel=1e-14)
+    assert better.inductance == pytest.approx(plain.inductance / 1.01**2, rel=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("change", "given", "message"),
+    [
+        ({"configuration": SETTINGS.hash ^ 1}, {}, "scan 7 was measured with other settings, [0-9A-F]{4}; these are"),
+        ({"samples": (GOOD,) * 5}, {}, "scan 7 must have 6 states; got 5"),
+        ({"samples": (GOOD,) * 7}, {}, "scan 7 must have 6 states; got 7"),
+        ({"samples": (RawSample(0x10000, 0, READY),) * 6}, {}, "msb must be 0 to 0xFFFF; got 0x10000"),
+        ({}, {"capacitances": {"coil1": C}}, "the capacitance of coil2 must be given"),
+        ({}, {"capacitances": 0.0}, "the capacitance of coil1 must be positive and finite; got 0.0 F"),
+        ({}, {"capacitances": math.nan}, "the capacitance of coil1 must be positive and finite; got nan F"),
+        ({}, {"qualities": {"coil1": 20.0}}, "the quality factor of coil2 must be given"),
+        ({}, {"qualities": 1.9}, "the quality factor of coil1 must be at least 2; got 1.9"),
+        ({}, {"qualities": math.nan}, "the quality factor of coil1 must be at least 2; got nan"),
+        ({}, {"clock": 0.0}, "clock must be positive and finite; got 0.0 Hz"),
+        ({}, {"clock": math.inf}, "clock must be positive and finite; got inf Hz"),
+    ],
+)
+def test_refused(change, given, message):
+    with pytest.raises(HardwareError, match=message):
+        read_scan(replace(_scan([GOOD] * 6), **change), SETTINGS, **{"capacitances": C, **given})

@@ -1,0 +1,617 @@
+"""Recordings: what is written is read back to the last bit, and nothing else is taken for one."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import sqlite3
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import xarray as xr
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from support.recorded_boards import QuickWorld, configured, quick_board, session_of, two_coils
+
+from coilarray.cli.readings import read_readings
+from coilarray.errors import HardwareError, OutputError
+from coilarray.hardware.record import recorder as recorder_module
+from coilarray.hardware.record.recorded_response import recorded_response, recorded_series, series_csv
+from coilarray.hardware.record.recorder import open_recorder
+from coilarray.hardware.record.recording import GridPlace, open_recording
+from coilarray.hardware.record.recording_file import SCHEMA
+from coilarray.hardware.record.recording_summary import summarize_recording
+from coilarray.hardware.record.stream import record_stream
+from coilarray.hardware.scan.readings import read_scan
+from coilarray.hardware.scan.scans import RawSample, RawScan, SampleFault
+from coilarray.hardware.wire.faults import BoardRestarted
+
+DESIGN = two_coils()
+WORD = st.integers(0, 0xFFFF)
+SAMPLE = st.one_of(
+    st.builds(RawSample, WORD, WORD, WORD),
+    st.sampled_from([RawSample(0, 0, 0, fault) for fault in SampleFault if fault]),
+)
+TIME = st.floats(0, 1e9)
+
+
+@pytest.fixture
+def board():
+    with quick_board() as board:
+        yield board
+
+
+@pytest.fixture
+def session(board):
+    return session_of(board, configured(board), DESIGN)
+
+
+def recorded(path, session, scans, stage="stream"):
+    with open_recorder(path) as recorder:
+        recorder.start(session)
+        for scan in scans:
+            recorder.add(scan, stage)
+    return path
+
+
+def raw_scan(session, sequence, time=0.0):
+    samples = (RawSample(0x0179, 0x82F3, 0x0048),) * 2
+    return RawScan(sequence, time, 1.7e9, session.settings.hash, session.identity.boot, samples)
+
+
+@settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
+@given(st.lists(st.tuples(st.integers(0, 2**32 - 1), TIME, TIME, SAMPLE, SAMPLE), max_size=6))
+def test_every_bit_comes_back(tmp_path_factory, session, rows):
+    path = tmp_path_factory.mktemp("run") / "a #?%20 run.sqlite"  # a name that must be quoted in an address
+    scans = [
+        RawScan(sequence, time, received, session.settings.hash, session.identity.boot, samples)
+        for sequence, time, received, *samples in ((*row[:3], *row[3:]) for row in rows)
+    ]
+    scans = [replace(scan, samples=tuple(scan.samples)) for scan in scans]
+    recorded(path, session, scans)
+    assert [one.name for one in path.parent.iterdir()] == [path.name]  # nothing is left beside it
+    with open_recording(path) as recording:
+        assert [one.scan for one in recording.scans()] == scans
+        assert [one.number for one in recording.scans(after=1)] == list(range(2, len(scans) + 1))
+        assert recording.count() == len(scans)
+        (kept,) = recording.sessions
+        assert kept.settings == session.settings
+        assert kept.identity == session.identity
+        assert kept.design_document == session.design_document
+        assert (kept.wiring, kept.design_hash, kept.capacitances) == ("two_coils", DESIGN.digest, session.capacitances)
+        assert recording.emulated
+        recording.check()
+
+
+def test_damage_is_told_in_one_line(tmp_path, session):
+    """SQLite's own check names a table of the file, whose name may have several lines."""
+    path = recorded(tmp_path / "run.sqlite", session, [raw_scan(session, k) for k in range(3)])
+    connection = sqlite3.connect(path)
+    connection.executescript(
+        """CREATE TABLE "a
+        b\x1b[31m" (scan INTEGER REFERENCES scan (id)); INSERT INTO "a
+        b\x1b[31m" VALUES (77);"""
+    )
+    connection.close()
+    with pytest.raises(HardwareError, match="is damaged: a b") as caught, open_recording(path) as recording:
+        recording.check()
+    assert str(caught.value).isprintable()
+
+
+def test_self_tests_come_back(tmp_path, session, monkeypatch):
+    path = tmp_path / "run.sqlite"
+    days = iter([1.7e9, 1.8e9])  # the computer's own clock may be set back in between
+    monkeypatch.setattr(recorder_module, "time", SimpleNamespace(time=lambda: next(days), monotonic=time.monotonic))
+    with open_recorder(path) as recorder:
+        recorder.start(session)
+        recorder.add_self_test((), ())
+        recorder.add_self_test(["coil1 is “odd”"], ["this\n", "that"])
+    with open_recording(path) as recording:
+        first, second = recording.self_tests()
+        assert summarize_recording(recording).self_tests == (first, second)
+    assert (first.session, first.symptoms, first.findings, first.passed) == (0, (), (), True)
+    assert (second.symptoms, second.findings, second.passed) == (("coil1 is “odd”",), ("this\n", "that"), False)
+    assert (first.time, second.time) == (1.7e9, 1.8e9)
+
+
+def test_the_rate_is_told(tmp_path, board, session):
+    path = tmp_path / "run.sqlite"
+    for sequence in range(2):  # the pause between two sessions is none of it
+        with open_recorder(path, resume=True) as recorder:
+            recorder.start(session)
+            for k in range(5):
+                recorder.add(raw_scan(session, k, 100.0 * sequence + 0.25 * k), "stream")
+    with open_recording(path) as recording:
+        assert summarize_recording(recording).rate == pytest.approx(4.0)
+
+
+def test_read_while_it_is_written(tmp_path, board, session):
+    path = tmp_path / "run.sqlite"
+    with open_recorder(path) as recorder:
+        recorder.start(session)
+        for k in range(3):
+            recorder.add(board.reader.scan(), "stream")
+            with open_recording(path) as recording:  # another connection, as of another process
+                assert recording.count() == k + 1
+    assert [one.name for one in tmp_path.iterdir()] == ["run.sqlite"]
+
+
+def test_one_writer_at_a_time(tmp_path, session):
+    path = tmp_path / "run.sqlite"
+    with open_recorder(path) as recorder:
+        recorder.start(session)
+        with pytest.raises(OutputError, match=r"another program is recording into .*run\.sqlite"), open_recorder(path):
+            pass
+    with open_recorder(path, resume=True) as recorder:
+        recorder.start(session)
+
+
+def test_stream(tmp_path, board, session):
+    told = []
+    with open_recorder(tmp_path / "run.sqlite") as recorder:
+        recorder.start(session)
+        assert record_stream(board.reader, recorder, scans=5, progress=lambda *now: told.append(now)) == 5
+        assert told[-1] == (5, 5)
+        period = board.reader.scan().time
+        count = record_stream(board.reader, recorder, seconds=2.0, progress=lambda *now: told.append(now))
+        assert told[-1][1] == 20
+        assert count == pytest.approx(2.0 / session.settings.period, abs=1.5)  # the first and the last may just fit
+        before = board.emulator.clock.now()
+        record_stream(board.reader, recorder, scans=4, interval=0.5)
+        # four scans, each half a second after the one before: three intervals and one scan
+        assert board.emulator.clock.now() - before == pytest.approx(1.5 + session.settings.period, rel=0.05)
+        assert recorder.count() == 5 + count + 4
+        assert period > 0
+    assert board.emulator.seen().state is None  # closing the stream has grounded the coils
+
+
+@pytest.mark.parametrize(
+    "wrong", [{}, {"scans": 1, "seconds": 1.0}, {"scans": 0}, {"seconds": 0.0}, {"seconds": float("nan")}]
+)
+def test_wrong_streams(tmp_path, board, session, wrong):
+    with open_recorder(tmp_path / "run.sqlite") as recorder:
+        recorder.start(session)
+        with pytest.raises(HardwareError, match="stream must"):
+            record_stream(board.reader, recorder, **wrong)
+
+
+def test_nothing_is_overwritten(tmp_path, session):
+    path = recorded(tmp_path / "run.sqlite", session, [raw_scan(session, 0)])
+    before = path.read_bytes()
+    with pytest.raises(OutputError, match=r"is a recording of 1 scans already; resume it or name another"):
+        recorded(path, session, [])
+    assert path.read_bytes() == before
+    assert [one.name for one in tmp_path.iterdir()] == [path.name]
+
+
+@pytest.mark.parametrize("content", [b"", None])
+def test_blank_files_are_none(tmp_path, session, content):
+    path = tmp_path / "run.sqlite"
+    if content is None:  # what a kill before the first transaction leaves
+        connection = sqlite3.connect(path)
+        connection.execute("PRAGMA journal_mode = WAL")
+        connection.close()
+    else:
+        path.write_bytes(content)
+    with pytest.raises(HardwareError, match="is no recording: it is empty"), open_recording(path):
+        pass
+    recorded(path, session, [raw_scan(session, 0)])
+    with open_recording(path) as recording:
+        assert recording.count() == 1
+
+
+def test_a_session_that_never_began_leaves_nothing(tmp_path):
+    def no_board():
+        raise HardwareError("there is no board")
+
+    with pytest.raises(HardwareError, match="no board"), open_recorder(tmp_path / "run.sqlite"):
+        no_board()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_resume(tmp_path, board, session):
+    path = recorded(tmp_path / "run.sqlite", session, [board.reader.scan()])
+    later = replace(session, identity=replace(session.identity, boot=7), started=session.started + 60)
+    with open_recorder(path, resume=True) as recorder:
+        recorder.start(later)
+        recorder.add(replace(board.reader.scan(), boot=7), "stream")
+    with open_recording(path) as recording:
+        assert [one.session for one in recording.scans()] == [0, 1]
+        assert [one.scan.boot for one in recording.scans()] == [session.identity.boot, 7]
+        assert np.diff(recorded_series(recording).time) >= 0
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda s: replace(s, design_hash="0" * 64), "its design was .* now it is 000000000000"),
+        (lambda s: replace(s, wiring="another"), "its wiring was two_coils; now it is another"),
+        (lambda s: replace(s, settings=replace(s.settings, rcount=100)), "its hash of settings was .{4}; now it is"),
+        (lambda s: replace(s, settings=replace(s.settings, clock=43e6)), "its (hash of settings|clock) was"),
+        (lambda s: replace(s, identity=replace(s.identity, emulated=False)), "its board was emulated; now it is real"),
+    ],
+)
+def test_resume_refuses_something_else(tmp_path, session, change, message):
+    path = recorded(tmp_path / "run.sqlite", session, [raw_scan(session, 0)])
+    with pytest.raises(HardwareError, match=message), open_recorder(path, resume=True) as recorder:
+        recorder.start(change(session))
+    with open_recording(path) as recording:
+        assert len(recording.sessions) == 1
+
+
+def test_resume_refuses_another_campaign(tmp_path, session):
+    path = tmp_path / "run.sqlite"
+    with open_recorder(path) as recorder:
+        recorder.start(session, "{}")
+    for plan, message in ((None, "it is of a campaign"), ('{"x": 1}', "it is of another campaign")):
+        with pytest.raises(HardwareError, match=message), open_recorder(path, resume=True) as recorder:
+            recorder.start(session, plan)
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "message"),
+    [
+        (lambda s: replace(s, boot=s.boot ^ 1), BoardRestarted, "the board restarted"),
+        (lambda s: replace(s, configuration=s.configuration ^ 1), HardwareError, "the board was told"),
+        (lambda s: replace(s, samples=s.samples[:1]), HardwareError, "and 1 states"),
+        (lambda s: replace(s, time=float("nan")), HardwareError, "finite times"),
+        (lambda s: replace(s, received=float("inf")), HardwareError, "finite times"),
+    ],
+)
+def test_scans_that_are_not_of_the_session(tmp_path, session, change, error, message):
+    with open_recorder(tmp_path / "run.sqlite") as recorder:
+        recorder.start(session)
+        with pytest.raises(error, match=message):
+            recorder.add(change(raw_scan(session, 3)), "stream")
+        assert recorder.count() == 0
+        recorder.add(raw_scan(session, 3), "stream")
+
+
+def test_a_recorder_must_be_started(tmp_path, session):
+    with open_recorder(tmp_path / "run.sqlite") as recorder, pytest.raises(ValueError, match="must be started"):
+        recorder.add(raw_scan(session, 0), "stream")
+
+
+# --------------------------------------------------------------- files that are no recordings
+
+
+def other_program(path):
+    connection = sqlite3.connect(path)
+    connection.execute("CREATE TABLE scan (id INTEGER)")
+    connection.commit()
+    connection.close()
+
+
+def changed(path, statement):
+    connection = sqlite3.connect(path)
+    connection.execute(statement)
+    connection.commit()
+    connection.close()
+
+
+def overwritten(path):
+    """Damage every page but the first."""
+    data = bytearray(path.read_bytes())
+    for start in range(4096, len(data), 4096):
+        data[start : start + 200] = bytes(200)
+    path.write_bytes(data)
+
+
+WRONG_FILES = {
+    "missing": (lambda path: path.unlink(), "there is no file"),
+    "folder": (lambda path: (path.unlink(), path.mkdir()), "cannot read .*: it is a folder"),
+    "text": (lambda path: path.write_text("state,delta\n" * 100), "is no recording: file is not a database"),
+    "other program": (lambda path: (path.unlink(), other_program(path)), "database of another program"),
+    "newer": (
+        lambda path: changed(path, f"PRAGMA user_version = {SCHEMA + 1}"),
+        f"is a recording of schema {SCHEMA + 1}, which another version .* reads schema {SCHEMA}",
+    ),
+    "no table": (lambda path: changed(path, "DROP TABLE campaign"), "damaged: the table campaign is missing"),
+    "cut off": (lambda path: os.truncate(path, 6000), "damaged"),
+    "zeros": (overwritten, "damaged"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG_FILES)
+def test_wrong_files(tmp_path, session, name):
+    spoil, message = WRONG_FILES[name]
+    path = recorded(tmp_path / "run.sqlite", session, [raw_scan(session, k) for k in range(300)])
+    spoil(path)
+    with pytest.raises(HardwareError, match=message) as caught, open_recording(path) as recording:
+        recording.check()
+    assert "\n" not in str(caught.value)
+    if name == "missing":
+        return
+    before = path.read_bytes() if path.is_file() else None
+    with pytest.raises((HardwareError, OutputError)) as caught, open_recorder(path, resume=True) as recorder:
+        recorder.start(session)
+    assert "\n" not in str(caught.value)
+    assert before is None or path.read_bytes() == before  # not touched
+
+
+@pytest.mark.parametrize(
+    ("statement", "message"),
+    [
+        ("UPDATE session SET settings = '{}'", "damaged: session 1"),
+        ("UPDATE session SET settings_hash = 1", "damaged: session 1: the settings are not"),
+        ("UPDATE session SET identity = '[]'", "damaged: session 1"),
+        ("UPDATE session SET identity = '{}'", "damaged: session 1"),
+        ("UPDATE session SET identity = replace(identity, 'true', '3')", "damaged: session 1"),
+        ("UPDATE session SET capacitances = '[1]'", "damaged: session 1"),
+        ("UPDATE session SET design_document = '7'", "damaged: session 1"),
+        ("UPDATE session SET started = 'yesterday'", "damaged: session 1"),
+        ("DELETE FROM session", "damaged: it has no session"),
+        ("DELETE FROM sample WHERE state = 1 AND scan = 2", "damaged: scan 2: a scan has 1 samples of 2 states"),
+        ("UPDATE sample SET msb = 65536 WHERE scan = 2", "damaged: scan 2: a register must hold 16 bits"),
+        ("UPDATE sample SET lsb = 'x' WHERE scan = 2", "damaged: scan 2"),
+        ("UPDATE sample SET fault = 99 WHERE scan = 2", "damaged: scan 2"),
+        ("UPDATE session SET started = 1e300", "damaged: session 1: a time must be on a day of the calendar"),
+        ("UPDATE session SET started = 1e18", "damaged: session 1: a time must be on a day of the calendar"),
+        (f"UPDATE session SET capacitances = '{{\"coil1\": {'9' * 400}}}'", "damaged: session 1"),
+        ("UPDATE scan SET sequence = 1e999 WHERE id = 2", "damaged: scan 2: cannot convert"),
+        ("UPDATE self_test SET time = 1e300", "damaged: self-test 1: a time must be on a day of the calendar"),
+        ("UPDATE self_test SET session = 9", "damaged"),
+        ("UPDATE self_test SET symptoms = '[1]'", "damaged: self-test 1: a list of texts"),
+        ("UPDATE self_test SET findings = 'x'", "damaged: self-test 1"),
+        ("ALTER TABLE scan RENAME TO 'two\nlines'", "damaged: the table scan is missing"),
+        ("UPDATE scan SET time = 1e999 WHERE id = 2", "damaged: scan 2: a number must be finite"),
+        ("UPDATE scan SET time = 'x' WHERE id = 2", "damaged: scan 2"),
+        ("UPDATE scan SET session = 5 WHERE id = 2", "damaged"),
+        ("UPDATE scan SET position = 5 WHERE id = 2", "damaged"),
+    ],
+)
+def test_values_are_data(tmp_path, session, statement, message):
+    path = tmp_path / "run.sqlite"
+    with open_recorder(path) as recorder:
+        recorder.start(session)
+        recorder.add_self_test((), ())
+        for k in range(3):
+            recorder.add(raw_scan(session, k), "stream")
+    changed(path, statement)
+    with pytest.raises(HardwareError, match=message) as caught, open_recording(path) as recording:
+        recording.check()
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("place", ["no folder/run.sqlite", "\0.sqlite"])
+def test_files_that_cannot_be_written(tmp_path, place):
+    with pytest.raises(OutputError, match="cannot write"), open_recorder(tmp_path / place):
+        pass
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.skipif(not os.path.isdir("/proc/self"), reason="needs a folder where nobody may write")
+def test_a_folder_where_nobody_may_write():
+    from pathlib import Path
+
+    with (
+        pytest.raises(OutputError, match=r"cannot write /proc/self/run\.sqlite"),
+        open_recorder(Path("/proc/self/run.sqlite")),
+    ):
+        pass
+
+
+@pytest.mark.parametrize("moment", ["BEGIN", "INSERT INTO sample", "COMMIT", "PRAGMA synchronous = NORMAL"])
+def test_interrupted_within_a_write(tmp_path, session, moment):
+    """Ctrl-C does not break a write off, and nothing hides it."""
+    path = tmp_path / "run.sqlite"
+    with open_recorder(path) as recorder:
+        recorder.start(session)
+        came = []
+
+        def interrupt(statement):
+            if statement.startswith(moment) and not came:
+                came.append(statement)
+                signal.raise_signal(signal.SIGINT)
+
+        recorder._connection.set_trace_callback(interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            recorder.add(raw_scan(session, 0), "stream")
+        assert came
+        recorder.add(raw_scan(session, 1), "stream")
+    with open_recording(path) as recording:
+        recording.check()
+        assert [one.scan.sequence for one in recording.scans()] == [0, 1]
+
+
+def test_a_full_database(tmp_path, session):
+    path = tmp_path / "run.sqlite"
+    with open_recorder(path) as recorder:
+        recorder.start(session)
+        pages = recorder._connection.execute("PRAGMA page_count").fetchone()[0]
+        recorder._connection.execute(f"PRAGMA max_page_count = {pages + 3}")
+        added = 0
+        with pytest.raises(OutputError, match=r"cannot write .*full"):  # noqa: PT012 - the loop ends by it
+            while True:
+                recorder.add(raw_scan(session, added), "stream")
+                added += 1
+        assert recorder.count() == added
+        recorder._connection.execute(f"PRAGMA max_page_count = {pages + 100}")
+        recorder.add(raw_scan(session, added), "stream")  # there is room again: it goes on
+    with open_recording(path) as recording:
+        recording.check()
+        assert [one.scan.sequence for one in recording.scans()] == list(range(added + 1))
+
+
+# ------------------------------------------------------------------------------- time series
+
+
+def test_series(tmp_path, board, session):
+    world = board.emulator.world
+    path = tmp_path / "run.sqlite"
+    with open_recorder(path) as recorder:
+        recorder.start(session)
+        scans = []
+        for k in range(8):
+            if k == 4:
+                board.emulator.indenter.press(0.0, 0.0, 1e-3)
+            if k == 6:
+                world.dead = {"coil2"}
+                board.emulator.indenter.lift()
+            scans.append(board.reader.scan())
+            recorder.add(scans[-1], "stream")
+    with open_recording(path) as recording:
+        series = recorded_series(recording, baseline=4)
+        twice = recorded_series(recording, baseline=4, capacitances=240e-12, clock=2 * session.settings.clock)
+        summary = summarize_recording(recording)
+    reading = read_scan(scans[0], session.settings, session.capacitances)
+    assert series.inductance[0].values.tolist() == [state.inductance for state in reading.states]
+    # a code is 4e-8 of the frequency and so 8e-8 of L; the losses, which L alone does not know, have R²C/L = 9e-4 of δ
+    np.testing.assert_allclose(series.delta.sel(state="coil1"), [0] * 4 + [0.8e-3] * 2 + [0] * 2, rtol=1e-3, atol=2e-7)
+    assert np.isnan(series.delta.sel(state="coil2")).values.tolist() == [False] * 6 + [True] * 2
+    assert series.verdict.sel(state="coil2").values.tolist() == [0] * 6 + [2] * 2
+    xr.testing.assert_allclose(series.delta, twice.delta)  # capacitance and clock cancel
+    np.testing.assert_allclose(twice.inductance, series.inductance / 2 / 4)  # L = 1/((2πf)² C)
+    assert [(s.msb, s.lsb) for s in scans[5].samples] == list(
+        zip(series.msb[5].values.tolist(), series.lsb[5].values.tolist(), strict=True)
+    )
+    assert series.time.values.tolist() == [scan.time - scans[0].time for scan in scans]
+    assert (series.attrs["emulated"], series.attrs["design"]) == (1, "two_coils")
+    assert (summary.scans, summary.lost, summary.states[1].verdicts["bad"]) == (8, 0, 2)
+    assert "does not oscillate" in str(summary.states[1].reasons)
+
+
+def test_series_as_csv_is_what_locate_reads(tmp_path, board, session):
+    path = recorded(tmp_path / "run.sqlite", session, [board.reader.scan() for _ in range(4)])
+    with open_recording(path) as recording:
+        series = recorded_series(recording)
+    (tmp_path / "run.csv").write_text(series_csv(series))
+    assert series_csv(series).splitlines()[0] == "time_s,coil1,coil2"
+    readings = read_readings(str(tmp_path / "run.csv"))
+    assert [reading["coil2"] for reading in readings] == series.delta.sel(state="coil2").values.tolist()
+    assert [reading["time_s"] for reading in readings] == series.time.values.tolist()
+
+
+def test_series_to_netcdf_and_back(tmp_path, board, session):
+    from coilarray.compute.netcdf import load_part, save_dataset
+
+    path = recorded(tmp_path / "run.sqlite", session, [board.reader.scan() for _ in range(3)])
+    with open_recording(path) as recording:
+        series = recorded_series(recording)
+    save_dataset(series, tmp_path / "run.nc")
+    xr.testing.assert_identical(load_part(tmp_path / "run.nc").load(), series)
+
+
+def test_wrong_series(tmp_path, session):
+    path = recorded(tmp_path / "run.sqlite", session, [])
+    with open_recording(path) as recording:
+        with pytest.raises(HardwareError, match="has no scan yet"):
+            recorded_series(recording)
+        with pytest.raises(HardwareError, match="baseline must be at least 1"):
+            recorded_series(recording, baseline=0)
+        with pytest.raises(HardwareError, match="holds no campaign, only a time series"):
+            recorded_response(recording)
+
+
+def test_lost_scans_are_counted(tmp_path, session):
+    path = recorded(tmp_path / "run.sqlite", session, [raw_scan(session, k, time=k) for k in (0, 1, 4, 5, 7)])
+    with open_recording(path) as recording:
+        summary = summarize_recording(recording)
+    assert (summary.scans, summary.lost, summary.seconds) == (5, 3, 7.0)
+
+
+def test_noise_of_the_summary(tmp_path):
+    noise = 1e-6  # of the frequency: 25 codes, so that rounding does not matter
+    with quick_board(noise=noise, seed=1, world=QuickWorld()) as board:
+        session = session_of(board, configured(board), DESIGN)
+        path = recorded(tmp_path / "run.sqlite", session, [board.reader.scan() for _ in range(300)])
+    with open_recording(path) as recording:
+        summary = summarize_recording(recording)
+    for state in summary.states:
+        # L has twice the relative noise of f; 300 values give it to 5 %, of which this is three times
+        assert state.noise == pytest.approx(2 * noise, rel=0.15)
+        assert state.inductance == pytest.approx(52e-6, rel=1e-3)  # the losses of the tank: 1/Q² = 5e-4
+
+
+def test_a_copy_is_a_recording(tmp_path, session):
+    path = recorded(tmp_path / "run.sqlite", session, [raw_scan(session, 0)])
+    shutil.copy(path, tmp_path / "copy.sqlite")
+    with open_recording(tmp_path / "copy.sqlite") as recording:
+        assert recording.count() == 1
+
+
+def test_positions(tmp_path, session):
+    path = tmp_path / "run.sqlite"
+    places = [GridPlace(k, 0, 1e-3, 0.0, 1e-3 * k) for k in range(3)]
+    with open_recorder(path) as recorder:
+        recorder.start(session, "{}")
+        for place in places:
+            position = recorder.begin(place)
+            recorder.add(raw_scan(session, 0), "baseline", position=position, depth=0.0)
+            if place.number != 1:
+                recorder.finish(position)
+        assert recorder.finished() == {0, 2}
+        again = recorder.begin(places[0])
+        with pytest.raises(OutputError, match="UNIQUE"):  # a place counts once
+            recorder.finish(again)
+    with open_recording(path) as recording:
+        assert list(recording.positions().values()) == [places[0], places[2]]
+        assert [one.place for one in recording.scans()] == places
+        assert [one.place.number for one in recording.scans(finished=True)] == [0, 2]
+        assert {one.depth for one in recording.scans()} == {0.0}
+
+
+SOMEBODY = """
+import os, sys
+from pathlib import Path
+from coilarray.errors import HardwareError, OutputError
+from coilarray.hardware.record.recorder import open_recorder
+from coilarray.hardware.record.recording import open_recording
+
+path = Path(sys.argv[1])
+with open_recording(Path(sys.argv[2])) as recording:  # imports everything, which the other user may not
+    recording.count()
+if os.geteuid() == 0:
+    os.seteuid(65534)
+else:
+    path.parent.chmod(0o555)
+try:
+    with open_recording(path) as recording:
+        print(recording.count(), "scans")
+except HardwareError as error:
+    print(error)
+try:
+    with open_recorder(path.parent / "new.sqlite"):
+        print("wrote")
+except OutputError as error:
+    print(error)
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "seteuid"), reason="needs users as POSIX has them")
+@pytest.mark.parametrize("killed", [False, True])
+def test_a_folder_of_somebody_else(tmp_path, session, killed):
+    """A user who may only look reads a whole recording, and is told why a killed one is not read."""
+    with tempfile.TemporaryDirectory() as theirs:  # not below pytest's folder, which other runs of it close to others
+        look_as_somebody_else(Path(theirs), tmp_path, session, killed=killed)
+
+
+def look_as_somebody_else(folder, ours, session, *, killed):
+    path = recorded(folder / "run.sqlite", session, [raw_scan(session, 0)])
+    other = shutil.copy(path, ours / "run.sqlite")
+    connection = sqlite3.connect(path)
+    connection.execute("PRAGMA journal_mode = WAL")
+    if killed:  # a log that nobody has put into the file
+        connection.execute("UPDATE scan SET sequence = 5")
+        connection.commit()
+        path = folder / "killed.sqlite"
+        for end in ("", "-wal"):
+            shutil.copy(folder / f"run.sqlite{end}", f"{path}{end}")
+    connection.close()
+    folder.chmod(0o755)
+    done = subprocess.run(
+        [sys.executable, "-c", SOMEBODY, str(path), str(other)], capture_output=True, text=True, check=True
+    )
+    folder.chmod(0o755)
+    read, wrote = done.stdout.splitlines()
+    assert read == (f"cannot read {path}: unable to open database file." if killed else "1 scans")
+    assert wrote == f"cannot write {folder / 'new.sqlite'}: unable to open database file."

@@ -1,0 +1,183 @@
+"""Recorders that are killed with signal 9 at random moments, or have no room: whole files, at most one scan lost.
+
+A campaign on an emulated board in virtual time runs in a process of its own, which tells over a pipe of every scan that
+the board returned, before it is recorded. The processes are forked from one that has imported everything.
+"""
+
+from __future__ import annotations
+
+import os
+import random
+import select
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from support.patience import PATIENCE
+
+from coilarray.errors import HardwareError
+from coilarray.hardware.record.campaign import Campaign
+from coilarray.hardware.record.recorded_response import recorded_response
+from coilarray.hardware.record.recording import open_recording
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="signal 9 and forks are for POSIX systems")
+
+KILLS = 30
+LATER = 10
+"""Scans at most from those after which it is to be killed: a signal that comes late meets a board that waits for it."""
+CAMPAIGN = Campaign(x=tuple(1e-3 * np.arange(-6, 7)), y=(-4e-3, 0.0, 4e-3), depths=(0.5e-3, 1e-3), repeats=3)
+SCRIPT = """
+import os, resource, signal, sys
+from pathlib import Path
+
+sys.path.insert(0, sys.argv[1])
+from support.recorded_boards import configured, quick_board, session_of, two_coils
+from coilarray.errors import CoilarrayError
+from coilarray.hardware.record.campaign import Campaign, run_campaign
+from coilarray.hardware.record.recorder import open_recorder
+from coilarray.hardware.record.stages import EmulatedStage
+
+DESIGN = two_coils()
+
+
+class Telling:
+    def __init__(self, reader, scans):
+        self.reader, self.left = reader, scans
+
+    def scan(self):
+        if self.left == 0:
+            signal.pause()
+        self.left -= 1
+        scan = self.reader.scan()
+        os.write(1, b".")
+        return scan
+
+    def __getattr__(self, name):
+        return getattr(self.reader, name)
+
+
+def campaign(path, text, scans, limit):
+    if limit:
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+    plan = Campaign.from_json(text)
+    with open_recorder(Path(path), resume=True) as recorder, quick_board(seed=3) as board:
+        recorder.start(session_of(board, configured(board), DESIGN), plan.to_json())
+        stage = EmulatedStage(board.emulator)
+        run_campaign(plan, Telling(board.reader, scans), stage, recorder, board.emulator.clock)
+
+
+for line in sys.stdin:
+    path, scans, limit, text = line.rstrip("\\n").split("\\t")
+    child = os.fork()
+    if child == 0:
+        try:
+            campaign(path, text, int(scans), int(limit))
+            os.write(1, b"done")
+        except CoilarrayError as error:
+            os.write(1, f"error: {error}".encode())
+        finally:
+            os._exit(0)
+    os.write(2, f"{child}\\n".encode())
+    os.waitpid(child, 0)
+    os.write(2, b"ended\\n")
+"""
+
+
+class Runner:
+    """Runs campaigns in processes of their own, one at a time."""
+
+    def __init__(self, folder):
+        script = folder / "runner.py"
+        script.write_text(SCRIPT)
+        self.process = subprocess.Popen(
+            [sys.executable, str(script), os.path.dirname(os.path.dirname(__file__))],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            bufsize=0,
+            env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+        )
+
+    def run(self, path, plan=CAMPAIGN, kill=None, limit=0):
+        """Run, killed a time in s after a number of scans, and return what was told."""
+        most = -1 if kill is None else kill[0] + LATER
+        self.process.stdin.write(f"{path}\t{most}\t{limit}\t{plan.to_json()}\n".encode())
+        child = int(self.process.stderr.readline())
+        told = b""
+        if kill is not None:
+            scans, seconds = kill
+            while len(told) < scans:
+                told += self.process.stdout.read(1)
+            time.sleep(seconds)
+            os.kill(child, signal.SIGKILL)
+        assert self.process.stderr.readline() == b"ended\n"
+        while select.select([self.process.stdout], [], [], 0)[0]:
+            told += self.process.stdout.read(65536)
+        return told.decode()
+
+    def close(self):
+        self.process.stdin.close()
+        self.process.wait(PATIENCE)
+        for pipe in (self.process.stdout, self.process.stderr):
+            pipe.close()
+
+
+@pytest.fixture(scope="module")
+def runner(tmp_path_factory):
+    runner = Runner(tmp_path_factory.mktemp("runner"))
+    yield runner
+    runner.close()
+
+
+def delta_of(path):
+    with open_recording(path) as recording:
+        recording.check()
+        return recorded_response(recording)
+
+
+def test_killed_thirty_times_and_resumed(tmp_path, runner):
+    whole = tmp_path / "whole.sqlite"
+    assert runner.run(whole) == "." * (2 * CAMPAIGN.size) + "done"
+    chance = random.Random(8)
+    path = tmp_path / "run.sqlite"
+    before = 0
+    for _ in range(KILLS):  # up to 7 scans, and those of 12 ms: all of them take less than the whole campaign
+        told = runner.run(path, kill=(chance.randint(0, 7), chance.uniform(0.0, 12e-3)))
+        assert set(told) <= {"."}
+        try:
+            with open_recording(path) as recording:
+                recording.check()
+                count = recording.count()
+        except HardwareError as error:  # killed before the first session began
+            assert "no file" in str(error) or "it is empty" in str(error)  # noqa: PT017
+            assert (told, before) == ("", 0)
+            count = 0
+        assert before + len(told) - count in (0, 1)  # a scan that came but was not added yet
+        before = count
+    assert 0 < before < 2 * CAMPAIGN.size
+    assert runner.run(path).endswith("done")
+    resumed, undisturbed = delta_of(path), delta_of(whole)
+    for name in ("depth", "y", "x", "state", "delta", "delta_std", "base_inductance", "doubtful"):
+        np.testing.assert_array_equal(resumed[name].values, undisturbed[name].values)  # to the last bit
+    with open_recording(path) as recording:
+        assert len(recording.positions()) == CAMPAIGN.size
+        assert len(recording.sessions) > KILLS / 2  # the others were killed before theirs began
+    assert sorted(one.name for one in tmp_path.iterdir()) == ["run.sqlite", "whole.sqlite"]
+
+
+def test_a_disk_that_is_full(tmp_path, runner):
+    path = tmp_path / "run.sqlite"
+    told = runner.run(path, limit=1_000_000)  # bytes a file may have; the log of the whole campaign needs more
+    scans, _, error = told.partition("error: ")
+    assert error.startswith(f"cannot write {path}: ")
+    assert "\n" not in error
+    with open_recording(path) as recording:
+        recording.check()
+        assert recording.count() in (len(scans), len(scans) - 1)
+        assert recording.count() > 20
+    assert runner.run(path).endswith("done")  # there is room again
+    assert delta_of(path).delta.notnull().all()

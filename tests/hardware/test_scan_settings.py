@@ -1,0 +1,304 @@
+"""Scan settings: registers of the reference board, the rules that refuse, scan time, and the hash of the protocol."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from support.emulated_reader import plain, reader_of
+
+from coilarray.design.scan_states import ScanState, paper_plan
+from coilarray.errors import HardwareError, NetworkError
+from coilarray.hardware.chips.ldc1614_registers import check_value, decode
+from coilarray.hardware.scan.settings import ScanSettings, StateSettings, scan_settings
+from coilarray.hardware.scan.wiring import load_wiring
+
+WIRING = load_wiring()
+DEFAULT = scan_settings(WIRING)
+
+
+def test_registers_of_the_reference_board():
+    # facts, 1.8; SETTLECOUNT ⌈60·21.7/(16·2)⌉ = 41
+    assert dict(DEFAULT.registers) == {
+        0x08: 0xFFFF, 0x0C: 0, 0x10: 41, 0x14: 0x1002, 0x19: 0xF8FD, 0x1A: 0x1401, 0x1B: 0x020C,
+    }  # fmt: skip
+    assert [address for address, _ in DEFAULT.registers] == [0x08, 0x0C, 0x10, 0x14, 0x19, 0x1A, 0x1B]
+    assert DEFAULT.drive_register(DEFAULT.states[0]) == 6 << 11
+    assert [state.name for state in DEFAULT.states] == list(WIRING.coils)
+    assert DEFAULT.states[0].words.hex() == "111111111122"
+    assert DEFAULT.reference == 21.7e6
+
+
+def test_edges_of_the_ranges():
+    assert scan_settings(WIRING, drives=31).states[0].drive == 31
+    assert scan_settings(WIRING, rcount=5).rcount == 5
+    assert scan_settings(WIRING, offset=6040).offset == 6040  # 2 MHz is 6040.2 steps of 21.7 MHz/2¹⁶
+    many = [ScanState(str(k), (("coil1", 1),)) for k in range(255)]
+    assert len(scan_settings(WIRING, many).states) == 255
+    fastest = 1 / scan_settings(WIRING, rcount=5).period
+    assert scan_settings(WIRING, rate=fastest * (1 - 1e-9)).rcount == 5
+    with pytest.raises(HardwareError, match="rate must be at most"):
+        scan_settings(WIRING, rate=fastest * (1 + 1e-9))
+    undivided = scan_settings(WIRING, clock=32e6, external_clock=True)
+    assert ScanSettings.from_json(undivided.to_json()) == undivided
+
+
+def test_external_clock():
+    # an evaluation module: 40 MHz by two, CONFIG 0x1601
+    settings = scan_settings(WIRING, clock=40e6, external_clock=True)
+    assert dict(settings.registers)[0x14] == 0x1002
+    assert dict(settings.registers)[0x1A] == 0x1601
+    # at most 35 MHz of reference with one channel
+    assert scan_settings(WIRING, clock=32e6, external_clock=True).fref_divider == 1
+
+
+def test_worked_example_of_the_data_sheet():
+    # 2.4 MHz, Q 10, f_ref 20 MHz: SETTLECOUNT 5.2, so 6; its RCOUNT 0x04D6, IDRIVE 18
+    settings = scan_settings(
+        WIRING, clock=40e6, external_clock=True, frequency=2.4e6, quality=10, rcount=0x04D6, drives=18
+    )
+    assert dict(settings.registers) == {
+        0x08: 0x04D6, 0x0C: 0, 0x10: 6, 0x14: 0x1002, 0x19: 0xF8FD, 0x1A: 0x1601, 0x1B: 0x020C,
+    }  # fmt: skip
+    assert settings.drive_register(settings.states[0]) == 0x9000
+
+
+def test_scan_time():
+    # Gast & Zimmermann (2020): 293.5 ms; wake, full resolution and result alone take 293.6 ms, settling 0.2 ms more
+    assert DEFAULT.scan_time == pytest.approx(293.6e-3, rel=1e-3)
+    assert 6 * (DEFAULT.state_time.measuring - DEFAULT.state_time.settle) == pytest.approx(293.6e-3, abs=0.05e-3)
+    # status, sleeping, waking, drive current and switches on top: 0.455 ms a state; a register of 0.12 ms a scan
+    assert DEFAULT.period - DEFAULT.scan_time == pytest.approx(6 * 0.455e-3 + 0.12e-3, rel=1e-9)
+    assert scan_settings(WIRING, paper_plan(WIRING.coils)[:2]).scan_time == pytest.approx(DEFAULT.scan_time / 3)
+
+
+def test_waits():
+    # 0.3775 + 0.0302 + 48.3209 ms; a unit at 35 MHz takes 1.24 times as long
+    assert DEFAULT.wait_us == 48729
+    # a tenth of margin, and 6 ms for the watchdog's restart of 5.2 ms
+    assert DEFAULT.timeout_us == math.ceil(1.1 * 43.4 / 35 * 48728.6 + 6000)
+    external = scan_settings(WIRING, clock=40e6, external_clock=True)
+    # the external clock is what it is; 0.3775 + 0.0304 + 52.4283 ms
+    assert external.wait_us == math.ceil(52836.2)
+    assert external.timeout_us == math.ceil(1.1 * 52836.2 + 6000)
+
+
+@given(rate=st.floats(0.01, 50), bus_rate=st.floats(100e3, 400e3))
+def test_rate_is_reached_and_no_more(rate, bus_rate):
+    settings = scan_settings(WIRING, rate=rate, bus_rate=bus_rate)
+    period = settings.period_on(bus_rate)
+    assert period <= 1 / rate * (1 + 1e-9)  # rounding of the quotients
+    one_more = replace(settings, rcount=min(settings.rcount + 1, 0xFFFF))
+    assert settings.rcount == 0xFFFF or one_more.period_on(bus_rate) > 1 / rate
+
+
+@pytest.mark.parametrize("bus_rate", [400e3, 150e3, 100e3])
+@pytest.mark.parametrize("rate", [10.0, 40.0])
+def test_rate_is_reached_by_the_emulated_board(rate, bus_rate):
+    board = plain()
+    board.bus.speed = bus_rate
+    reader = reader_of(board)
+    reader.configure(scan_settings(WIRING, rate=rate, bus_rate=bus_rate, drives=7))
+    times = [scan.time for scan in itertools.islice(reader.scans(), 6)]
+    # its switches take data at 8 MHz, not at 1 MHz: up to 50 µs less a state, of 4 ms at least, and 1 µs of rounding
+    assert rate * (1 - 1e-3) <= 5 / (times[-1] - times[0]) < rate * (1 + 50e-6 / 4e-3)
+
+
+@given(
+    frequency=st.floats(1e4, 10e6),
+    quality=st.floats(1, 200),
+    clock=st.floats(2e6, 40e6) | st.floats(35e6, 55e6),
+    external=st.booleans(),
+    rcount=st.integers(5, 0xFFFF),
+    drive=st.integers(0, 31),
+)
+def test_what_is_made_keeps_the_rules(frequency, quality, clock, external, rcount, drive):
+    """Every setting that is made at all: the rules of the data sheet's table 43, written out again."""
+    try:
+        settings = scan_settings(
+            WIRING, frequency=frequency, quality=quality, clock=clock, external_clock=external, rcount=rcount,
+            drives=drive,
+        )  # fmt: skip
+    except HardwareError:
+        if external:
+            assert not 2e6 <= clock <= 40e6 or frequency >= 15 / 4 * min(clock, 35e6) / 2
+        else:
+            assert not 35e6 <= clock <= 55e6
+        return
+    assert frequency / settings.fin_divider < settings.reference / 4
+    assert settings.fin_divider >= 2 or frequency < 8.75e6
+    assert settings.reference <= 35e6
+    assert external or settings.fref_divider >= 2
+    assert settings.settle_count >= quality * settings.reference / (16 * frequency)
+    assert {1: 1e6, 4: 3.3e6, 5: 10e6, 7: 33e6}[settings.deglitch] > frequency
+    for address, value in settings.registers:
+        check_value(address, value)
+    assert decode(0x14, dict(settings.registers)[0x14])["FREF_DIVIDER0"] == settings.fref_divider
+    assert ScanSettings.from_json(settings.to_json()) == settings
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"rcount": 4}, "RCOUNT must be 5 to 65535; got 4"),
+        ({"rcount": 0x10000}, "RCOUNT must be 5 to 65535; got 65536"),
+        ({"rcount": 100.5}, "RCOUNT0 must be an integer from 0 to 65535; got 100.5"),
+        ({"rcount": 100, "rate": 10.0}, "give rate or rcount, not both; got 10.0 and 100"),
+        ({"rate": 0.0}, "rate must be positive and finite; got 0.0"),
+        ({"rate": math.inf}, "rate must be positive and finite; got inf"),
+        ({"rate": 200.0}, r"rate must be at most \d+\.\d scans/s of 6 states on an I²C bus of 400 kHz; got 200"),
+        ({"rate": 100.0, "bus_rate": 100e3}, r"rate must be at most \d+\.\d+ scans/s .* of 100 kHz; got 100"),
+        ({"rate": 1.0, "bus_rate": 0.0}, "bus_rate must be positive and finite; got 0.0"),
+        ({"clock": 60e6}, r"clock \(Hz\) must be 3.5e\+07 to 5.5e\+07; got 6e\+07"),
+        ({"clock": 34e6}, r"clock \(Hz\) must be"),
+        ({"clock": 41e6, "external_clock": True}, r"clock \(Hz\) must be 2e\+06 to 4e\+07; got 4.1e\+07"),
+        ({"clock": math.nan}, "clock must be positive and finite; got nan"),
+        ({"clock": -1.0}, "clock must be positive and finite; got -1.0"),
+        ({"fref_divider": 1}, "FREF_DIVIDER must be 2 to 1023; got 1"),
+        ({"fref_divider": 0}, "fref_divider must be 1 to 1023; got 0"),
+        (
+            {"fref_divider": 1, "clock": 40e6, "external_clock": True},
+            r"reference frequency \(Hz\) must be 0 to 3.5e\+07",
+        ),
+        ({"fref_divider": 1024, "frequency": 1e3}, "FREF_DIVIDER must be 2 to 1023; got 1024"),
+        ({"fref_divider": 2.0}, "FREF_DIVIDER0 must be an integer from 0 to 1023; got 2.0"),
+        ({"fin_divider": 0}, "fin_divider must be at least 1 for this frequency and quality; got 0"),
+        ({"fin_divider": 1, "frequency": 6e6}, "fin_divider must be at least 2 .*; got 1"),
+        ({"fin_divider": 16}, "FIN_DIVIDER0 must be an integer from 0 to 15; got 16"),
+        ({"fref_divider": 200}, "frequency 2000000.0 Hz must be below 15/4 of 217000.0 Hz"),
+        ({"frequency": 11e6}, "frequency must be 1000 to 1e\\+07 Hz; got 11000000.0 Hz"),
+        ({"frequency": 900.0}, "frequency must be 1000 to 1e\\+07 Hz; got 900.0 Hz"),
+        ({"frequency": 0.0}, "frequency must be positive and finite; got 0.0"),
+        ({"quality": math.inf}, "quality must be positive and finite; got inf"),
+        ({"settle_count": 40}, "settle_count must be at least 41 for this frequency and quality; got 40"),
+        ({"settle_count": 0x10000}, "SETTLECOUNT must be 0 to 65535; got 65536"),
+        ({"deglitch": 1}, "deglitch must be at least 4 .*; got 1"),
+        ({"deglitch": 6}, "DEGLITCH must be 1, 4, 5 or 7"),
+        ({"offset": -1}, "offset must be 0 to less than 6040, .*; got -1"),
+        ({"offset": 6041}, "offset must be 0 to less than 6040, .*; got 6041"),
+        ({"offset": 1.5}, "OFFSET0 must be an integer from 0 to 65535; got 1.5"),
+        ({"drives": 32}, "the drive of coil1 must be an integer from 0 to 31; got 32"),
+        ({"drives": -1}, "the drive of coil1 must be an integer from 0 to 31; got -1"),
+        ({"drives": True}, "the drive of coil1 must be an integer from 0 to 31; got True"),
+        ({"drives": {"coil1": 3}}, "drives must name every measured coil; got none for coil2"),
+        ({"plan": ()}, "a scan must have 1 to 255 states; got 0"),
+        (
+            {"plan": [ScanState(str(k), (("coil1", 1),)) for k in range(256)]},
+            "a scan must have 1 to 255 states; got 256",
+        ),
+        ({"plan": [ScanState("s", (("coil1", 1),))] * 2}, "different names; got 's' twice"),
+        ({"plan": [ScanState("s", (("coil1", 1), ("coil2", 1)))]}, "s must measure one coil"),
+    ],
+)
+def test_refused(given, message):
+    with pytest.raises(HardwareError, match=message) as raised:
+        scan_settings(WIRING, **given)
+    assert "\n" not in str(raised.value)
+
+
+def test_unknown_coil():
+    with pytest.raises(NetworkError, match="names the coil 'coil7'"):
+        scan_settings(WIRING, [ScanState("s", (("coil7", 1),))])
+
+
+def test_drives():
+    drives = {coil: k for k, coil in enumerate(WIRING.coils)}
+    assert [state.drive for state in scan_settings(WIRING, drives=drives).states] == list(range(6))
+
+
+def test_canonical_bytes():
+    """The protocol's own words: these bytes, in this order, written out by hand for two devices and one state."""
+    settings = ScanSettings(
+        states=(StateSettings("s", bytes.fromhex("1122"), 18),), safe_words=bytes.fromhex("1111"),
+        wiring=bytes(range(16)), clock=40e6, external_clock=True, rcount=0x04D6, settle_count=10, fin_divider=1,
+        fref_divider=2, offset=0, deglitch=4,
+    )  # fmt: skip
+    parts = ["02", bytes(range(16)).hex(), "1111"]
+    parts += ["0804d6", "0c0000", "10000a", "141002", "19f8fd", "1a1601", "1b020c"]
+    parts += [f"{settings.wait_us:08x}", f"{settings.timeout_us:08x}", "01", "11229000"]
+    assert settings.canonical == b"coilarray1" + bytes.fromhex("".join(parts))
+    assert settings.hash == _crc(settings.canonical)
+    # 16384/43.4 MHz + 160/20 MHz + (16·1238 + 4)/20 MHz
+    assert settings.wait_us == math.ceil(377.51152 + 8 + 990.6)
+
+
+def _crc(data):
+    """CRC-16/CCITT-FALSE bit by bit; its check value is that of the catalogue."""
+    crc = 0xFFFF
+    for byte in data:
+        crc ^= byte << 8
+        for _ in range(8):
+            crc = (crc << 1 ^ 0x1021 if crc & 0x8000 else crc << 1) & 0xFFFF
+    return crc
+
+
+def test_crc():
+    assert _crc(b"123456789") == 0x29B1
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"rcount": 100}, {"settle_count": 50}, {"fin_divider": 2}, {"fref_divider": 3}, {"offset": 1}, {"deglitch": 5},
+        {"external_clock": True}, {"safe_words": bytes(6)}, {"wiring": bytes(48)}, {"clock": 43.3e6},
+        {"states": DEFAULT.states[:5]}, {"states": DEFAULT.states[::-1]},
+        {"states": tuple(replace(state, drive=7) for state in DEFAULT.states)},
+    ],
+    ids=lambda change: next(iter(change)),
+)  # fmt: skip
+def test_every_setting_is_in_the_hash(change):
+    assert replace(DEFAULT, **change).hash != DEFAULT.hash
+
+
+def test_lengths_must_agree():
+    with pytest.raises(HardwareError, match="a state must have 5 words, as the safe words do; got 6"):
+        replace(DEFAULT, safe_words=bytes(5), wiring=bytes(40))
+    with pytest.raises(HardwareError, match="the wiring of 6 devices must have 8 bytes each; got 47"):
+        replace(DEFAULT, wiring=bytes(47))
+
+
+def test_json():
+    text = DEFAULT.to_json()
+    assert "\n" not in text
+    assert ScanSettings.from_json(text) == DEFAULT
+    assert json.loads(text)["hash"] == f"{DEFAULT.hash:04X}"
+    named = replace(DEFAULT, states=(replace(DEFAULT.states[0], name='µ "a"\n'), *DEFAULT.states[1:]))
+    assert ScanSettings.from_json(named.to_json()) == named
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"schema": 2}, "scan settings: schema"),
+        ({"hash": "0000"}, "but 0000 stands beside them"),
+        ({"rcount": 100}, "have the hash [0-9A-F]{4}, but"),
+        ({"rcount": 4}, "RCOUNT0 must be 5 to 65535; got 4"),
+        ({"rcount": -1}, "scan settings: rcount"),
+        ({"rcount": "100"}, "scan settings: rcount"),
+        ({"clock": 1e-300}, "scan settings: clock"),
+        ({"clock": float("nan")}, "scan settings: clock"),
+        ({"fref_divider": 0}, "scan settings: fref_divider"),
+        ({"safe_words": "zz"}, "scan settings: safe_words"),
+        ({"safe_words": "11"}, "a state must have 1 words"),
+        ({"states": []}, "scan settings: states"),
+        ({"states": [{"name": "a", "words": "111111111122", "drive": 32}]}, "scan settings: states.0.drive"),
+        ({"states": [{"name": "a"}]}, "scan settings: states.0.words is missing"),
+        ({"more": 1}, "has no key 'more'"),
+    ],
+)
+def test_bad_json(changes, message):
+    text = json.dumps({**json.loads(DEFAULT.to_json()), **changes})
+    with pytest.raises(HardwareError, match=message) as raised:
+        ScanSettings.from_json(text)
+    assert "\n" not in str(raised.value)
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", "1", "null", "[" * 100_000, "9" * 5000, '{"a": 1}'])
+def test_no_settings(text):
+    with pytest.raises(HardwareError, match="scan settings: "):
+        ScanSettings.from_json(text)

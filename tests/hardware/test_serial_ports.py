@@ -1,0 +1,292 @@
+"""Serial ports: choosing among made-up lists, opening, and losing a pseudo-terminal in every way it can be lost."""
+
+from __future__ import annotations
+
+import os
+import struct
+import threading
+import time
+from types import SimpleNamespace
+
+import pytest
+from support.patience import PATIENCE, lasting, until
+
+from coilarray.errors import HardwareError, MissingDependencyError
+from coilarray.geometry import extras
+from coilarray.hardware.board.microcontroller import open_microcontroller
+from coilarray.hardware.wire import serial_ports
+from coilarray.hardware.wire.faults import DeviceLost, NoAnswer, NotABoard
+from coilarray.hardware.wire.link import LinkTimes
+from coilarray.hardware.wire.serial_ports import choose_serial_port, list_serial_ports, open_serial_port
+
+comports = pytest.importorskip("serial.tools.list_ports")
+serial = pytest.importorskip("serial")
+needs_pty = pytest.mark.skipif(not hasattr(os, "openpty"), reason="this system has no pseudo-terminals")
+
+
+def entry(name, vid=None, serial_number=None, description=None):
+    return SimpleNamespace(
+        device=name, vid=vid, pid=None if vid is None else 0x0105, serial_number=serial_number, description=description
+    )
+
+
+@pytest.fixture
+def ports(monkeypatch):
+    """The list of the system, to be filled."""
+    listed = []
+    monkeypatch.setattr(comports, "comports", lambda: listed)
+    return listed
+
+
+@pytest.fixture
+def terminal():
+    """Both ends of a pseudo-terminal and the name of the far one."""
+    import tty  # not on Windows
+
+    near, far = os.openpty()
+    tty.setraw(far)
+    ends = SimpleNamespace(near=near, far=far, name=os.ttyname(far))
+    yield ends
+    for end in (ends.near, ends.far):
+        if end >= 0:
+            os.close(end)
+
+
+def send(terminal, data):
+    """Write at the near end and wait until something is at the far one: the system takes it there when it has time."""
+    import fcntl  # not on Windows
+    import termios
+
+    def arrived():
+        (count,) = struct.unpack("i", fcntl.ioctl(terminal.far, termios.FIONREAD, bytes(4)))
+        return count
+
+    os.write(terminal.near, data)
+    until(arrived)
+
+
+def unplugged(terminal):
+    os.close(terminal.near)
+    os.close(terminal.far)
+    terminal.near = terminal.far = -1
+
+
+# choosing
+
+
+def test_ports_of_known_boards_come_first(ports):
+    ports += [entry("/dev/ttyS0", description="n/a"), entry("/dev/ttyACM1", 0x1366, "000123", "J-Link")]
+    first, second = list_serial_ports()
+    assert (first.name, first.known, str(first)) == ("/dev/ttyACM1", True, "/dev/ttyACM1 1366:0105 usb:000123 (J-Link)")
+    assert (second.known, second.serial_number, str(second)) == (False, "", "/dev/ttyS0 (n/a)")
+
+
+def test_the_only_known_board_is_chosen(ports):
+    ports += [entry("/dev/ttyS0"), entry("COM5", 0x1366, "123", "J-Link"), entry("COM6", 0x2341, "9", "Arduino")]
+    assert choose_serial_port().name == "COM5"
+
+
+@pytest.mark.parametrize("name", ["usb:123", "usb:000123", "usb: 123"])
+def test_a_serial_number_chooses_whatever_the_name(ports, name):
+    ports += [entry("COM5", 0x1366, "0000123"), entry("COM6", 0x1366, "1234"), entry("COM7")]
+    assert choose_serial_port(name).name == "COM5"
+
+
+def test_a_name_is_taken_as_it_is(ports):
+    ports += [entry("COM5", 0x1366, "123", "J-Link")]
+    assert choose_serial_port("COM5").serial_number == "123"
+    assert choose_serial_port("/dev/pts/7").serial_number == ""
+
+
+@pytest.mark.parametrize(
+    ("name", "entries", "message"),
+    [
+        (None, [], r"one must be a port of a known board; there is none: no serial port at all\."),
+        (None, [entry("COM1", description="n/a")], r"there is none: COM1 \(n/a\)\."),
+        (None, [entry("COM1", 0x1366, "1", "a"), entry("COM2", 0x1366, "2", "b")], r"there are 2: COM1 .*, COM2 .*\."),
+        ("usb:7", [entry("COM1", 0x1366, "1", "a")], "the USB serial number '7'; there is none: COM1"),
+        ("usb:", [entry("COM1", 0x1366, None, "a")], "the USB serial number ''; there is none"),
+        ("usb:0", [entry("COM1", 0x1366, "0", "a")], "the USB serial number '0'; there is none"),
+        ("usb:1", [entry("COM1", 0x1366, "1", "a"), entry("COM2", 0x1366, "01", "b")], "there are 2: COM1 .*, COM2"),
+    ],
+)
+def test_an_unclear_choice_lists_what_there_is(ports, name, entries, message):
+    ports += entries
+    with pytest.raises(HardwareError, match=message):
+        choose_serial_port(name)
+
+
+def test_a_missing_library_is_named(monkeypatch):
+    def missing(name):
+        raise ImportError(name)
+
+    monkeypatch.setattr(extras.importlib, "import_module", missing)
+    monkeypatch.setattr(extras.importlib.util, "find_spec", lambda name: None)
+    for call in (list_serial_ports, lambda: open_serial_port("/dev/null")):
+        with pytest.raises(MissingDependencyError, match=r"need pyserial, .*coilarray\[serial\]"):
+            call()
+
+
+# opening
+
+
+def test_a_port_that_is_not_there(tmp_path):
+    with pytest.raises(HardwareError, match=r"port .*ttyACM9 does not exist\."):
+        open_serial_port(str(tmp_path / "ttyACM9"))
+
+
+def test_a_file_is_no_port(tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(HardwareError, match=r"port .*file cannot be opened: "):
+        open_serial_port(str(tmp_path / "file"))
+
+
+@pytest.mark.parametrize(
+    ("error", "message"),
+    [
+        (PermissionError(13, "Permission denied"), "group dialout"),
+        (OSError(16, "Device or resource busy"), "is used by another program"),
+        (ValueError("Not a valid baudrate: -1"), "cannot be opened: Not a valid baudrate"),
+        (OSError(5, "Input/output error"), "cannot be opened: .*Input/output"),
+    ],
+)
+def test_reasons_of_the_system_are_told(monkeypatch, error, message):
+    def refused(*_, **__):
+        if isinstance(error, OSError):
+            raise serial.SerialException(error.errno, f"could not open port: {error}") from error
+        raise error
+
+    monkeypatch.setattr(serial, "Serial", refused)
+    with pytest.raises(HardwareError, match=message):
+        open_serial_port("COM5")
+
+
+@needs_pty
+def test_a_port_is_opened_once(terminal):
+    port = open_serial_port(terminal.name)
+    with pytest.raises(HardwareError, match="is used by another program"):
+        open_serial_port(terminal.name)
+    port.close()
+    open_serial_port(terminal.name).close()
+
+
+@needs_pty
+def test_bytes_go_both_ways_and_old_ones_are_thrown_away(terminal):
+    send(terminal, b"old")
+    port = open_serial_port(terminal.name)
+    assert port.read(0.0) == b""
+    send(terminal, b"new\n")
+    assert port.read(1.0) == b"new\n"
+    port.write(b"\x00\xffhello\r\n")
+    assert os.read(terminal.near, 100) == b"\x00\xffhello\r\n"
+    assert port.name == terminal.name
+
+
+@needs_pty
+def test_a_read_is_bounded_in_time_and_size(terminal):
+    port = open_serial_port(terminal.name)
+    with lasting(1.0):
+        assert port.read(10.0) == b""  # returns to be asked again
+    os.set_blocking(terminal.near, False)
+    send(terminal, b"x" * 100_000)
+    assert 0 < len(port.read(1.0)) <= 4096
+
+
+@needs_pty
+def test_a_port_that_takes_no_bytes_does_not_block(terminal, monkeypatch):
+    monkeypatch.setattr(serial_ports, "_WRITE_TIMEOUT", 0.05)
+    port = open_serial_port(terminal.name)
+    with pytest.raises(NoAnswer, match="took no bytes for"):
+        port.write(b"x" * 1_000_000)
+
+
+# losing
+
+
+@needs_pty
+@pytest.mark.parametrize(
+    "call", [lambda port: port.read(0.1), lambda port: port.read(0.0), lambda port: port.write(b"x")]
+)
+def test_a_port_that_is_unplugged_is_lost(terminal, call):
+    port = open_serial_port(terminal.name)
+    unplugged(terminal)
+    for _ in range(3):
+        with pytest.raises(DeviceLost, match=f"{terminal.name} is gone"):
+            call(port)
+    port.close()
+    port.close()
+
+
+@needs_pty
+def test_a_port_that_is_unplugged_while_it_is_read_is_lost(terminal):
+    port = open_serial_port(terminal.name)
+    timer = threading.Timer(0.05, unplugged, [terminal])
+    timer.start()
+
+    def read():
+        end = time.monotonic() + PATIENCE
+        while time.monotonic() < end:  # the first read after the loss may still come back empty
+            port.read(1.0)
+
+    try:
+        with pytest.raises(DeviceLost):
+            read()
+    finally:
+        timer.join()  # the near end is closed before the far one, and the fixture closes what is left
+
+
+@needs_pty
+def test_a_closed_port_is_lost(terminal):
+    port = open_serial_port(terminal.name)
+    port.close()
+    for call in (lambda: port.read(0.0), lambda: port.write(b"x")):
+        with pytest.raises(DeviceLost):
+            call()
+
+
+@needs_pty
+@pytest.mark.parametrize("error", [OSError(5, "EIO"), serial.SerialException("gone"), TypeError("closed"), "termios"])
+def test_whatever_the_system_calls_it_is_one_loss(terminal, monkeypatch, error):
+    if error == "termios":
+        error = pytest.importorskip("termios").error(5, "EIO")
+
+    def broken(*_):
+        raise error
+
+    port = open_serial_port(terminal.name)
+    monkeypatch.setattr(port._port, "read", broken)
+    monkeypatch.setattr(port._port, "write", broken)
+    os.write(terminal.near, b"x")
+    for call in (lambda: port.read(1.0), lambda: port.write(b"x")):
+        with pytest.raises(DeviceLost):
+            call()
+
+
+# a board behind it
+
+SHORT = LinkTimes(reply=0.05, opening=0.1)
+
+
+@needs_pty
+def test_opening_a_board_tries_its_rates_and_lets_go_of_the_port(terminal, ports):
+    with pytest.raises(NoAnswer, match=r"did not answer STOP in 3 attempts; tried 115200, 9600 baud\."):
+        open_microcontroller(terminal.name, bauds=(115200, 9600), times=SHORT)
+    open_serial_port(terminal.name).close()
+
+
+@needs_pty
+def test_another_device_is_no_board(terminal, ports):
+    stop = threading.Event()
+
+    def talk():
+        while not stop.wait(0.01):
+            os.write(terminal.near, b"$GPGGA,123519,4807.038,N,01131.000,E\r\n")
+
+    thread = threading.Thread(target=talk)
+    thread.start()
+    try:
+        with pytest.raises(NotABoard, match="another device, or another baud rate; tried 115200 baud"):
+            open_microcontroller(terminal.name)  # not in a SHORT time: it must hear something
+    finally:
+        stop.set()
+        thread.join()

@@ -1,0 +1,305 @@
+"""Stages: a person, the emulator's own, and machines that speak G-code, with everything that these answer."""
+
+from __future__ import annotations
+
+import os
+import re
+import threading
+
+import pytest
+from support.patience import PATIENCE
+from support.recorded_boards import two_coil_wiring
+
+from coilarray.errors import HardwareError
+from coilarray.hardware.emulator import plain_board
+from coilarray.hardware.record.gcode_stage import GcodeStage, Reach
+from coilarray.hardware.record.recording import GridPlace
+from coilarray.hardware.record.stages import EmulatedStage, PersonStage
+
+REACH = Reach((-30e-3, 30e-3), (-10e-3, 10e-3), 2e-3, 2e-3)
+SPEED = 1.5e-3
+
+
+class Machine:
+    """A `BytePort` with GRBL or Marlin and three axes behind it, on its own time; positions in mm."""
+
+    name = "a machine"
+
+    def __init__(self, dialect="grbl", *, greets=True, instead=None):
+        self.dialect, self.instead = dialect, instead or {}
+        self.time, self.busy_until = 0.0, 0.0
+        self.at = {"X": 0.0, "Y": 0.0, "Z": 5.0}
+        self.lines, self.path, self.closed = [], [], False
+        self._out, self._due = b"", []
+        if greets:
+            self._due = [
+                (0.5, b"\r\nGrbl 1.1h ['$' for help]\r\n" if dialect == "grbl" else b"start\necho:Marlin 2.1\n")
+            ]
+
+    def now(self):
+        return self.time
+
+    def read(self, seconds):
+        due = min((when for when, _ in self._due), default=None)
+        if not self._out and seconds > 0:
+            self.time += seconds if due is None else min(max(due - self.time, 0.0), seconds)
+        for when, text in list(self._due):
+            if when <= self.time:
+                self._out += text
+                self._due.remove((when, text))
+        taken, self._out = self._out[:7], self._out[7:]  # in pieces
+        return taken
+
+    def write(self, data):
+        for line in data.decode().splitlines():
+            self.lines.append(line)
+            self._answer(line)
+
+    def _answer(self, line):
+        for pattern, reply in self.instead.items():
+            if re.match(pattern, line):
+                if reply:
+                    self._due.append((self.time, reply))
+                return
+        if line.startswith(("G0", "G1")):
+            target = {**self.at, **{axis: float(value) for axis, value in re.findall(r"([XYZ])(-?[\d.]+)", line)}}
+            length = sum((target[axis] - self.at[axis]) ** 2 for axis in target) ** 0.5
+            feed = float(re.search(r"F([\d.]+)", line)[1]) if line.startswith("G1") else 3000.0  # mm/min
+            self.busy_until = max(self.busy_until, self.time) + 60 * length / feed
+            self.at = target
+            self.path.append((target["X"], target["Y"], target["Z"]))
+        elif line in ("G4 P0.01", "M400"):
+            assert line == {"grbl": "G4 P0.01", "marlin": "M400"}[self.dialect]
+            if self.dialect == "marlin":
+                self._due.append((self.time, b"echo:busy: processing\n"))
+            self._due.append((max(self.busy_until, self.time), b"ok\r\n"))
+            return
+        else:
+            assert line in ("G21", "G90")
+        self._due.append((self.time, b"ok\r\n"))  # understood, not done
+
+    def close(self):
+        self.closed = True
+
+
+def stage_of(machine, **options):
+    return GcodeStage(machine, REACH, machine.dialect, now=machine.now, **options)
+
+
+@pytest.mark.parametrize("dialect", ["grbl", "marlin"])
+@pytest.mark.parametrize("greets", [True, False])
+def test_gcode(dialect, greets):
+    machine = Machine(dialect, greets=greets)
+    stage = stage_of(machine)
+    stage.move(-26e-3, 6e-3)
+    assert machine.path == [(0.0, 0.0, 2.0), (-26.0, 6.0, 2.0)]  # lifted first
+    before = machine.time
+    stage.indent(1e-3, SPEED)
+    assert machine.at["Z"] == -1.0
+    # 2 mm of clearance and 1 mm deep at 1.5 mm/s; it is over when the call returns
+    assert machine.time - before == pytest.approx(3 / 1.5)
+    stage.relax(SPEED)
+    assert machine.at["Z"] == 2.0
+    assert machine.time - before == pytest.approx(2 * 3 / 1.5)
+    stage.retreat()
+    stage.close()
+    assert machine.closed
+    assert machine.lines[:2] == ["G21", "G90"]
+    assert {line.split()[0] for line in machine.lines} <= {"G21", "G90", "G0", "G1", "G4", "M400"}
+
+
+def test_the_last_tenth_of_a_micrometre():
+    machine = Machine()
+    stage_of(machine).move(-1.23456789e-3, 1e-12)
+    assert machine.lines[-2] == "G0 X-1.2346 Y0.0000"
+
+
+@pytest.mark.parametrize(
+    ("line", "reply", "message"),
+    [
+        ("G21", b"error:9\n", "refused 'G21': 'error:9'"),
+        ("G90", b"", "did not answer 'G90' within 5 s"),
+        ("G0 Z", b"ALARM:2\n", "refused 'G0 Z2.0000': 'ALARM:2'"),
+        ("G0 X", b"Error:Printer halted. kill() called!\n", "refused 'G0 X"),
+        ("G0 X", b"Resend: 12\n", "refused 'G0 X"),
+        ("G4", b"Grbl 1.1h ['$' for help]\n", "restarted at 'G4 P0.01', so it may not know where it is"),
+        ("G4", b"", "did not answer 'G4 P0.01' within 125 s"),
+        ("G0 X", b"x" * 100_000, "sends without end"),
+        ("G0 X", b"[MSG:hello]\n" * 10_000, "sends without end"),
+        ("G0 X", b"\xff\xfe okay\n", "did not answer"),
+    ],
+)
+def test_what_a_machine_may_say(line, reply, message):
+    machine = Machine(instead={line: reply})
+    with pytest.raises(HardwareError, match=re.escape(message)) as caught:
+        stage_of(machine).move(1e-3, 0.0)
+    assert str(caught.value).startswith("the stage at a machine ")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_machine_that_failed_is_not_moved_again():
+    machine = Machine(instead={"G1": b"ALARM:1\n"})
+    stage = stage_of(machine)
+    stage.move(0.0, 0.0)
+    with pytest.raises(HardwareError, match="ALARM"):
+        stage.indent(1e-3, SPEED)
+    sent = len(machine.lines)
+    stage.retreat()
+    assert len(machine.lines) == sent
+
+
+def test_an_answer_that_has_come_counts_however_late_it_is_read():
+    machine = Machine()
+    stage = stage_of(machine)
+    read = machine.read
+
+    def stopped(seconds):  # as by Ctrl-Z
+        machine.read = read
+        machine.time += 1000.0
+        return b""
+
+    machine.read = stopped
+    stage.move(1e-3, 0.0)
+    assert machine.at == {"X": 1.0, "Y": 0.0, "Z": 2.0}
+
+
+def test_retreat_never_raises():
+    machine = Machine()
+    stage = stage_of(machine)
+    machine.instead = {"G": b""}
+    stage.retreat()
+    assert machine.lines[-1] == "G0 Z2.0000"
+
+
+def test_after_an_interrupt_no_answer_stands_for_that_of_the_next_line():
+    machine = Machine()
+    stage = stage_of(machine)
+    read, interrupted = machine.read, []
+
+    def read_until_the_indenter_moves(seconds):
+        if not interrupted and machine.lines[-1].startswith("G4") and machine.at["Z"] < 0:
+            interrupted.append(True)
+            raise KeyboardInterrupt
+        return read(seconds)
+
+    machine.read = read_until_the_indenter_moves
+    stage.move(0.0, 0.0)
+    with pytest.raises(KeyboardInterrupt):
+        stage.indent(1e-3, SPEED)
+    stage.retreat()
+    assert machine.at["Z"] == 2.0
+    assert machine.time >= machine.busy_until  # it is up when the call returns, not on its way
+
+
+@pytest.mark.parametrize(
+    "place",
+    [(-31e-3, 0.0, 1e-3), (31e-3, 0.0, 1e-3), (0.0, 11e-3, 1e-3), (0.0, 0.0, 2.1e-3), (float("nan"), 0.0, 1e-3)],
+)
+def test_out_of_reach(place):
+    machine = Machine()
+    stage = stage_of(machine)
+    x, y, depth = place
+    inside = GridPlace(0, 0, 1e-3, 0.0, 0.0)
+    with pytest.raises(HardwareError, match="the stage at a machine reaches x -30 to 30, y -10 to 10 mm and 2 mm deep"):
+        stage.check([inside, GridPlace(1, 0, depth, y, x)])
+    with pytest.raises(HardwareError, match=r"reaches|depth of the stage must be"):  # noqa: PT012 - one of the two
+        stage.move(x, y)
+        stage.indent(depth, SPEED)
+    assert all(-30 <= x <= 30 and -10 <= y <= 10 and z >= -2 for x, y, z in machine.path)
+
+
+@pytest.mark.parametrize("speed", [0.0, -1e-3, float("nan"), float("inf")])
+def test_wrong_speeds(speed):
+    stage = stage_of(Machine())
+    with pytest.raises(HardwareError, match="speed of the stage must be positive"):
+        stage.indent(1e-3, speed)
+    with pytest.raises(HardwareError, match="speed of the stage must be positive"):
+        stage.relax(speed)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (((1e-3, -1e-3), (0.0, 0.0), 1e-3), "x of a stage must rise"),
+        (((0.0, 0.0), (0.0, 2.0), 1e-3), "y of a stage must rise and be at most 1.0 m"),
+        (((float("nan"), 0.0), (0.0, 0.0), 1e-3), "x of a stage must rise"),
+        (((0.0, 0.0), (0.0, 0.0), 0.0), "depth of a stage must be positive"),
+        (((0.0, 0.0), (0.0, 0.0), 1e-3, 0.2), "clearance of a stage must be positive and at most 0.1 m"),
+    ],
+)
+def test_wrong_reach(arguments, message):
+    with pytest.raises(HardwareError, match=message):
+        Reach(*arguments)
+
+
+def test_wrong_dialect():
+    with pytest.raises(HardwareError, match="the stage must speak grbl or marlin; got 'klipper'"):
+        GcodeStage(Machine(), REACH, "klipper")
+
+
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs a pseudo-terminal")
+def test_gcode_over_a_real_port():
+    from coilarray.hardware.wire.serial_ports import open_serial_port
+
+    ours, theirs = os.openpty()
+    lines = []
+
+    def machine():
+        text = b""
+        while True:
+            try:
+                text += os.read(ours, 64)
+            except OSError:  # the other end is closed
+                return
+            while b"\n" in text:
+                line, _, text = text.partition(b"\n")
+                lines.append(line.decode())
+                os.write(ours, b"ok\r\n")
+                if line == b"stop":
+                    return
+
+    thread = threading.Thread(target=machine, daemon=True)
+    thread.start()
+    port = open_serial_port(os.ttyname(theirs))
+    stage = GcodeStage(port, REACH, "marlin", greeting=0.05, patience=PATIENCE)
+    stage.move(1e-3, 2e-3)
+    port.write(b"stop\n")
+    thread.join(PATIENCE)
+    stage.close()
+    for end in (ours, theirs):
+        os.close(end)
+    assert lines == ["G21", "G90", "G0 Z2.0000", "M400", "G0 X1.0000 Y2.0000", "M400", "stop"]
+
+
+def test_person():
+    asked = []
+    stage = PersonStage(asked.append)
+    stage.check([GridPlace(0, 0, 1.0, 9.0, 9.0)])
+    stage.move(-4e-3, 2e-3)
+    stage.indent(1e-3, SPEED)
+    stage.relax(SPEED)
+    stage.retreat()  # nobody is asked when something has failed
+    stage.close()
+    assert asked == [
+        "Move the indenter to x = -4, y = 2 mm, without touching.",
+        "Press 1 mm deep at x = -4, y = 2 mm, at 1.5 mm/s, and hold it.",
+        "Lift the indenter off at 1.5 mm/s.",
+    ]
+
+
+def test_emulated():
+    board = plain_board(two_coil_wiring())
+    clock, indenter = board.clock, board.indenter
+    stage = EmulatedStage(board)
+    stage.check([GridPlace(0, 0, 1e-3, 0.0, 0.0)])
+    stage.move(4e-3, 3e-3)
+    assert clock.now() == pytest.approx(5e-3 / 20e-3)
+    stage.indent(1e-3, SPEED)
+    assert indenter.at(clock.now()) == (4e-3, 3e-3, 1e-3)
+    before = clock.now()
+    stage.relax(SPEED)
+    assert clock.now() - before == pytest.approx(1 / 1.5)
+    stage.relax(SPEED)  # it does not touch any more
+    assert clock.now() - before == pytest.approx(1 / 1.5)
+    assert indenter.at(clock.now()).depth == 0
+    stage.close()

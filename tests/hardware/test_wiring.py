@@ -1,0 +1,341 @@
+"""Wirings: the words of every state, and that no words get through that join what must not be joined.
+
+What words join is worked out here a second time, as a graph: every closed switch is an edge between an end of a coil
+and a net, and what hangs together is one node.
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from dataclasses import replace
+from itertools import product
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from support.named_switching import check_words, nets_of
+
+from coilarray.design.scan_states import ScanState, paper_plan
+from coilarray.errors import HardwareError, NetworkError
+from coilarray.hardware.chips.adg739 import SWITCHES
+from coilarray.hardware.scan import wirings
+from coilarray.hardware.scan.wiring import (
+    Device,
+    Switch,
+    Terminal,
+    Wiring,
+    load_wiring,
+    one_device_a_coil,
+    parse_wiring,
+)
+
+SIX, FOUR = load_wiring("six_coils"), load_wiring("six_coils_4")
+BOTH = pytest.mark.parametrize("wiring", [SIX, FOUR], ids=["six", "four"])
+NETS = ("ground", "INA", "INB", "other")
+GROUNDED = {"ground": "ab", "ground one end": "a", "ground other end": "b", "open": ""}
+
+
+def _two_coils(devices):
+    """The part of a bundled wiring that two of its coils need, so that all its words can be tried."""
+    coils = ("coil1", "coil2")
+    kept = tuple(
+        replace(device, switches=tuple(switch for switch in device.switches if switch.terminal.coil in coils))
+        for device in devices
+    )
+    return Wiring("two coils", "", coils, kept)
+
+
+TWO = _two_coils(SIX.devices[:2])
+TWO_ON_A_BUS = _two_coils((FOUR.devices[0], FOUR.devices[2]))
+
+
+def _groups(wiring, words):
+    """Sets of ends and nets that hang together, and whether a switch is closed that is not wired."""
+    group = {node: {node} for node in (*wiring.terminals, *NETS)}
+    stray = False
+    for device, word in zip(wiring.devices, reversed(words), strict=True):
+        for bit in range(8):
+            if word >> bit & 1:
+                edges = [(s.terminal, s.net) for s in device.switches if s.name == device.bits[bit]]
+                stray = stray or not edges
+                for end, net in edges:
+                    joined = group[end] | group[net]
+                    for node in joined:
+                        group[node] = joined
+    return group, stray
+
+
+def _is_legal(wiring, words):
+    group, stray = _groups(wiring, words)
+    on = {net: [node for node in group[net] if isinstance(node, Terminal)] for net in NETS}
+    if stray or any(sum(net in group[one] for net in NETS) > 1 for one in NETS):
+        return False
+    measured = on["INA"] + on["INB"]
+    if not measured:
+        return True
+    return len(on["INA"]) == len(on["INB"]) == 1 and measured[0].coil == measured[1].coil
+
+
+def _agrees(wiring, words):
+    if _is_legal(wiring, words):
+        check_words(wiring, words)
+        return
+    with pytest.raises(HardwareError):
+        check_words(wiring, words)
+
+
+@pytest.mark.parametrize("wiring", [TWO, TWO_ON_A_BUS], ids=["device a coil", "bus"])
+def test_every_word_of_two_coils(wiring):
+    """All 65,536 of them: whatever is let through measures one coil or none."""
+    legal = 0
+    for words in map(bytes, product(range(256), repeat=2)):
+        try:
+            check_words(wiring, words)
+        except HardwareError:
+            assert not _is_legal(wiring, words)
+            continue
+        assert _is_legal(wiring, words)
+        legal += 1
+    # four ends, each to ground or nothing; or one coil on the bus (either way round), the other's ends likewise
+    assert legal == (2**4 + 2 * 2 * 2**2 if wiring is TWO else 2**4 + 2 * 2**2)
+
+
+@st.composite
+def changed_words(draw):
+    """Words of a state with some bits turned over, or any words: legal and illegal ones about as often."""
+    wiring = draw(st.sampled_from([SIX, FOUR]))
+    state = draw(st.sampled_from(paper_plan(wiring.coils)))
+    words = bytearray(draw(st.sampled_from([wiring.words(state), wiring.safe_words, wiring.open_words])))
+    for device, bit in draw(st.lists(st.tuples(st.integers(0, len(words) - 1), st.integers(0, 7)), max_size=4)):
+        words[device] ^= 1 << bit
+    return wiring, bytes(words)
+
+
+@given(changed_words())
+def test_flipped_bits(case):
+    _agrees(*case)
+
+
+@given(st.sampled_from([SIX, FOUR]), st.data())
+def test_any_words(wiring, data):
+    _agrees(wiring, data.draw(st.binary(min_size=len(wiring.devices), max_size=len(wiring.devices))))
+
+
+@st.composite
+def states(draw):
+    coils = draw(st.permutations(SIX.coils))
+    passive = st.sampled_from(sorted(GROUNDED))
+    exceptions = draw(st.dictionaries(st.sampled_from(coils[1:]), passive))
+    sense = draw(st.sampled_from([1, -1]))
+    return ScanState("state", ((coils[0], sense),), others=draw(passive), exceptions=exceptions)
+
+
+@given(states())
+def test_states_join_what_they_say(state):
+    ((measured, sense),) = state.measured
+    wanted = {}
+    for coil in SIX.coils:
+        for end, pin in zip("ab", ("INA", "INB")[::sense], strict=True):
+            passive = state.exceptions.get(coil, state.others)
+            wanted[coil, end] = (pin,) if coil == measured else ("ground",) if end in GROUNDED[passive] else ()
+    assert nets_of(SIX, SIX.words(state)) == wanted
+    if sense > 0:
+        assert nets_of(FOUR, FOUR.words(state)) == wanted
+    else:
+        with pytest.raises(HardwareError, match=rf"six_coils_4 has no switch from {measured}.a to INB"):
+            FOUR.words(state)
+
+
+def test_words_of_the_six():
+    # facts: measure 0x22, others 0x11; turned round 0x44; the first byte lands in the far end, U6
+    assert SIX.safe_words.hex() == "111111111111"
+    assert [SIX.words(state).hex() for state in paper_plan(SIX.coils)][:2] == ["111111111122", "111111112211"]
+    assert SIX.words(ScanState("turned", (("coil6", -1),))).hex() == "441111111111"
+    assert SIX.words(ScanState("open", (("coil1", 1),), others="open")).hex() == "000000000022"
+    assert SIX.words(ScanState("one", (("coil1", 1),), others="ground one end")).hex() == "010101010122"
+    assert SIX.words(ScanState("other", (("coil1", 1),), others="ground other end")).hex() == "101010101022"
+
+
+@pytest.mark.parametrize("k", range(1, 7))
+def test_words_of_the_four(k):
+    # facts: U1 = 1 << (k − 1) in both nibbles, U2 = 0, U3 = 0xFF ^ U1, U4 = 0x33; coils 5 and 6 on U2 and U4
+    bus = 0x11 << (k - 1) % 4
+    wanted = (bus, 0, 0xFF ^ bus, 0x33) if k <= 4 else (0, bus, 0xFF, 0x33 ^ bus)
+    assert FOUR.words(ScanState("state", ((f"coil{k}", 1),))) == bytes(reversed(wanted))
+    assert FOUR.safe_words == bytes([0x33, 0xFF, 0, 0])
+
+
+@BOTH
+def test_safe_words(wiring):
+    assert set(nets_of(wiring, wiring.safe_words).values()) == {("ground",)}
+    assert not any(nets_of(wiring, wiring.open_words).values())
+    check_words(wiring, wiring.safe_words)
+    check_words(wiring, wiring.open_words)
+
+
+@BOTH
+def test_encoding(wiring):
+    """Against the file itself: device by device from the far end, bit by bit."""
+    file = tomllib.loads(wirings.read(wiring.name))["wiring"]
+    codes = []
+    for device in reversed(file["device"]):
+        for name in file["part"][device["part"]]["bits"]:
+            switch = device["switch"].get(name)
+            terminal = None if switch is None else 2 * file["coils"].index(switch["coil"]) + (switch["end"] == "b")
+            codes.append(0xFF if switch is None else 4 * terminal + NETS.index(switch["net"]))
+    assert list(wiring.encode()) == codes
+
+
+def test_encoding_by_hand():
+    # U6 first: end a of coil 6 is 10, its end b is 11
+    assert SIX.encode()[:8].hex(" ") == "28 29 2a ff 2c 2e 2d ff"
+
+
+@given(st.permutations(SWITCHES))
+def test_order_of_the_bits_is_a_table(bits):
+    """Another order of the bits makes other words that join the same."""
+    other = replace(SIX, devices=tuple(replace(device, bits=tuple(bits)) for device in SIX.devices))
+    for state in paper_plan(SIX.coils):
+        assert nets_of(other, other.words(state)) == nets_of(SIX, SIX.words(state))
+    for plain, moved in zip(_bytes(SIX.encode()), _bytes(other.encode()), strict=True):
+        assert dict(zip(SWITCHES, plain, strict=True)) == dict(zip(bits, moved, strict=True))
+
+
+def _bytes(codes):
+    return [codes[start : start + 8] for start in range(0, len(codes), 8)]
+
+
+def test_every_bundled_wiring_loads():
+    for name in wirings.names():
+        wiring = load_wiring(name)
+        assert wiring.name == name
+        assert dict(wiring.assumed)["ADG739.bits"]  # not verified, so it is said
+    assert load_wiring() == SIX
+    with pytest.raises(KeyError):
+        wirings.read("seven")
+
+
+def test_one_device_a_coil_is_the_bundled_wiring_with_other_names():
+    made = one_device_a_coil(SIX.coils)
+    assert (made.devices, made.encode(), made.safe_words) == (SIX.devices, SIX.encode(), SIX.safe_words)
+    other = one_device_a_coil(["coil one", "coil two"])
+    assert other.encode() == SIX.encode()[-16:]
+    with pytest.raises(HardwareError, match="must have 1 to 31 coils"):
+        one_device_a_coil([f"coil{k}" for k in range(32)])
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("111111111133", "join coil1.a to ground and INA at once"),
+        ("111111111102", "join coil1.a to INA and nothing to the other pin"),
+        ("111111112222", "join coil1.a and coil2.a to INA at once"),
+        ("111111112002", "join coil1.a to INA but coil2.b to INB"),
+        ("111111111142", "join coil1.a and coil1.b to INA at once"),
+        ("111111111166", "join coil1.a to INA and INB at once"),
+        ("111111111180", "word 0x80 closes S4B of U1, which is not wired"),
+        ("1111111111", "six_coils needs 6 words; got 5"),
+    ],
+)
+def test_conflicts_are_named(words, message):
+    with pytest.raises(HardwareError, match=re.escape(message)):
+        check_words(SIX, bytes.fromhex(words))
+
+
+@pytest.mark.parametrize(
+    ("state", "error", "message"),
+    [
+        (ScanState("s", (("coil1", 1), ("coil2", 1))), HardwareError, "s must measure one coil.*; got coil1, coil2"),
+        (ScanState("s", (("coil1", 1),), others="load"), HardwareError, "s: wiring six_coils cannot make coil2 'load'"),
+        (ScanState("s", (("coil9", 1),)), NetworkError, "names the coil 'coil9'"),
+        (ScanState("s", ()), NetworkError, "measures no coil"),
+    ],
+)
+def test_states_that_cannot_be(state, error, message):
+    with pytest.raises(error, match=message):
+        SIX.words(state)
+
+
+SMALL = """
+schema = 1
+[wiring]
+title = "one coil"
+coils = ["one"]
+[wiring.part.ADG739]
+bits = ["S1A", "S2A", "S3A", "S4A", "S1B", "S2B", "S3B", "S4B"]
+[[wiring.device]]
+name = "U1"
+part = "ADG739"
+[wiring.device.switch]
+S1A = { coil = "one", end = "a", net = "ground" }
+S2A = { coil = "one", end = "a", net = "INA" }
+S1B = { coil = "one", end = "b", net = "ground" }
+S2B = { coil = "one", end = "b", net = "INB" }
+"""
+
+
+def test_small_file(tmp_path):
+    path = tmp_path / "small.toml"
+    path.write_text(SMALL, encoding="utf-8")
+    wiring = load_wiring(path)
+    assert (wiring.name, wiring.coils, wiring.safe_words) == ("small", ("one",), b"\x11")
+    assert wiring == parse_wiring(SMALL, "small")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("schema = 1", "schema = 2", "small: schema"),
+        ("schema = 1", "schema = ", "small: not valid TOML"),
+        ("schema = 1", "schema = 1\nx = " + "[" * 2000, "small: not valid TOML"),
+        ('title = "one coil"', 'titel = "one coil"', "wiring has no key 'titel'; did you mean title"),
+        ('coils = ["one"]', "coils = []", "small: wiring.coils"),
+        ('coils = ["one"]', 'coils = ["one", "one"]', "names the coil 'one' twice"),
+        ('coils = ["one"]', 'coils = ["one", "two"]', "must have a switch that grounds two.a"),
+        ('coils = ["one"]', 'coils = ["two"]', "U1.S1A goes to one.a; there are the coils two"),
+        ('"S1A", "S2A", ', '"S1A", "S1A", ', "device U1: bits must name each of"),
+        ('bits = ["S1A", ', "bits = [", "wiring.part.ADG739.bits"),
+        ('part = "ADG739"', 'part = "ADG714"', "U1 is a ADG714, but \\[wiring.part\\] has ADG739"),
+        ("S1A = {", "S5A = {", "U1 has no switch 'S5A'"),
+        ('end = "a", net = "ground"', 'end = "c", net = "ground"', "wiring.device.0.switch.S1A.end"),
+        ('net = "INA"', 'net = "INC"', "wiring.device.0.switch.S2A.net"),
+        ('net = "INA"', 'net = "ground"', "two switches from one.a to ground"),
+        ('net = "INA"', 'net = "INB"', "must join one.a to INA and one.b to INB"),
+        ('S2B = { coil = "one", end = "b", net = "INB" }', "", "must join one.a to INA and one.b to INB"),
+        ('S1B = { coil = "one", end = "b", net = "ground" }', "", "must have a switch that grounds one.b"),
+        ('name = "U1"', "", "wiring.device.0.name is missing"),
+    ],
+)
+def test_bad_files(old, new, message):
+    with pytest.raises(HardwareError, match=message) as raised:
+        parse_wiring(SMALL.replace(old, new), "small")
+    assert "\n" not in str(raised.value)
+    assert "small" in str(raised.value)
+
+
+def test_bad_wirings():
+    (device,) = parse_wiring(SMALL).devices
+    with pytest.raises(HardwareError, match="names the device 'U1' twice"):
+        Wiring("w", "", ("one",), (device, device))
+    with pytest.raises(HardwareError, match="1 to 31 coils and 1 to 255 devices; got 1 and 0"):
+        Wiring("w", "", ("one",), ())
+    with pytest.raises(HardwareError, match="1 to 31 coils and 1 to 255 devices; got 32 and 1"):
+        Wiring("w", "", tuple(f"coil{k}" for k in range(32)), (device,))
+    twice = Device("U1", "ADG739", SWITCHES, (*device.switches, Switch("S1A", Terminal("one", "a"), "other")))
+    with pytest.raises(HardwareError, match="U1 has S1A twice"):
+        Wiring("w", "", ("one",), (twice,))
+
+
+def test_unreadable_files(tmp_path):
+    (tmp_path / "latin.toml").write_bytes(b"\xff\xfe")
+    for path, message in (
+        (tmp_path / "none.toml", "there is no wiring file .*none.toml, nor a bundled wiring of that name"),
+        (tmp_path / "latin.toml", "no text file in UTF-8"),
+        (tmp_path, "cannot read"),
+        ("a\0b", "cannot read"),
+        ("", "the name of a wiring file must not be empty"),
+    ):
+        with pytest.raises(HardwareError, match=message) as raised:
+            load_wiring(path)
+        assert "\n" not in str(raised.value)

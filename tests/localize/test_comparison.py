@@ -1,0 +1,273 @@
+"""Measured beside simulated response: what is known to differ is found, what is the same is said to be the same."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import xarray as xr
+from support.localize_boards import ROW, bells, response
+
+import coilarray.localize.comparison
+from coilarray.compute.netcdf import load_part, save_dataset
+from coilarray.errors import LocalizeError
+from coilarray.localize.comparison import compare_responses
+from coilarray.localize.ellipse import fit_ellipses
+from coilarray.localize.level_curves import LevelCurves
+from coilarray.localize.published import published_map
+
+STATES = ["coil1", "coil2", "coil3"]
+CENTRES = ROW[:3]
+NOISE = 1e-5
+FIGURES = ("scale", "rms_before", "rms_after", "correlation_before", "correlation_after")
+
+
+def hills(points):
+    return bells(points, CENTRES, peak=1.2e-3)
+
+
+def world(scale=1.0, shift=(0.0, 0.0), x=26e-3, y=8e-3, step=2e-3, depth=(1e-3,), states=STATES):
+    """Response of the bells, scaled and shifted."""
+    axes = (np.arange(-reach, reach + step / 2, step) for reach in (x, y))
+    return response(
+        lambda points: scale * hills(points - [*shift, 0.0])[..., : len(states)], states, *axes, list(depth)
+    )
+
+
+def noisy(dataset, seed=0, noise=NOISE):
+    random = np.random.default_rng(seed)
+    delta = dataset.delta + noise * random.standard_normal(dataset.delta.shape)
+    return dataset.assign(delta=delta, delta_std=xr.full_like(dataset.delta, noise))
+
+
+WIDE = world(x=30e-3, y=12e-3, step=1e-3)
+"""What is simulated: finer than what is measured, and larger by more than a shift."""
+
+
+def test_a_map_is_equal_to_itself():
+    measured = published_map()
+    found = compare_responses(measured, measured)
+    np.testing.assert_allclose(found.scale, 1.0, rtol=0, atol=1e-14)  # rounding of sums of 125 products
+    np.testing.assert_allclose(found["shift"], 0.0, atol=1e-15)
+    np.testing.assert_allclose(found.correlation_before, 1.0, atol=1e-14)
+    for name in ("residual_before", "residual_after"):
+        np.testing.assert_allclose(found[name], 0.0, atol=1e-17)  # rounding of a spline at its own knots
+    for name in ("x0", "A", "B"):
+        np.testing.assert_allclose(found[name][0], found[name][1], atol=1e-9)
+    np.testing.assert_allclose(found.delta[0], measured.delta)
+    assert not found.at_limit.any()
+    assert (found.attrs["noise_from"], found.attrs["points_left_out"]) == ("residuals", 0)
+    assert found.attrs["measured_source"] == measured.attrs["source"]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_scale_and_shift_are_recovered_within_their_uncertainty(seed):
+    scale, shift = 1.15, (0.45e-3, -0.3e-3)
+    found = compare_responses(noisy(world(scale, shift), seed), WIDE, replicates=0)
+    # 9 numbers of each of 4 seeds: beyond 3.9 standard deviations once in 300 runs of the test; seeds are fixed
+    away = np.stack(
+        [
+            (found.scale - scale) / found.scale_std,
+            *((found["shift"] - np.array(shift)) / found.shift_std).transpose("axis", ...),
+        ]
+    )
+    assert np.abs(away).max() < 3.9
+    assert (found.scale_std < 2e-3).all()
+    assert (found.shift_std < 0.02e-3).all()
+    # what remains is the noise: its mean square over 27·9 positions has a relative standard deviation of √(2/243)
+    np.testing.assert_allclose(found.rms_after, NOISE, rtol=4 * np.sqrt(0.5 / 243))
+    np.testing.assert_allclose(found.noise, NOISE, rtol=1e-12)
+    assert (found.rms_before > 5 * found.rms_after).all()
+    assert (found.correlation_after > found.correlation_before).all()
+    assert (found.points == 243).all()
+
+
+def test_the_uncertainties_are_those_of_repeated_measurements(monkeypatch):
+    """Every figure's standard deviation against the scatter over 100 seeds, which is known to 7 %."""
+    monkeypatch.setattr(
+        coilarray.localize.comparison, "level_curves", lambda *_, **__: LevelCurves(*np.empty((2, 3, 0)))
+    )
+    runs = [compare_responses(noisy(world(1.1, (0.3e-3, 0.0)), seed), WIDE) for seed in range(100)]
+    for name in (*FIGURES, "shift"):
+        seen = np.std([run[name].values for run in runs], axis=0, ddof=1)
+        told = np.mean([run[f"{name}_std"].values for run in runs], axis=0)
+        np.testing.assert_allclose(told, seen, rtol=0.28, err_msg=name)  # four of its standard deviations
+
+
+def test_residuals_are_the_difference():
+    measured = noisy(world(1.1))
+    found = compare_responses(measured, world(), replicates=0)
+    np.testing.assert_allclose(found.residual_before, measured.delta - world().delta, atol=1e-17)
+    simulated = found.delta.sel(source="simulated")
+    np.testing.assert_allclose(simulated, world().delta, atol=1e-17)
+    inner = {"x": slice(-20e-3, 20e-3), "y": slice(-4e-3, 4e-3)}
+    remains = (measured.delta - found.scale * simulated).sel(inner)
+    # the shift of a few µm that noise feigns moves a slope of 1e-3 a mm by 1e-5 at most
+    np.testing.assert_allclose(found.residual_after.sel(inner), remains, atol=1e-5)
+    used = found.residual_before.isel(x=slice(1, -1), y=slice(1, -1))
+    assert (found.points == 25 * 7).all()  # by the reach of one spacing inside the simulated map
+    np.testing.assert_allclose(found.rms_before, np.sqrt((used**2).mean(("x", "y"))), rtol=1e-12)
+
+
+def test_simulated_positions_are_interpolated_never_extrapolated():
+    fine = world(x=19e-3, y=20e-3, step=1.1e-3)
+    measured = noisy(world())
+    found = compare_responses(measured, fine)
+    outside = np.abs(measured.x.values) > 19e-3
+    assert np.isnan(found.residual_before.values[:, :, outside]).all()
+    assert np.isnan(found.delta.sel(source="simulated").values[:, :, outside]).all()
+    assert np.isfinite(found.residual_before.values[:, :, ~outside]).all()
+    assert found.attrs["points_left_out"] == 9 * outside.sum() * 3
+    np.testing.assert_allclose(found.scale, 1.0, atol=0.01)
+    window = measured.isel(x=np.flatnonzero(~outside))
+    fits = fit_ellipses(window, states=["coil2"])  # the measured ellipses are of the common window
+    np.testing.assert_array_equal(found.x0.sel(source="measured", state="coil2")[0, : fits.sizes["step"]], fits.x0[0])
+
+
+def test_ellipses_of_both_are_side_by_side():
+    measured = noisy(world(1.0, (0.5e-3, 0.0)))
+    found = compare_responses(measured, WIDE, replicates=8)
+    of = found.sel(state="coil2").isel(depth=0)
+    told = np.isfinite(of.x0).all("source") & (of.level < 9e-4) & (of.level > 2e-4)
+    apart = (of.x0.sel(source="measured") - of.x0.sel(source="simulated"))[told.values]
+    assert told.sum() > 20
+    # the mean over levels of a shift of 0.5 mm; each is known to about 0.05 mm and neighbours share points
+    assert float(apart.mean()) == pytest.approx(0.5e-3, abs=0.05e-3)
+    deviation = of.x0_std.sel(source="measured")[told.values]
+    assert (deviation > 0).all()
+    assert np.isnan(of.x0_std.sel(source="simulated")).all()
+    assert (np.abs(apart - 0.5e-3) < 5 * deviation).mean() > 0.95
+    np.testing.assert_allclose(found.level, 3e-5 * np.arange(1, found.sizes["level"] + 1), rtol=1e-12)
+
+
+def test_states_that_one_alone_has_are_named():
+    first, second = world(), world().assign_coords(state=["coil2", "coil3", "coil9"])
+    found = compare_responses(first, second, replicates=0)
+    assert found.state.values.tolist() == ["coil2", "coil3"]
+    assert (found.attrs["only_measured"], found.attrs["only_simulated"]) == ("coil1", "coil9")
+    with pytest.raises(LocalizeError, match="no state in common: measured coil1, coil2, coil3; simulated a, b, c"):
+        compare_responses(first, first.assign_coords(state=["a", "b", "c"]))
+
+
+def test_states_are_matched_by_name_not_by_place():
+    found = compare_responses(world(), world().isel(state=[2, 0, 1]), replicates=0)
+    np.testing.assert_allclose(found.scale, 1.0, atol=1e-13)
+
+
+def test_every_depth_has_its_own_figures():
+    depths = [0.5e-3, 1e-3, 1.5e-3]
+    simulated = world(depth=[0.5e-3, 0.75e-3, 1e-3, 1.25e-3])
+    measured = world(1.2, depth=depths)
+    found = compare_responses(measured, simulated, replicates=0)
+    assert found.depth.values.tolist() == depths[:2]
+    assert found.attrs["depths_left_out"] == "0.0015"
+    assert found.scale.shape == (2, 3)
+    np.testing.assert_allclose(found.scale, 1.2, atol=1e-12)
+    between = compare_responses(world(depth=[0.9e-3]), simulated, replicates=0)
+    np.testing.assert_allclose(between.scale, 1.0, atol=1e-3)  # a cubic in depth through four planes and zero
+    with pytest.raises(LocalizeError, match="no depth in common: measured 2 mm; simulated 1 mm"):
+        compare_responses(world(depth=[2e-3]), world())
+
+
+def test_gaps_of_a_measurement_are_left_out():
+    measured = noisy(world(1.1))
+    measured.delta[0, 3, 4, 0] = np.nan
+    measured.delta_std[0, 3, 4, 0] = np.nan
+    found = compare_responses(measured, WIDE, replicates=0)
+    assert found.points.values.tolist() == [[242, 243, 243]]
+    np.testing.assert_allclose(found.scale, 1.1, atol=0.01)
+    assert found.ellipse_problem.sel(source="measured").values.tolist() == [["the map has gaps.", "", ""]]
+    assert np.isnan(found.residual_after[0, 3, 4, 0])
+    assert found.attrs["points_left_out"] == 0
+    empty = measured.assign(delta=measured.delta * np.nan)
+    with pytest.raises(LocalizeError, match="no measured position is in the simulated map"):
+        compare_responses(empty, WIDE)
+
+
+def test_a_line_of_positions_tells_no_shift_across():
+    line = noisy(world()).sel(y=[0.0])
+    found = compare_responses(line, WIDE)
+    assert np.isnan(found["shift"].sel(axis="y")).all()
+    assert np.isfinite(found["shift"].sel(axis="x")).all()
+    assert all(
+        "at least 4 positions along y" in text for text in found.ellipse_problem.sel(source="measured").values.ravel()
+    )
+    np.testing.assert_allclose(found.scale, 1.0, atol=0.02)
+
+
+def test_two_measurements_share_their_noise():
+    found = compare_responses(noisy(world(), 1, 3e-5), noisy(world(), 2, 4e-5), replicates=0)
+    np.testing.assert_allclose(found.noise, 5e-5, rtol=1e-12)
+    np.testing.assert_allclose(found.rms_after, 5e-5, rtol=0.2)
+    assert (np.abs(found.scale - 1) < 4 * found.scale_std).all()
+
+
+def test_noise_that_some_positions_do_not_tell_is_that_of_the_others():
+    measured = noisy(world())
+    measured.delta_std[0, :4, :, 1] = np.nan
+    np.testing.assert_allclose(compare_responses(measured, WIDE, replicates=0).noise, NOISE, rtol=1e-12)
+    measured.delta_std[:] = np.nan
+    assert compare_responses(measured, WIDE, replicates=0).attrs["noise_from"] == "residuals"
+    of_state = world().assign(delta_std=("state", [1e-5, 2e-5, 3e-5]))
+    np.testing.assert_allclose(compare_responses(of_state, WIDE, replicates=0).noise, [[1e-5, 2e-5, 3e-5]])
+
+
+def test_inductances_stand_beside_each_other():
+    first = world().assign(base_inductance=("state", [1e-6, 2e-6, 3e-6]))
+    second = world().isel(state=[1, 2]).assign(base_inductance=("state", [4e-6, 5e-6]))
+    found = compare_responses(first, second, replicates=0)
+    np.testing.assert_allclose(found.base_inductance, [[2e-6, 3e-6], [4e-6, 5e-6]])
+    assert "base_inductance" not in compare_responses(first, world(), replicates=0)
+
+
+def test_a_comparison_goes_through_a_file(tmp_path):
+    found = compare_responses(noisy(world()), WIDE, replicates=2)
+    save_dataset(found, tmp_path / "comparison.nc")
+    xr.testing.assert_identical(load_part(tmp_path / "comparison.nc"), found)
+
+
+def test_progress_runs_to_its_end():
+    told = []
+    compare_responses(world(), WIDE, progress=lambda done, total: told.append((done, total)))
+    assert told == [(k + 1, 6) for k in range(6)]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda m, s: (m.drop_vars("delta"), s), "a measured response must have delta"),
+        (lambda m, s: (m.isel(depth=0), s), "a measured response must have delta"),
+        (lambda m, s: (m.drop_vars("x"), s), "a measured response must have delta"),
+        (lambda m, s: (m.assign(delta=m.delta / 0.0), s), "must not be infinite"),
+        (lambda m, s: (m.assign_coords(state=["a", "a", "b"]), s), "must have different names; got a, a, b"),
+        (lambda m, s: (m.isel(x=slice(None, None, -1)), s), "x of a measured response must be finite and rise"),
+        (lambda m, s: (m.isel(x=slice(0, 0)), s), "x of a measured response must be finite and rise"),
+        (lambda m, s: (m, s.drop_vars("delta")), "a response must have the variable delta"),
+        (lambda m, s: (m, s.drop_vars("state")), "a simulated response must have the coordinate state"),
+        (lambda m, s: (m, s.isel(x=slice(3))), "at least 4 positions along x"),
+        (lambda m, s: (m, s.assign(delta=s.delta * np.nan)), "delta of a response must be finite"),
+        (
+            lambda m, s: (m.assign(delta_std=m.delta * 0 - 1), s),
+            "delta_std of the measured response must be finite and",
+        ),
+        (lambda m, s: (m, s.assign(delta_std=s.delta / 0.0)), "delta_std of the simulated response must be finite and"),
+        (lambda m, s: (m.assign(delta_std=("coil", [1.0])), s), "delta_std of the measured response must be over"),
+        (lambda m, s: (m.assign_coords(x=m.x + 1.0), s), "no measured position is in the simulated map"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore:divide by zero", "ignore:invalid value")
+def test_bad_responses(change, words):
+    with pytest.raises(LocalizeError, match=words):
+        compare_responses(*change(world(), world()))
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"reach": -1e-3}, "reach must be finite and not negative"),
+        ({"reach": np.nan}, "reach must be finite and not negative"),
+        ({"replicates": -1}, "replicates must not be negative"),
+    ],
+)
+def test_bad_options(options, words):
+    with pytest.raises(LocalizeError, match=words):
+        compare_responses(world(), world(), **options)

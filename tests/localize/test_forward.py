@@ -1,0 +1,217 @@
+"""The forward model.
+
+Who checks whom: splines against polynomials that they hold exactly and against the formula they interpolate, with the
+order of the error; derivatives against differences; tables against the response map's own grid.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.localize_boards import FIELD, bells, board, response
+
+from coilarray import load_design
+from coilarray.errors import LocalizeError
+from coilarray.localize.forward import checked_noise, forward_model, table_for, table_grid
+
+X, Y, H = np.linspace(-20e-3, 30e-3, 9), np.linspace(-9e-3, 9e-3, 7), np.linspace(0.3e-3, 1.5e-3, 5)
+
+
+def polynomial(seed, degree_h, states=3):
+    """δ = Σ c_ijk x^i y^j h^k in cm and mm, i and j up to 3; without terms in h⁰, so that δ(h = 0) = 0."""
+    c = np.random.default_rng(seed).uniform(-1e-3, 1e-3, (4, 4, degree_h, states))
+
+    def function(points):
+        x, y, h = np.moveaxis(points * [1e2, 1e2, 1e3], -1, 0)
+        powers = [v[..., None] ** np.arange(n) for v, n in ((x, 4), (y, 4), (h, degree_h))]
+        return np.einsum("...i,...j,...k,ijks->...s", powers[0], powers[1], powers[2] * h[..., None], c)
+
+    return function
+
+
+def inside(model, count, seed=0):
+    return np.random.default_rng(seed).uniform(model.lower, model.upper, (count, 3))
+
+
+@pytest.mark.parametrize(("depths", "degree_h"), [(H, 3), (H[:3], 3), (H[:2], 2)])
+def test_polynomials_are_exact(depths, degree_h):
+    """Cubic in x and y; in depth cubic from four planes on, with three planes and δ(0) = 0 a cubic as well."""
+    function = polynomial(1, degree_h)
+    model = forward_model(response(function, "abc", X, Y, depths))
+    assert model.depth[0] == 0
+    points = inside(model, 200)
+    # rounding: coefficients of 1e-3 times powers up to 3³ · 1.5³
+    assert model.delta(points) == pytest.approx(function(points), abs=1e-13)
+
+
+def test_derivatives_of_polynomials_are_exact():
+    function = polynomial(2, 3)
+    model = forward_model(response(function, "abc", X, Y, H))
+    points = inside(model, 50)
+    for axis, step in enumerate((1e-4, 1e-4, 1e-5)):
+        # a five-point formula is exact for degree 4
+        at = [function(points + k * step * np.eye(3)[axis]) for k in (-2, -1, 1, 2)]
+        exact = (at[0] - 8 * at[1] + 8 * at[2] - at[3]) / (12 * step)
+        # rounding of δ of 1e-2 at 1e-16, over the step
+        assert model.jacobian(points)[..., axis] == pytest.approx(exact, abs=1e-17 / step * 10 + 1e-9)
+
+
+def test_derivatives_follow_the_values():
+    model = forward_model(board(FIELD, 2e-3))
+    points = inside(model, 100) * 0.99
+    points[:, 2] += 1e-5
+    jacobian = model.jacobian(points)
+    for axis, step in enumerate((1e-6, 1e-6, 1e-7)):
+        shift = step * np.eye(3)[axis]
+        difference = (model.delta(points + shift) - model.delta(points - shift)) / (2 * step)
+        # third derivative of δ of 1e-2 over 7 mm and step² , and rounding of 1e-18 over the step
+        assert jacobian[..., axis] == pytest.approx(difference, abs=1e-5 * np.abs(jacobian[..., axis]).max())
+
+
+def test_nodes_are_kept():
+    table = board(FIELD, 2e-3)
+    model = forward_model(table)
+    points = np.stack(np.meshgrid(table.depth, table.y, table.x, indexing="ij")[::-1], axis=-1)
+    # rounding of δ of 1e-2
+    assert model.delta(points) == pytest.approx(table.delta.values, abs=1e-16)
+
+
+def test_error_falls_with_the_fourth_power_of_the_spacing():
+    points = np.random.default_rng(0).uniform([-12e-3, -6e-3, 1e-3], [12e-3, 6e-3, 1e-3], (1000, 3))
+    truth = bells(points, FIELD)
+    # 1 mm is a plane of the table, so that the depth adds no error
+    errors = [np.abs(forward_model(board(FIELD, step)).delta(points) - truth).max() for step in (2e-3, 1e-3, 0.5e-3)]
+    assert errors[1] < 1e-3 * 4e-3  # of the peak
+    # 16, more where the ends of the table still count on the coarse grids
+    assert 14 < errors[1] / errors[2] < 20
+    assert errors[0] > 14 * errors[1]
+
+
+def test_dimensions_may_stand_in_any_order():
+    table = board(FIELD, 2e-3)
+    points = inside(forward_model(table), 5)
+    turned = forward_model(table.transpose("state", "x", "depth", "y"))
+    assert (turned.delta(points) == forward_model(table).delta(points)).all()
+
+
+def test_one_depth_is_known():
+    table = board(FIELD, 2e-3, depth=[1e-3])
+    model = forward_model(table)
+    assert model.unknowns == 2
+    assert model.jacobian([0, 0, 1e-3]).shape == (5, 2)
+    # δ of the formula at the known depth, whatever is asked; the error of the spline as above
+    assert model.delta([1e-3, 2e-3, 7.0]) == pytest.approx(bells([1e-3, 2e-3, 1e-3], FIELD), abs=2e-5)
+
+
+def test_zero_plane_is_a_choice():
+    assert forward_model(board(FIELD, 2e-3), zero_plane=False).lower[2] == 0.2e-3
+    assert forward_model(board(FIELD, 2e-3), zero_plane=True).lower[2] == 0
+    assert np.abs(forward_model(board(FIELD, 2e-3)).delta([1e-3, 2e-3, 0.0])).max() == 0
+    given = board(FIELD, 2e-3, depth=[0.0, 0.5e-3, 1e-3])
+    assert len(forward_model(given).depth) == 3
+
+
+def test_some_states():
+    model = forward_model(board(FIELD, 2e-3))
+    points = inside(model, 4)
+    some = model.select(["coil4", "coil1"])
+    assert some.states == ("coil4", "coil1")
+    assert (some.delta(points) == model.delta(points)[:, [3, 0]]).all()
+    assert (some.jacobian(points) == model.jacobian(points)[:, [3, 0]]).all()
+    with pytest.raises(LocalizeError, match=r"no state 'coil9'; there are coil1, coil2"):
+        model.select(["coil9"])
+    for names in ([], ["coil1", "coil1"]):
+        with pytest.raises(LocalizeError, match=r"named once each"):
+            model.select(names)
+
+
+def test_points_outside_are_refused():
+    model = forward_model(board(FIELD, 2e-3))
+    with pytest.raises(LocalizeError, match=r"y of a point must be in the table, -0\.01 to 0\.01 m; got 0\.02 m"):
+        model.delta([[0, 0, 1e-3], [0, 0.02, 1e-3]])
+    with pytest.raises(LocalizeError, match=r"depth of a point"):
+        model.jacobian([0, 0, 5e-3])
+    with pytest.raises(LocalizeError, match=r"x of a point"):
+        model.delta([np.nan, 0, 1e-3])
+    for points in (1.0, [1.0, 2.0]):
+        with pytest.raises(LocalizeError, match=r"last axis; got shape"):
+            model.delta(points)
+
+
+def spoilt(table, **changes):
+    """Copy with one coordinate replaced."""
+    return table.assign_coords(changes)
+
+
+GOOD = board(FIELD, 4e-3)
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        (GOOD.rename(delta="other"), r"variable delta"),
+        (GOOD.isel(depth=0), r"dimensions depth, y, x and state"),
+        (GOOD.drop_vars("x"), r"coordinates for all dimensions; x is missing"),
+        (GOOD.isel(x=slice(3)), r"at least 4 positions along x; got 3"),
+        (GOOD.isel(y=slice(2)), r"at least 4 positions along y; got 2"),
+        (GOOD.isel(state=slice(0)), r"must be finite everywhere"),
+        (GOOD.where(GOOD.x > -0.01), r"must be finite everywhere"),
+        (GOOD.isel(x=slice(None, None, -1)), r"x of a response must be finite and rise"),
+        (spoilt(GOOD, depth=GOOD.depth - 1e-3), r"depth of a response must not be negative; got -0\.0008"),
+        (spoilt(GOOD, state=list("aabcd")), r"different names; got a, a, b"),
+    ],
+)
+def test_bad_tables(table, message):
+    with pytest.raises(LocalizeError, match=message):
+        forward_model(table)
+
+
+def test_noise_of_states():
+    model = forward_model(GOOD)
+    assert (checked_noise(model, 2e-5) == [2e-5] * 5).all()
+    assert (checked_noise(model, [1e-5] * 5) == [1e-5] * 5).all()
+    for noise in (0, -1e-5, np.nan, np.inf, [1e-5] * 4 + [0]):
+        with pytest.raises(LocalizeError, match=r"noise must be positive and finite"):
+            checked_noise(model, noise)
+    with pytest.raises(LocalizeError, match=r"one for each of the 5 states; got shape \(4,\)"):
+        checked_noise(model, [1e-5] * 4)
+
+
+def test_table_covers_the_coils():
+    """What a table of this grid is worth is in test_localize_inverse.py."""
+    design = load_design("gast2020")
+    depths, x, y = table_grid(design)
+    # a fifth of 8 mm; the coils reach 11.5 mm in y, in x 11.5 cos 30° beyond their centres, -13.28 to 53.12 mm
+    assert max(np.diff(x).max(), np.diff(y).max()) <= 1.6e-3 + 1e-12
+    half = 11.5e-3 * np.cos(np.pi / 6)
+    # outlines are those of the copper: the same to rounding
+    assert [x[0], x[-1]] == pytest.approx([-13.28e-3 - half, 53.12e-3 + half], abs=1e-9)
+    assert [y[0], y[-1]] == pytest.approx([-11.5e-3, 11.5e-3], abs=1e-9)
+    assert depths[-1] == pytest.approx(1.7e-3, rel=1e-12)
+    depths, x, y = table_grid(design, spacing=3e-3, deepest=1.2e-3)
+    assert max(np.diff(x).max(), np.diff(y).max()) <= 3e-3 + 1e-12
+    assert depths[-1] == pytest.approx(1.2e-3, rel=1e-12)
+
+
+def test_table_is_the_response_on_its_grid(monkeypatch):
+    monkeypatch.setattr("coilarray.localize.forward.response_map", lambda design, **asked: asked)
+    design = load_design("gast2020")
+    asked = table_for(design, spacing=3e-3, deepest=1.2e-3)
+    for name, axis in zip(("depths", "x", "y"), table_grid(design, spacing=3e-3, deepest=1.2e-3), strict=True):
+        assert (asked[name] == axis).all()
+
+
+@pytest.mark.parametrize("value", [0.0, -1e-3, np.nan, np.inf])
+def test_bad_spacings(value):
+    design = load_design("gast_fem")
+    with pytest.raises(LocalizeError, match=r"spacing of a table must be positive and finite"):
+        table_grid(design, spacing=value)
+    with pytest.raises(LocalizeError, match=r"deepest of a table must be positive and finite"):
+        table_grid(design, deepest=value)
+
+
+def test_design_without_indentation():
+    with pytest.raises(LocalizeError, match=r"gast_fem has no \[indenter\]"):
+        table_grid(replace(load_design("gast_fem"), indentation=None))

@@ -1,0 +1,375 @@
+"""Position and depth from one reading.
+
+Who checks whom: solutions against the truth that made the reading, by formula, by the model and by the response map
+between the positions of the table; regions and residuals against their probabilities; the search against many random
+starts; the goal of accuracy against the Cramér–Rao bound, which says where it can be met.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import chi2, ncx2
+from support.localize_boards import FIELD, ROW, bells, board
+
+from coilarray import load_design
+from coilarray.errors import LocalizeError
+from coilarray.localize.forward import forward_model, table_grid
+from coilarray.localize.identifiability import covariance_of, fisher_information
+from coilarray.localize.inverse import deviance, locate, locate_all
+from coilarray.localize.search import refine
+from coilarray.response.map import response_map
+
+NOISE = 1e-5
+REGION = chi2.ppf(0.95, 3)
+MIRROR = np.array([1, -1, 1])
+
+
+@pytest.fixture(scope="module")
+def field():
+    return forward_model(board(FIELD))
+
+
+@pytest.fixture(scope="module")
+def row():
+    return forward_model(board(ROW))
+
+
+def between_the_coils(count, seed=0):
+    """Points of the field where several coils answer, 0.5 to 1.5 mm deep."""
+    return np.random.default_rng(seed).uniform([-9e-3, -6e-3, 0.5e-3], [9e-3, 6e-3, 1.5e-3], (count, 3))
+
+
+def noisy(delta, noise=NOISE, seed=0):
+    return delta + noise * np.random.default_rng(seed).standard_normal(delta.shape)
+
+
+def places(modes):
+    return np.array([[mode.x, mode.y, mode.depth] for mode in modes])
+
+
+def best_places(locations):
+    return places([location.best for location in locations])
+
+
+# ---- without noise ----
+
+
+def test_truth_comes_back(field):
+    truth = between_the_coils(200)
+    found = locate_all(field, field.delta(truth))
+    assert {location.verdict for location in found} == {"found"}
+    # a micrometre in the plane; in depth as much of the depth as it is of 10 mm
+    assert np.abs(best_places(found) - truth).max(axis=0) == pytest.approx([0, 0, 0], abs=1e-6)
+    assert max(location.chi_square for location in found) < 1e-4
+
+
+def test_truth_comes_back_from_the_formula():
+    """The spline between its nodes included."""
+    fine = forward_model(board(FIELD, 0.5e-3, np.linspace(0.2e-3, 1.8e-3, 33)))
+    truth = between_the_coils(50, 1)
+    # splines err by 1e-7 here (test_localize_forward.py) where δ changes by 5e-4 a mm
+    assert best_places(locate_all(fine, bells(truth, FIELD))) == pytest.approx(truth, abs=1e-6)
+
+
+def test_known_depth():
+    known = forward_model(board(FIELD, depth=[1e-3]))
+    truth = between_the_coils(50, 2)
+    truth[:, 2] = 1e-3
+    found = locate_all(known, known.delta(truth))
+    assert best_places(found) == pytest.approx(truth, abs=1e-6)
+    assert found[0].best.covariance.shape == (2, 2)
+    assert found[0].degrees_of_freedom == 3
+
+
+def test_both_signs_of_y_are_modes(row):
+    truth = np.random.default_rng(3).uniform([-8e-3, 2e-3, 0.6e-3], [20e-3, 6e-3, 1.4e-3], (50, 3))
+    for point, location in zip(truth, locate_all(row, row.delta(truth)), strict=True):
+        assert location.ambiguous
+        first, second = places(location.modes[:2])
+        # the mirrored modes are found each for itself, to the search's tolerance
+        assert second == pytest.approx(first * MIRROR, abs=1e-6)
+        assert np.abs(first[1]) == pytest.approx(point[1], abs=1e-6)
+        assert location.modes[0].chi_square == pytest.approx(location.modes[1].chi_square, abs=1e-4)
+
+
+def test_a_press_on_the_middle_line_is_one_mode(row):
+    location = locate(row, row.delta([4e-3, 0.0, 1e-3]))
+    assert len(location.modes) == 1
+    # y² is what δ tells: y is found to the square root of the tolerance
+    assert abs(location.best.y) < 0.5e-3
+
+
+@settings(max_examples=15)
+@given(st.permutations(range(5)), st.integers(0, 49))
+def test_order_of_the_coils_is_of_no_effect(field, order, k):
+    reading = noisy(field.delta(between_the_coils(50, 4)))[k]
+    names = [field.states[one] for one in order]
+    first = locate(field, reading)
+    # the same reading, by order of another model and by name
+    for other in (
+        locate(field.select(names), reading[order]),
+        locate(field, dict(zip(names, reading[order], strict=True))),
+    ):
+        assert places(other.modes) == pytest.approx(places(first.modes), abs=1e-7)
+        assert other.chi_square == pytest.approx(first.chi_square, abs=1e-5)
+
+
+# ---- with noise ----
+
+
+def test_covariance_grows_with_the_noise(field):
+    reading = field.delta([2e-3, 1e-3, 1e-3])
+    one, three = (locate(field, reading, noise=noise).best for noise in (1e-5, 3e-5))
+    assert three.covariance == pytest.approx(9 * one.covariance, rel=1e-4)
+    assert three.deviations == pytest.approx(3 * one.deviations, rel=1e-4)
+
+
+def test_noise_of_each_coil_counts(field):
+    """A coil whose noise is huge is as good as absent."""
+    reading = noisy(field.delta([2e-3, 1e-3, 1e-3]))
+    reading[3] += 3e-4
+    deaf = locate(field, reading, noise=[1e-5, 1e-5, 1e-5, 1.0, 1e-5]).best
+    kept = [0, 1, 2, 4]
+    without = locate(field.select([field.states[k] for k in kept]), reading[kept]).best
+    assert places([deaf]) == pytest.approx(places([without]), abs=1e-8)
+
+
+def test_ellipsoids_of_gaussian_modes_hold_the_truth(field):
+    truth = between_the_coils(1500, 5)
+    found = locate_all(field, noisy(field.delta(truth), seed=6))
+    gaussian = [k for k, location in enumerate(found) if location.best.gaussian]
+    assert len(gaussian) > 0.8 * len(truth)
+    held = np.mean([found[k].best.contains(truth[k]) for k in gaussian])
+    # 95 % ± 0.6 % by counting
+    assert 0.93 < held < 0.97
+
+
+def test_residuals_have_their_probability(field):
+    truth = between_the_coils(2000, 7)
+    found = locate_all(field, noisy(field.delta(truth), seed=8), alarm=0.05)
+    assert {location.degrees_of_freedom for location in found} <= {2, 3}
+    false_alarms = np.mean([location.verdict == "no fit" for location in found])
+    # 5 % ± 0.5 % by counting, three times that
+    assert 0.035 < false_alarms < 0.065
+    probability = np.array([location.probability for location in found])
+    assert np.mean(probability < 0.5) == pytest.approx(0.5, abs=0.035)
+
+
+def test_readings_of_no_position_are_told(field):
+    """Power of the residual test: a departure d from all positions is seen as a χ² of non-centrality d²."""
+    truth = between_the_coils(1000, 9)
+    tangents = field.jacobian(truth)
+    # the direction in which δ leaves the surface of all positions: the last left singular vector of the Jacobian
+    away = np.linalg.svd(tangents)[0][..., -1]
+    found = locate_all(field, noisy(field.delta(truth) + 5 * NOISE * away, seed=9))
+    told = np.mean([location.verdict == "no fit" for location in found])
+    power = ncx2.sf(chi2.isf(1e-3, 2), 2, 25)
+    # 90 % ± 1 % by counting; the surface is curved by some more
+    assert told == pytest.approx(power, abs=0.04)
+    assert "no position of the table explains the reading" in next(
+        one.reason for one in found if one.verdict == "no fit"
+    )
+
+
+def test_readings_of_the_wrong_sign_do_not_fit(field):
+    for location in locate_all(field, -field.delta(between_the_coils(50, 15))):
+        assert location.verdict in ("no fit", "outside")
+        assert location.probability < 1e-3
+
+
+def test_nothing_pressed(field):
+    readings = noisy(np.zeros((1000, 5)), seed=10)
+    found = locate_all(field, readings, alarm=0.05)
+    quiet = [location for location in found if location.verdict == "nothing pressed"]
+    # 95 % ± 0.7 % by counting, three times that
+    assert 0.93 < len(quiet) / 1000 < 0.97
+    assert quiet[0].modes == ()
+    assert quiet[0].degrees_of_freedom == 5
+    with pytest.raises(LocalizeError, match=r"there is no position: nothing is pressed"):
+        _ = quiet[0].best
+
+
+def test_presses_outside_the_table_are_told():
+    """A table that ends where the coils still answer."""
+    table = board(FIELD)
+    small = forward_model(table.sel(x=slice(-6.5e-3, 6.5e-3), y=slice(-5.5e-3, 5.5e-3), depth=slice(0, 1.3e-3)))
+    random = np.random.default_rng(11)
+    for axis, far in ((0, 9e-3), (0, -9e-3), (1, 8e-3), (1, -8e-3), (2, 1.6e-3)):
+        truth = random.uniform([-5e-3, -4e-3, 0.6e-3], [5e-3, 4e-3, 1.2e-3], (50, 3))
+        truth[:, axis] = far
+        verdicts = [location.verdict for location in locate_all(small, bells(truth, FIELD))]
+        # where only one coil answers, a press on the border fits as well: then "border"
+        assert set(verdicts) <= {"outside", "border"}
+        assert verdicts.count("outside") >= 45
+    inside = locate_all(
+        small, noisy(small.delta(random.uniform([-5e-3, -4e-3, 0.6e-3], [5e-3, 4e-3, 1.2e-3], (300, 3))))
+    )
+    # 1e-3 of false alarms each
+    assert sum(location.verdict in ("outside", "no fit") for location in inside) <= 3
+
+
+def test_a_press_on_the_border_is_marked(field):
+    readings = noisy(field.delta(np.tile([field.upper[0], 4e-3, 1e-3], (100, 1))), seed=12)
+    found = locate_all(field, readings)
+    marked = [location for location in found if location.verdict == "border"]
+    # on the border or just inside it: the noise decides, half and half with ± 5 % by counting
+    assert 30 < len(marked) < 70
+    assert marked[0].best.border == ("x",)
+    assert "border of the table in x; the indenter may be outside" in marked[0].reason
+
+
+# ---- the board of the paper ----
+
+
+@pytest.fixture(scope="module")
+def paper():
+    """Model of the left half of the board, and δ by the response map between the positions of its table."""
+    design = load_design("gast2020")
+    depths, x, y = table_grid(design, deepest=1.7e-3)
+    table = response_map(design, depths=depths, x=x[x < 15e-3], y=y)
+    random = np.random.default_rng(2020)
+    grid = [random.uniform(*ends) for ends in ((0.5e-3, 1.5e-3, 5), (-17e-3, 10e-3, 10), (-8e-3, 8e-3, 6))]
+    depth, along, across = (np.sort(axis) for axis in grid)
+    truth = response_map(design, depths=depth, x=along, y=across)
+    points = np.stack(np.meshgrid(depth, across, along, indexing="ij")[::-1], axis=-1).reshape(-1, 3)
+    return table, points, truth.delta.values.reshape(len(points), -1)
+
+
+@pytest.fixture(scope="module")
+def paper_model(paper):
+    return forward_model(paper[0])
+
+
+def test_table_is_fine_enough(paper, paper_model):
+    """Errors of the spline at 300 places and depths between those of the table."""
+    table, points, delta = paper
+    error = np.abs(paper_model.delta(points) - delta).max()
+    assert error < 2e-6  # a fifth of the noise, mostly the scatter of the contact's mesh from depth to depth
+    jacobian = paper_model.jacobian(points)[..., 2].reshape(5, -1)
+    miss = (paper_model.delta(points) - delta).reshape(5, -1)
+    shift = (jacobian * miss).sum(axis=1) / (jacobian**2).sum(axis=1)
+    assert np.abs(shift).max() < 1e-6  # m: 0.1 % of 1 mm
+    rest = np.abs(miss - jacobian * shift[:, None]).max()
+    assert rest < 1e-6
+    coarse = forward_model(table.isel(x=slice(None, None, 2), y=slice(None, None, 2)))
+    inside = (points <= coarse.upper).all(axis=1)
+    assert np.abs(coarse.delta(points[inside]) - delta[inside]).max() > 5 * rest
+
+
+def test_search_finds_what_many_random_starts_find(paper, paper_model):
+    _, points, delta = paper
+    readings = noisy(delta, seed=13)[::9]
+    found = locate_all(paper_model, readings)
+    random = np.random.default_rng(14)
+    starts = random.uniform(paper_model.lower, paper_model.upper, (len(readings), 100, 3))
+    starts[:, 0] = points[::9]
+    _, chi_square = refine(paper_model, np.repeat(readings, 100, axis=0), starts.reshape(-1, 3), np.full(6, NOISE))
+    least = chi_square.reshape(-1, 100).min(axis=1)
+    short = [one.best.chi_square - low for one, low in zip(found, least, strict=True) if one.modes]
+    # of what counts in the region, 7.8; one reading of the 40 may end in a side valley
+    assert np.sort(short)[-2] < 0.1
+
+
+def test_regions_hold_the_truth(paper, paper_model):
+    """Coverage of the joint 95 % region of x, y and depth, at the noise of the goal."""
+    _, points, delta = paper
+    held = []
+    for seed in range(4):
+        readings = noisy(delta, seed=seed)
+        for reading, point, location in zip(readings, points, locate_all(paper_model, readings), strict=True):
+            if location.modes:
+                held.append(deviance(paper_model, reading, location, point).item() <= REGION)
+    assert len(held) > 1000
+    assert 0.92 <= np.mean(held) <= 0.98
+
+
+def allowed(model, points, noise):
+    """Where 1.96 standard deviations of the Cramér–Rao bound are within 0.1 mm of x and 3 % of the depth."""
+    bound = covariance_of(fisher_information(model, points, noise))
+    sigma = np.sqrt(np.diagonal(bound, axis1=1, axis2=2))
+    return (1.96 * sigma[:, 0] <= 0.1e-3) & (1.96 * sigma[:, 2] <= 0.03 * points[:, 2]), sigma
+
+
+def test_goal_is_beyond_the_bound_at_a_noise_of_ten_parts_per_million(paper, paper_model):
+    """δ of 1e-4 to 1.6e-3 on two or three coils is too little for three unknowns: no place of this board allows it."""
+    ok, sigma = allowed(paper_model, paper[1], NOISE)
+    assert not ok.any()
+    assert np.median(sigma[:, 0]) > 0.5e-3
+
+
+def test_goal_is_met_where_the_bound_allows_it(paper, paper_model):
+    """At the noise of readings averaged a thousandfold."""
+    _, points, delta = paper
+    noise = 3e-7
+    ok, _ = allowed(paper_model, points, noise)
+    away = []
+    for seed in range(5):
+        found = locate_all(paper_model, noisy(delta, noise, seed)[ok], noise=noise)
+        away.append(best_places(found) - points[ok])
+    error = np.concatenate(away)
+    assert len(error) >= 200
+    assert np.quantile(np.abs(error[:, 0]), 0.95) <= 0.1e-3
+    assert np.quantile(np.abs(error[:, 2]) / np.tile(points[ok, 2], 5), 0.95) <= 0.03
+
+
+# ---- bad input ----
+
+
+def test_bad_readings_are_refused(field):
+    good = dict(zip(field.states, field.delta([2e-3, 1e-3, 1e-3]).tolist(), strict=True))
+    bad = {
+        r"no state 'coil9'": {**good, "coil9": 1e-4},
+        r"that of coil2 is missing": {name: value for name, value in good.items() if name != "coil2"},
+        r"that of coil3 is nan": {**good, "coil3": np.nan},
+        r"that of coil3 is inf": {**good, "coil3": np.inf},
+        r"between -1 and 1; that of coil1 is 12": {**good, "coil1": 12.0},
+        r"δ must be numbers; got": {**good, "coil1": "much"},
+        r"one δ for each of 5 states; got shape \(4,\)": list(good.values())[:4],
+        r"got shape \(\)": 1e-4,
+        r"got shape \(1, 5\)": [list(good.values())],
+    }
+    for message, reading in bad.items():
+        with pytest.raises(LocalizeError, match=message):
+            locate(field, reading)
+    # in a stream they spoil nothing else
+    stream = [reading for pair in zip(bad.values(), [good] * len(bad), strict=True) for reading in pair]
+    found = locate_all(field, stream)
+    assert [location.verdict for location in found] == ["refused", "found"] * len(bad)
+    assert found[2].reason == "a reading must have δ of every state; that of coil2 is missing."
+    assert found[2].probability is None
+    alone = locate(field, good)
+    assert places([found[-1].best]) == pytest.approx(places([alone.best]), abs=1e-12)
+    assert locate_all(field, []) == []
+
+
+def test_rows_of_an_array_are_readings(field):
+    readings = field.delta(between_the_coils(3))
+    readings[1, 2] = np.nan
+    assert [location.verdict for location in locate_all(field, readings)] == ["found", "refused", "found"]
+
+
+def test_a_broken_coil_is_left_out_by_name(field):
+    reading = field.delta([2e-3, 1e-3, 1e-3])
+    kept = [name for name in field.states if name != "coil4"]
+    found = locate(field.select(kept), reading[[0, 1, 2, 4]])
+    assert places([found.best]) == pytest.approx(np.array([[2e-3, 1e-3, 1e-3]]), abs=1e-6)
+    assert found.degrees_of_freedom == 1
+
+
+def test_bad_arguments(field):
+    reading = field.delta([2e-3, 1e-3, 1e-3])
+    for noise in (0, -1e-5, np.nan, [1e-5] * 4):
+        with pytest.raises(LocalizeError, match=r"noise must be"):
+            locate(field, reading, noise=noise)
+    for value in (0, 1, -0.1, np.nan):
+        with pytest.raises(LocalizeError, match=r"confidence must be between 0 and 1"):
+            locate(field, reading, confidence=value)
+        with pytest.raises(LocalizeError, match=r"alarm must be between 0 and 1"):
+            locate(field, reading, alarm=value)
+    with pytest.raises(LocalizeError, match=r"3 unknowns need at least as many states; the model has coil1, coil2"):
+        locate(field.select(["coil1", "coil2"]), reading[:2])
+    with pytest.raises(LocalizeError, match=r"in the table"):
+        deviance(field, reading, locate(field, reading), [1.0, 0.0, 1e-3])

@@ -1,0 +1,398 @@
+"""The report: complete, self-contained, and every number of the page also in the files."""
+
+from __future__ import annotations
+
+import base64
+import csv
+import html.parser
+import json
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from coilarray import active_coil, coupling_matrix, indent, load_design, magnetic_field, parse_design, write_report
+from coilarray.design.bundled import read
+from coilarray.errors import LocalizeError
+from coilarray.localize.ellipse import fit_ellipses
+from coilarray.localize.ellipse_model import ellipse_model, locate_x
+from coilarray.localize.published import published_map
+from coilarray.report import figures
+from coilarray.report.position import map_positions
+from coilarray.report.tables import Column
+from coilarray.report.write import _curve
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """The report of the paper's board, drawn without 3-D rendering (tests/viz/test_scenes.py renders)."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("coilarray.report.write.rendering_problem", lambda: "no rendering in this test")
+        patch.setattr("coilarray.report.figures.rendering_problem", lambda: "no rendering in this test")
+        return write_report(load_design("gast2020"), tmp_path_factory.mktemp("report"))
+
+
+TABLES = (
+    "coils", "pairs", "design", "rules", "field_line", "windings", "states", "state_currents", "ldc1614",
+    "ldc1614_drive", "sweep", "indentation", "response", "ellipses", "polynomials", "map_positions",
+)  # fmt: skip
+
+
+def table(made, name):
+    with (made.folder / f"{name}.csv").open(encoding="utf-8", newline="") as lines:
+        return list(csv.DictReader(lines))
+
+
+class _Links(html.parser.HTMLParser):
+    def __init__(self):
+        super().__init__()
+        self.sources, self.tags, self.text, self.cells = [], [], [], []
+        self._cell = False
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self.sources += [value for key, value in attrs if key in ("src", "href", "srcset", "action")]
+        if tag == "td":
+            self.cells.append("")
+            self._cell = True
+
+    def handle_endtag(self, tag):
+        self._cell = self._cell and tag != "td"
+
+    def handle_data(self, data):
+        self.text.append(data)
+        if self._cell:
+            self.cells[-1] += data
+
+
+@pytest.fixture(scope="module")
+def page(made):
+    parser = _Links()
+    parser.feed(made.page.read_text(encoding="utf-8"))
+    return parser
+
+
+def test_files(made):
+    assert made.page.name == "report.html"
+    assert sorted(path.name for path in made.folder.iterdir()) == [
+        "coils.csv", "coupling.nc", "design.csv", "ellipses.csv", "ellipses.nc", "field.nc", "field_line.csv",
+        "impedance.nc", "indentation.csv", "indentation.nc", "ldc1614.csv", "ldc1614_drive.csv", "map_positions.csv",
+        "pairs.csv", "polynomials.csv", "report.json", "response.csv", "response.nc", "rules.csv", "scan.nc",
+        "state_currents.csv", "states.csv", "sweep.csv", "windings.csv",
+    ]  # fmt: skip
+
+
+def test_page_needs_no_other_file(page, made):
+    assert "script" not in page.tags
+    assert "link" not in page.tags
+    assert page.sources
+    assert all(source.startswith("data:image/png;base64,") for source in page.sources)
+    text = made.page.read_text(encoding="utf-8")
+    assert "@import" not in text
+    assert "url(" not in text
+
+
+def test_page_has_every_part(page):
+    text = " ".join(page.text)
+    parts = "Coils Coupling Field Circuit Indentation Position Copper Fabrication Design Provenance assumed"
+    for part in parts.split():
+        assert part in text
+    # board, 4 layers of copper, L, k, L_eff, currents, line, two maps, L and R over frequency, force, dent, responses,
+    # bell curve, ellipses over δ, two of them, error of x
+    assert page.tags.count("img") == 22
+    assert "no rendering in this test" in text
+
+
+def test_every_number_of_the_page_stands_in_the_files(page, made):
+    numbers = set()
+    for name in TABLES:
+        for row in table(made, name):
+            numbers.update(value for value in row.values() if value)
+    values = np.array([float(v) for v in numbers if re.fullmatch(r"[-+]?\d+(\.\d+)?(e[-+]?\d+)?", v)])
+    for cell in page.cells:
+        if not re.fullmatch("−?\\d+\\.\\d+", cell):
+            continue
+        shown = float(cell.replace("−", "-"))
+        half = 0.5 * 10.0 ** -len(cell.split(".")[1]) * (1 + 1e-9)
+        scales = np.array([1, 100, 1e3, 1e6, 1e12, 1e-6, 1e-3])
+        assert (np.abs(np.outer(scales, values) - shown) <= half).any(), cell
+
+
+def test_json_repeats_the_tables(made):
+    data = json.loads((made.folder / "report.json").read_text(encoding="utf-8"))
+    for name in TABLES:
+        rows = table(made, name)
+        assert len(rows) == len(data[name])
+        for row, record in zip(rows, data[name], strict=True):
+            assert {key: str(value) for key, value in record.items()} == row
+    assert data["provenance"]["design_hash"] == load_design("gast2020").digest
+    assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\+00:00", data["provenance"]["date"])
+    assert data == json.loads(json.dumps(made.data))
+
+
+def test_netcdf_gives_the_same_matrix(made):
+    with xr.open_dataset(made.folder / "coupling.nc", engine="h5netcdf") as saved:
+        rows = table(made, "coils")
+        np.testing.assert_array_equal(saved.effective_inductance, [float(r["effective_inductance_H"]) for r in rows])
+        assert saved.attrs["design_hash"] == load_design("gast2020").digest
+        state = active_coil(
+            saved.inductance.values, saved.resistance.values, 2, float(saved.frequency[2]),
+            short_resistance=saved.attrs["short_resistance_ohm"],
+        )  # fmt: skip
+    assert state.effective_inductance == pytest.approx(float(rows[2]["effective_inductance_H"]), rel=1e-12)
+
+
+def test_field_line_is_the_bell_of_the_paper(made):
+    rows = table(made, "field_line")
+    x = np.array([float(row["x_m"]) for row in rows])
+    alone = np.array([float(row["Bz_others_open_T_per_A"]) for row in rows])
+    operating = np.array([float(row["Bz_as_terminated_T_per_A"]) for row in rows])
+    centre = float(table(made, "coils")[2]["x_m"])
+    # highest over the coil's centre, to the step of the line
+    assert x[alone.argmax()] == pytest.approx(centre, abs=x[1] - x[0])
+    # passive neighbours take little from the peak but most of the field over themselves
+    assert operating.max() == pytest.approx(alone.max(), rel=0.02)
+    outside = np.abs(x - centre) > 12e-3
+    assert np.sqrt((operating[outside] ** 2).mean()) < 0.5 * np.sqrt((alone[outside] ** 2).mean())
+    # the same field from the public function
+    design = load_design("gast2020")
+    points = np.column_stack((x, np.zeros_like(x), np.full_like(x, 6e-3)))
+    B = magnetic_field(design.array, points, [0, 0, 1, 0, 0, 0])[:, 2]
+    np.testing.assert_allclose(alone, B, rtol=0, atol=1e-12 * B.max())
+
+
+def test_assumed_values_are_marked(made):
+    design = load_design("gast2020")
+    rows = {row["key"]: row for row in table(made, "design")}
+    for key, reason in design.assumed.items():
+        assert rows[key]["origin"] == "assumed"
+        assert rows[key]["reason"] == reason
+    # once in the table of the design, and those of the elastomer and the indenter beside the indentation
+    entering = [key for key in design.assumed if key.split(".")[0] in ("elastomer", "indenter", "indentation")]
+    assert len(entering) > 3
+    marks = made.page.read_text(encoding="utf-8").count('<tr class="mark">')
+    assert marks == len(design.assumed) + len(entering)
+
+
+def test_the_share_of_the_magnetic_sheets(made, page):
+    coils, pairs = table(made, "coils"), table(made, "pairs")
+    with xr.open_dataset(made.folder / "coupling.nc", engine="h5netcdf") as saved:
+        by_sheets = saved.sheet_inductance.values
+        bare = coupling_matrix(saved.inductance.values - by_sheets)
+    np.testing.assert_array_equal([float(row["sheet_inductance_H"]) for row in coils], np.diag(by_sheets))
+    beside = ~np.eye(6, dtype=bool)
+    np.testing.assert_array_equal([float(row["sheet_inductance_H"]) for row in pairs], by_sheets[beside])
+    np.testing.assert_allclose([float(row["bare_coupling"]) for row in pairs], bare[beside], rtol=1e-12)
+    share = np.array([float(row["sheet_inductance_H"]) / float(row["inductance_H"]) for row in coils])
+    text = f"make {100 * share.min():.2f} to {100 * share.max():.2f}\u00a0% of L"
+    assert text in " ".join("".join(page.text).split(" "))
+    assert made.data["sheet_share"] == {"least": pytest.approx(share.min()), "most": pytest.approx(share.max())}
+
+
+def test_indentation_and_response_agree_with_the_library(made):
+    design = load_design("gast2020")
+    setup = design.indentation
+    rows = table(made, "indentation")
+    depths = [float(row["depth_m"]) for row in rows]
+    np.testing.assert_allclose(depths, np.arange(1, 9) * 0.125e-3, rtol=1e-12)
+    alone = indent(design.sheets, setup.indenter, setup.depths, base=setup.base)
+    # another mesh, made for one depth: each force is right to about 0.1 %
+    assert float(rows[-1]["force_N"]) == pytest.approx(float(alone.force[0]), rel=2e-3)
+    with xr.open_dataset(made.folder / "indentation.nc", engine="h5netcdf") as saved:
+        np.testing.assert_array_equal(saved.force, [float(row["force_N"]) for row in rows])
+        assert saved.attrs["design_hash"] == design.digest
+    with (
+        xr.open_dataset(made.folder / "response.nc", engine="h5netcdf") as saved,
+        xr.open_dataset(made.folder / "coupling.nc", engine="h5netcdf") as coupling,
+    ):
+        assert saved.delta.shape == (1, 7, 27, 6)
+        assert saved.attrs["design_hash"] == design.digest
+        # the same matrix, summed in another order of threads
+        np.testing.assert_allclose(saved.inductance, coupling.inductance, rtol=1e-12)
+        np.testing.assert_array_equal(
+            saved.delta.max(("depth", "y", "x")), [float(row["peak_delta"]) for row in table(made, "response")]
+        )
+
+
+def test_positions_of_the_ellipse_model_agree_with_the_library(made, page):
+    rows = table(made, "map_positions")
+    assert len(rows) == 7 * 27
+    with xr.open_dataset(made.folder / "response.nc", engine="h5netcdf") as saved:
+        response = saved.load()
+    model = ellipse_model(fit_ellipses(response, -1)).with_semiaxis_addition(0.2e-3)
+    errors = []
+    for row in rows:
+        delta = response.delta.isel(depth=-1).sel(x=float(row["x_m"]), y=float(row["y_m"]))
+        try:
+            position = locate_x(model, dict(zip(response.state.values, delta.values.tolist(), strict=True)))
+        except LocalizeError:
+            assert row["determined_x_m"] == row["error_m"] == ""
+            continue
+        # the fits are the same arithmetic on the same numbers
+        assert float(row["determined_x_m"]) == pytest.approx(position.x, rel=0, abs=1e-12)
+        errors.append(abs(position.x - float(row["x_m"])))
+    text = " ".join("".join(page.text).split())
+    assert f"gives a position at {len(errors)} of the grid's 189 places" in text
+    assert f"the largest error of x there is {1e3 * max(errors):.2f} mm" in text
+    assert {row["source"] for row in table(made, "polynomials")} == {"this map", "Table A1"}
+
+
+def test_the_example_of_two_ellipses_is_beside_the_axis():
+    positions = map_positions(published_map())
+    place = positions.example()
+    assert place[1] != 0.0
+    assert positions.found[place].case == "two points"
+    shown = positions.ellipses(place)
+    assert tuple(shown) == positions.found[place].coils
+    for ellipse in shown.values():
+        found = positions.found[place]
+        assert abs(float(ellipse.distance(found.x, found.y))) < 1e-9  # m; a root of both equations, to rounding
+    error = positions.error
+    assert int(np.isfinite(error).sum()) == len(positions.found)
+    assert float(np.abs(error).max()) == positions.largest_error()
+
+
+@pytest.mark.parametrize("states", [["coil1"], ["coil2"]])
+def test_one_coil_gives_no_position(states):
+    with pytest.raises(LocalizeError, match=f"closed curves of two coils; the map has those of {states[0]} only"):
+        map_positions(published_map().sel(state=states))
+
+
+def test_the_dent_is_rendered_over_the_middle_of_a_coil(monkeypatch):
+    design = load_design("gast2020")
+    pressed = indent(design.sheets, design.indentation.indenter, [0.5e-3, 1e-3])
+    centres = []
+
+    def render(array, path, sheets, indentation, indenter, *, centre, size):
+        centres.append(centre)
+        path.write_bytes(b"a picture")
+
+    monkeypatch.setattr(figures, "rendering_problem", lambda: None)
+    monkeypatch.setattr(figures, "save_dent_picture", render)
+    pictures = figures.indentation_pictures(design, design.indentation.indenter, pressed, "coil2")
+    assert [picture.name for picture in pictures] == ["force_depth", "dent_section", "dent"]
+    assert pictures[-1].uri.endswith(base64.b64encode(b"a picture").decode())
+    # the leads of the coil reach beyond its outline, which is symmetric
+    np.testing.assert_allclose(centres, [design.array.centres[1]], rtol=0, atol=1e-9)
+
+
+def test_single_coil_report(tmp_path):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("coilarray.report.write.rendering_problem", lambda: "none here")
+        patch.setattr("coilarray.report.figures.rendering_problem", lambda: "none here")
+        made = write_report(load_design("gast_fem"), tmp_path)
+    (row,) = table(made, "coils")
+    # nothing couples: terminated and open are the same
+    assert float(row["effective_inductance_H"]) == float(row["inductance_H"])
+    assert table(made, "pairs") == []
+    text = made.page.read_text(encoding="utf-8")
+    assert "Coupling coefficient" not in text
+    # board, two layers, line, two maps, L and R over frequency, force, dent, response along x, and at every depth
+    assert text.count("<img") == 12
+    assert made.data["sheet_share"]["least"] > 0
+    assert "pairs has" not in text
+    # a single line of places has no closed curves
+    assert "at least 4 positions along y" in made.data["position_problem"]
+    assert made.data["position_problem"] in text
+
+
+def test_a_design_without_a_circuit_model_still_has_a_report(tmp_path):
+    hairpin = """
+schema = 1
+name = "hairpin"
+stackup = { layers = ["top"], copper_thickness_um = [35] }
+[coils.hairpin]
+shape = "path"
+trace_width_mm = 0.2
+gap_mm = 0.2
+lines_mm = [[[0, 0], [9, 0], [9, 4], [0, 4]]]
+[array]
+lattice = "free"
+placements = [{ name = "a", coil = "hairpin", layers = ["top"], x_mm = 0, y_mm = 0 }]
+"""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("coilarray.report.write.rendering_problem", lambda: "none here")
+        patch.setattr("coilarray.report.figures.rendering_problem", lambda: "none here")
+        made = write_report(parse_design(hairpin), tmp_path)
+    assert made.data["circuit_problem"]
+    assert f"Not computed: {made.data['circuit_problem']}" in made.page.read_text(encoding="utf-8")
+    assert not (made.folder / "scan.nc").exists()
+    # no elastomer, no indentation
+    assert "Indentation" not in made.page.read_text(encoding="utf-8")
+    assert "magnetic sheets" not in made.page.read_text(encoding="utf-8")
+    assert made.data["indentation_problem"] == ""
+    assert not (made.folder / "indentation.nc").exists()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "problem", "dent"),
+    [
+        ("depths_mm = [0.3, 0.6]", "depths_mm = [0.3, 3.9]", "depth of an indentation must leave every", False),
+        ('shape = "hemisphere" ', 'shape = "cylinder_edge" ', "coils in space need dents about an axis", True),
+    ],
+)
+def test_an_indentation_that_fails_is_told(tmp_path, old, new, problem, dent):
+    text = read("starter")
+    assert old in text
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("coilarray.report.write.rendering_problem", lambda: "none here")
+        patch.setattr("coilarray.report.figures.rendering_problem", lambda: "none here")
+        patch.setattr("coilarray.report.write._circuit", lambda *_: (None, None, "left out of this test"))
+        made = write_report(parse_design(text.replace(old, new, 1)), tmp_path)
+    assert problem in made.data["indentation_problem"]
+    page = made.page.read_text(encoding="utf-8")
+    assert f"{'Response not' if dent else 'Not'} computed: {problem}" in page
+    assert (made.folder / "indentation.nc").exists() == dent
+    assert ("in section" in page) == dent
+    assert not (made.folder / "response.csv").exists()
+    assert "Not computed: there is no response map." in page
+    assert (made.folder / "coupling.nc").exists()  # the rest is there
+
+
+def test_depths_of_the_force_curve():
+    for depths in ((1e-3,), (0.3e-3, 0.6e-3), (0.5e-3, 1e-3, 1.5e-3), (1e-9,)):
+        curve = np.array(_curve(depths))
+        assert set(depths) <= set(curve.tolist())
+        assert 8 <= len(curve) <= 8 + len(depths)
+        assert curve[-1] == depths[-1]
+        # neither doubled nor with gaps
+        assert np.diff(curve).min() > 0.02 * depths[-1]
+        assert np.diff(curve, prepend=0.0).max() < 0.13 * depths[-1]
+
+
+def test_progress_reaches_its_total(tmp_path):
+    seen = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("coilarray.report.write.rendering_problem", lambda: "none here")
+        patch.setattr("coilarray.report.figures.rendering_problem", lambda: "none here")
+        patch.setattr("coilarray.report.write._circuit", lambda *_: (None, None, "left out of this test"))
+        write_report(load_design("starter"), tmp_path, lambda done, total: seen.append((done, total)))
+    assert [done for done, _ in seen] == list(range(1, seen[-1][1] + 1))
+
+
+def test_column_text():
+    assert Column("a_m", "a (mm)", 1e3, 2).text(-0.0123) == "−12.30"
+    assert Column("a", "a").text("x") == "x"
+    assert Column("a", "a").text(True) == "yes"
+
+
+@pytest.mark.skipif(shutil.which("chromium") is None, reason="Chromium is not installed")
+def test_page_opens_in_a_browser_without_a_network(made, tmp_path):
+    picture = tmp_path / "page.png"
+    subprocess.run(
+        [
+            "chromium", "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-sync",
+            "--disable-background-networking", "--disable-component-update", "--host-resolver-rules=MAP * ~NOTFOUND",
+            f"--user-data-dir={tmp_path / 'profile'}", "--window-size=1150,1600", f"--screenshot={picture}",
+            Path(made.page).as_uri(),
+        ],
+        check=True, capture_output=True, timeout=120,
+    )  # fmt: skip
+    from matplotlib.image import imread
+
+    pixels = imread(picture)
+    assert pixels[..., :3].std() > 0.05  # not a blank page

@@ -1,0 +1,299 @@
+"""The sensor response matrix and the two-dimensional model.
+
+Who checks whom: δ of one coil alone against ΔL/L; the resonance of the whole circuit against the reciprocity formula
+iᵀ ΔL i; a tilted sample against a level one where it is level, and its interpolation against more nodes; the flat part
+of the wires against the image series of a long loop; a lifted sheet against another flat one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import coilarray.response.map as response_module
+from coilarray import load_design
+from coilarray.circuit.active_coil import active_coil
+from coilarray.design.bundled import read
+from coilarray.design.model import parse_design
+from coilarray.elastomer.dent import Dent
+from coilarray.elastomer.flat_layer import layer_inductance
+from coilarray.elastomer.line_model import cross_section, line_dent_inductance, line_inductance
+from coilarray.electromagnetics.inductance import inductance_matrix
+from coilarray.electromagnetics.resistance import dc_resistance
+from coilarray.errors import ElastomerError
+from coilarray.geometry import Conductor, Sheet
+from coilarray.response.map import Imperfections, response_map
+from coilarray.response.two_dimensional import line_response
+
+PAPER = load_design("gast2020")
+X = [-13.28e-3, -6e-3, 2e-3]
+
+
+def nominal(**changes):
+    return response_map(PAPER, **{"x": X, "y": [0.0], **changes})
+
+
+@pytest.fixture(scope="module")
+def plain():
+    return nominal()
+
+
+def test_one_coil_alone_answers_with_its_own_change():
+    design = load_design("gast_fem")
+    result = response_map(design, depths=[1e-3], x=[0.0, 5e-3], y=[0.0])
+    own = result.inductance_change.values[0, 0, :, 0, 0] / result.inductance.values[0, 0]
+    coil = dc_resistance(design.array.conductors(), design.circuit.resistivity)[0]
+    R = coil + design.circuit.short_resistance  # the measured coil's switches are the same as in a short
+    loss = R**2 * design.circuit.capacitance / result.inductance.values[0, 0]
+    # 1/(ω²C) = L/(1 − R²C/L) of a lossy coil grows by (1 − R²C/L) as much as L, to first order: 1e-5
+    assert result.delta.values[0, 0, :, 0] == pytest.approx(own * (1 - loss), rel=1e-5)
+
+
+def test_response_follows_the_reciprocity_formula(plain):
+    """To first order L_eff changes by Re iᵀ ΔL i with the currents of all coils."""
+    L, R = plain.inductance.values, dc_resistance(PAPER.array.conductors(), PAPER.circuit.resistivity)
+    for a in range(6):
+        f = 1 / (2 * np.pi * np.sqrt(float(plain.base_inductance[a]) * PAPER.circuit.capacitance))
+        state = active_coil(L, R, a, f, short_resistance=PAPER.circuit.short_resistance)
+        change = plain.inductance_change.values[0, 0]
+        linear = np.einsum("i,pij,j->p", state.currents, change, state.currents).real / state.effective_inductance
+        # 2e-3 of the largest: second order in ΔL is 1e-3, and losses shift the resonance a little
+        assert plain.delta.values[0, 0, :, a] == pytest.approx(linear, abs=2e-3 * 8e-4)
+
+
+def test_response_is_largest_at_the_coil_and_negative_beyond(plain):
+    delta = plain.delta.values[0, 0]
+    assert delta[0].argmax() == 0
+    # as the README says; the paper fits about 1.2e-3, the first estimate of the theory was 7.4e-4
+    assert delta[0, 0] == pytest.approx(8.0e-4, abs=0.05e-4)
+    assert delta[2, 0] < 0
+
+
+def test_open_neighbours_and_strays_change_little(plain):
+    from coilarray.circuit.impedance import design_network
+
+    opened = parse_design(read("gast2020").replace('default_termination = "short" ', 'default_termination = "open" '))
+    assert opened.circuit.plan[0].exceptions["coil2"] == "open"
+    without = response_map(opened, x=X, y=[0.0]).delta.values
+    strays = nominal(network=design_network(PAPER).network).delta.values
+    largest = plain.delta.values.max()
+    # |k| of 0.05: neighbours count with k² and with k times their own change
+    assert 1e-4 < np.abs(without - plain.delta.values).max() / largest < 0.02
+    assert 1e-5 < np.abs(strays - plain.delta.values).max() / largest < 0.01
+
+
+def test_depths_are_rising_and_zero_depth_is_zero():
+    result = nominal(depths=[0.0, 0.5e-3, 1e-3])
+    # 1e-11: the resonance is found to 1e-12
+    assert np.abs(result.delta.values[0]).max() < 1e-11
+    assert 0 < result.delta.values[1, 0, 0, 0] < result.delta.values[2, 0, 0, 0]
+    assert (np.diff(result.force.values) > 0).all()
+
+
+def test_the_dielectric_term_is_the_change_of_capacitance(plain):
+    with_it = nominal(dielectric=True)
+    assert (plain.capacitance_change.values == 0).all()
+    gained = with_it.capacitance_change.values / PAPER.circuit.capacitance
+    feigned = with_it.delta.values - plain.delta.values
+    assert 1e-9 < np.abs(feigned).max() < 1e-5
+    # f⁻² = LC (1 + …): first order in ΔC/C; 5 % for losses and 1e-10 for what grounded neighbours pass on
+    assert feigned == pytest.approx(gained, rel=0.05, abs=1e-10)
+
+
+def test_offset_and_depth_error_move_the_experiment(plain):
+    shifted = nominal(x=np.subtract(X, 1e-3), imperfections=Imperfections(offset=(1e-3, 0.0)))
+    assert shifted.delta.values == pytest.approx(plain.delta.values, rel=1e-9)
+    deeper = nominal(depths=[0.9e-3], imperfections=Imperfections(depth_error=0.1e-3))
+    assert deeper.delta.values == pytest.approx(plain.delta.values, rel=1e-9)
+
+
+def test_thickness_errors_are_other_sheets(plain):
+    thinner = nominal(imperfections=Imperfections(thickness_errors={"base": -0.5e-3}))
+    assert float(thinner.delta[0, 0, 0, 0]) > float(plain.delta[0, 0, 0, 0])
+    sheets = (replace(PAPER.sheets[0], thickness=5.5e-3), PAPER.sheets[1])
+    same = response_map(replace(PAPER, sheets=sheets), x=X, y=[0.0])
+    assert thinner.delta.values == pytest.approx(same.delta.values, rel=1e-12)
+
+
+def test_a_tilted_sample_is_the_level_one_where_it_is_level(plain):
+    tilted = nominal(imperfections=Imperfections(tilt=(0.0, 0.02)))
+    # on y = 0 nothing is raised; the flat matrix takes the thickness between the coils, all of them on y = 0
+    assert tilted.delta.values == pytest.approx(plain.delta.values, rel=1e-9)
+
+
+def test_a_tilted_sample_is_locally_a_thicker_and_deeper_one():
+    rise = 0.01 * X[0]
+    tilted = nominal(imperfections=Imperfections(tilt=(0.01, 0.0)))
+    local = nominal(depths=[1e-3 + rise], x=X[:1], imperfections=Imperfections(thickness_errors={"base": rise}))
+    # 1e-3: four nodes over ±0.13 mm; L_0 is that of another wedge
+    assert tilted.inductance_change.values[0, 0, 0] == pytest.approx(
+        local.inductance_change.values[0, 0, 0], rel=1e-3, abs=1e-13
+    )
+
+
+def test_nodes_of_the_wedge_are_enough(monkeypatch):
+    tilted = Imperfections(tilt=(0.02, 0.0))
+    few = nominal(imperfections=tilted).delta.values
+    monkeypatch.setattr(response_module, "_WEDGE_NODES", 7)
+    many = nominal(imperfections=tilted).delta.values
+    # the contact's own mesh differs from node to node by some 1e-4
+    assert few == pytest.approx(many, abs=1e-3 * many.max())
+
+
+def test_one_place_on_a_tilted_sample_is_that_of_a_map():
+    tilted = Imperfections(tilt=(0.01, 0.0))
+    one = nominal(x=X[:1], imperfections=tilted).delta.values
+    # 2e-3: the map interpolates between four heights, the one place is solved at its own
+    assert one[0, 0, 0, 0] == pytest.approx(nominal(imperfections=tilted).delta.values[0, 0, 0, 0], rel=2e-3)
+
+
+def test_parts_of_other_sheets_are_not_taken(tmp_path):
+    thin = (replace(PAPER.sheets[0], thickness=4e-3), PAPER.sheets[1])
+    nominal(parts=tmp_path)
+    other = replace(PAPER, sheets=thin)
+    fresh = response_map(other, x=X, y=[0.0]).delta.values
+    assert (response_map(other, x=X, y=[0.0], parts=tmp_path).delta.values == fresh).all()
+
+
+def test_noise_has_its_size_and_its_seed(plain):
+    grid = {"x": np.linspace(-26e-3, -22e-3, 10), "y": np.linspace(0, 1e-3, 5)}
+    quiet = nominal(**grid).delta.values
+    noisy = [nominal(**grid, imperfections=Imperfections(noise=1e-5, seed=s)).delta.values for s in (1, 1, 2)]
+    assert (noisy[0] == noisy[1]).all()
+    assert (noisy[0] != noisy[2]).any()
+    # two readings: √2 σ; 300 samples give it to 4 %, three times that allowed
+    assert np.std(noisy[0] - quiet) == pytest.approx(np.sqrt(2) * 1e-5, rel=0.12)
+
+
+def test_parts_are_used_again(tmp_path, monkeypatch):
+    monkeypatch.setattr(response_module, "_POSITIONS", 2)
+    first = nominal(parts=tmp_path)
+    assert len(list(tmp_path.glob("*.nc"))) == 2
+    monkeypatch.setattr(response_module, "dent_inductance", None)  # not needed any more
+    assert (nominal(parts=tmp_path).delta.values == first.delta.values).all()
+
+
+def test_damaged_parts_are_computed_again(tmp_path):
+    first = nominal(parts=tmp_path)
+    (part,) = tmp_path.glob("*.nc")
+    part.write_bytes(part.read_bytes()[:100])
+    assert (nominal(parts=tmp_path).delta.values == first.delta.values).all()
+
+
+def test_dataset_is_complete_and_can_be_stored(plain, tmp_path):
+    import xarray as xr
+
+    plain.to_netcdf(tmp_path / "r.nc", engine="h5netcdf")
+    with xr.open_dataset(tmp_path / "r.nc", engine="h5netcdf") as stored:
+        assert stored.delta.dims == ("depth", "y", "x", "state")
+        assert all("units" in stored[name].attrs for name in (*stored.data_vars, "x", "y", "depth", "coil_x"))
+        assert stored.attrs["design_hash"] == PAPER.digest
+    assert plain.coil_x.values[1] == 0.0  # the map's origin is coil 2
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"depths": [9e-3]}, "deep|depth"),
+        ({"depths": [1e-3, 0.5e-3]}, "depths must be finite and rising"),
+        ({"x": [np.nan]}, "x must be finite"),
+        ({"imperfections": Imperfections(thickness_errors={"foam": 1e-3})}, "foam.*base, magnetic"),
+        ({"imperfections": Imperfections(tilt=(0.1, 0.0))}, "loses contact"),
+    ],
+)
+def test_bad_input_of_the_response(changes, message):
+    with pytest.raises(ElastomerError, match=message):
+        nominal(**changes)
+
+
+def test_bad_imperfections_are_refused():
+    with pytest.raises(ElastomerError, match="finite"):
+        Imperfections(depth_error=np.nan)
+    with pytest.raises(ElastomerError, match="noise must not be negative; got -1"):
+        Imperfections(noise=-1)
+    with pytest.raises(ElastomerError, match="seed must not be negative; got -1"):
+        Imperfections(seed=-1)
+    with pytest.raises(ElastomerError, match=r"tilt must be at most 0.1.*0.5"):
+        Imperfections(tilt=(0.5, 0.0))
+
+
+def test_a_contact_outside_the_sample_is_refused():
+    text = read("gast2020").replace("step_mm = 2", "sample_x_mm = [-20, 20]\nsample_y_mm = [-8, 8]\nstep_mm = 2", 1)
+    with pytest.raises(ElastomerError, match="outside the sample"):
+        response_map(parse_design(text), x=[-19e-3], y=[0.0])
+
+
+def test_a_design_without_indentation_is_refused():
+    with pytest.raises(ElastomerError, match=r"no \[indenter\]"):
+        response_map(replace(PAPER, indentation=None))
+    with pytest.raises(ElastomerError, match=r"no \[indenter\]"):
+        line_response(replace(PAPER, indentation=None))
+
+
+# the two-dimensional model
+
+LONG, WIDE = 2.0, 20e-3
+LOOP = Conductor(
+    [[WIDE / 2, -LONG / 2, 0], [WIDE / 2, LONG / 2, 0], [-WIDE / 2, LONG / 2, 0], [-WIDE / 2, -LONG / 2, 0],
+     [WIDE / 2, -LONG / 2, 0]],
+    1e-3, 35e-6,
+)  # fmt: skip
+SHEETS = (Sheet("base", 6e-3), Sheet("magnetic", 2e-3, 2.7))
+
+
+def test_wires_are_a_long_loop():
+    wires = cross_section(LOOP, 0.0)
+    # the ends of the loop add of the order of their width to its length
+    assert line_inductance(wires, ()) * LONG == pytest.approx(inductance_matrix(LOOP)[0, 0], rel=0.02)
+    by_sheet = line_inductance(wires, SHEETS) - line_inductance(wires, ())
+    assert by_sheet * LONG == pytest.approx(layer_inductance(LOOP, SHEETS)[0, 0], rel=0.02)
+
+
+def test_a_wide_groove_is_another_flat_sheet():
+    r = np.concatenate((np.linspace(0, 100e-3, 101), np.linspace(105e-3, 200e-3, 20)))
+    fade = np.where(r <= 100e-3, 1.0, np.cos(np.pi / 2 * (r - 100e-3) / 100e-3) ** 2)
+    lift = np.column_stack((0 * r, -0.4e-3 * fade, 0.2e-3 * fade))
+    wires = cross_section(LOOP, 0.0)
+    change = line_dent_inductance(wires, [Dent((6e-3, 2e-3), (1.0, 2.7), r, lift, "plane")], [0.0])[0, 0]
+    moved = (Sheet("base", 5.6e-3), Sheet("magnetic", 2.6e-3, 2.7))
+    # 3e-3: the field has fallen by (10/100)² where the sheet comes back, and it counts as its square there
+    assert change == pytest.approx(line_inductance(wires, moved) - line_inductance(wires, SHEETS), rel=3e-3)
+
+
+def test_the_two_dimensional_model_is_symmetric_and_too_strong():
+    design = load_design("gast_fem")
+    flat = line_response(design, depths=[1e-3], x=[-8e-3, 0.0, 8e-3])
+    full = response_map(design, depths=[1e-3], x=[0.0], y=[0.0])
+    left, middle, right = flat.delta.values[0]
+    assert left == pytest.approx(right, rel=0.02)  # the two sides of the winding differ by part of a turn
+    # a groove along the whole coil in place of a dent: a factor of two to three
+    assert middle / float(full.delta[0, 0, 0, 0]) == pytest.approx(2.47, abs=0.03)  # as the README says
+
+
+def test_bad_input_of_the_two_dimensional_model():
+    design = load_design("gast_fem")
+    with pytest.raises(ElastomerError, match="no coil 'coil9'"):
+        line_response(design, "coil9")
+    with pytest.raises(ElastomerError, match="as often to as fro"):
+        cross_section(LOOP, 10.0)
+    wires = cross_section(LOOP, 0.0)
+    r = np.array([0.0, 1e-3])
+    dent = Dent((6e-3, 2e-3), (1.0, 2.7), r, np.zeros((2, 3)))
+    with pytest.raises(ElastomerError, match="plane strain"):
+        line_dent_inductance(wires, [dent], [0.0])
+    with pytest.raises(ElastomerError, match="finite"):
+        line_dent_inductance(wires, [replace(dent, symmetry="plane")], [np.inf])
+    with pytest.raises(ElastomerError, match="below the sheets"):
+        line_inductance(replace(wires, z=wires.z + 1e-3), SHEETS)
+    with pytest.raises(ElastomerError, match="cross-sections"):
+        line_inductance(replace(wires, widths=0 * wires.widths), SHEETS)
+    from coilarray.geometry import Cone, FlatPunch
+
+    punch = replace(design, indentation=replace(design.indentation, indenter=FlatPunch(2e-3)))
+    with pytest.raises(ElastomerError, match="round indenter"):
+        line_response(punch)
+    cone = replace(design, indentation=replace(design.indentation, indenter=Cone(0.5, radius=2e-3)))
+    with pytest.raises(ElastomerError, match="round indenter"):
+        line_response(cone)

@@ -1,0 +1,274 @@
+"""Goal files and their variables: what they say, what they refuse, and the coordinates that they become.
+
+What                              checked against
+wishes, scores, violations        by hand
+every mistake of a goal           one line that names the key, what is allowed and what was given
+axes of entries                   the design's own values and types
+the unit box                      its inverse; ends and grids of every kind of variable (hypothesis)
+"""
+
+from __future__ import annotations
+
+import json
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from coilarray import load_design
+from coilarray.errors import GoalError
+from coilarray.studies.optimize import goals
+from coilarray.studies.optimize.goal import Goal, load_goal, parse_goal
+from coilarray.studies.optimize.space import Axis, axes_of, changes_of, start_parameters
+from coilarray.studies.optimize.store import study_name
+
+PITCH = '[[variable]]\nentry = "array.pitch_mm"\nlow = 11\nhigh = 14\n'
+LEAST = '[[objective]]\nquantity = "rms_k"\ndirection = "minimize"\n'
+
+
+def goal_of(*parts, head="schema = 1\n") -> Goal:
+    return parse_goal(head + "\n".join(parts))
+
+
+@pytest.fixture(scope="module")
+def design():
+    return load_design("gast2020")
+
+
+def test_defaults_and_words():
+    goal = goal_of(PITCH, LEAST, '[[constraint]]\nquantity = "span_mm"\nat_least = 80\nat_most = 90.5')
+    assert [objective.wish for objective in goal.objectives] == ["minimize rms_k"]
+    assert goal.constraints[0].wish == "span_mm ≥ 80 and ≤ 90.5"
+    assert (goal.sampler, goal.directions, goal.search.seed) == ("tpe", ["minimize"], 0)
+    assert goal.polish > 0
+    assert goal.quantities == ("rms_k", "span_mm")
+    several = goal_of(PITCH, LEAST, '[[objective]]\nquantity = "q"\ndirection = "maximize"')
+    assert (several.sampler, several.directions, several.polish) == ("nsga2", ["minimize", "maximize"], 0)
+
+
+def test_quantities_have_one_name_each():
+    goal = goal_of(
+        PITCH,
+        '[[objective]]\nquantity = { quantity = "k", coils = ["coil1", "coil2"] }\ntarget = 0.0',
+        head='schema = 1\nwatch = ["k[ coil1 , coil2 ]", "rms_k"]\n',
+    )
+    assert goal.quantities == ("k[coil1,coil2]", "rms_k")
+    assert goal.objectives[0].wish == "bring k[coil1,coil2] to 0"
+
+
+def test_scores_and_violations():
+    goal = goal_of(
+        PITCH,
+        '[[objective]]\nquantity = "q"\ntarget = 30.0',
+        '[[objective]]\nquantity = "rms_k"\ndirection = "maximize"',
+        '[[constraint]]\nquantity = "span_mm"\nat_least = 80\nat_most = 100',
+        '[[constraint]]\nquantity = "fab_margin_mm"\nat_least = 0',
+    )
+    values = {"q": 28.0, "rms_k": 0.25, "span_mm": 70.0, "fab_margin_mm": -0.5}
+    assert goal.scores(values) == (2.0, 0.25)
+    # relative to a bound that is not zero, so that mm and µH add up
+    assert goal.violations(values) == {
+        "span_mm >= 80.0": 0.125,
+        "span_mm <= 100.0": -0.3,
+        "fab_margin_mm >= 0.0": 0.5,
+    }
+    touching = {**values, "span_mm": math.nextafter(80.0, 0.0), "fab_margin_mm": 0.0}
+    assert max(goal.violations(touching).values()) <= 0.0  # a rounded sum breaks no bound
+
+
+def test_what_tells_studies_apart(design):
+    def name(*parts, head="schema = 1\n", of=design):
+        return study_name(of, goal_of(*parts, head=head))
+
+    plain = name(PITCH, LEAST)
+    assert plain.startswith("gast2020-")
+    # more of the same, other words and other numbers to look at: the same points
+    assert name(PITCH, LEAST, "[search]\ntrials = 7\npolish = 3\nsampler = 'tpe'") == plain
+    assert name(PITCH, LEAST, head='schema = 1\ntitle = "other"\nwatch = ["q"]\n') == plain
+    others = [
+        name(PITCH.replace("14", "15"), LEAST),
+        name(PITCH, LEAST.replace("minimize", "maximize")),
+        name(PITCH, LEAST, '[[constraint]]\nquantity = "q"\nat_least = 1'),
+        name(PITCH, LEAST, "[search]\nseed = 1"),
+        name(PITCH, LEAST, "[search]\nbatch = 1"),
+        name(PITCH, LEAST, "[search]\nsampler = 'random'"),
+        name(PITCH, LEAST, of=load_design("gast_fem")),
+    ]
+    assert len({plain, *others}) == len(others) + 1
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "goal: schema is missing."),
+        ("schema = 2", "schema must be at most 1; got 2"),
+        ("schema = 1", "variable is missing"),
+        ("schema = 1\nvariable = []\n" + LEAST, "variable must have at least 1 entries"),
+        ("schema = 1\n" + PITCH, "objective is missing"),
+        ("schema = 1\nvariables = []", "the file has no key 'variables'; did you mean variable?"),
+        ("schema = 1\n" + PITCH + "hihg = 2\n" + LEAST, "variable.0 has no key 'hihg'; did you mean high?"),
+        ("schema = 1\n" + PITCH.replace("14", '"14"') + LEAST, "variable.0.high must be a number; got '14'"),
+        ("schema = 1\n" + PITCH.replace("14", "11") + LEAST, "variable.0 needs low below high; got 11 and 11"),
+        ("schema = 1\n" + PITCH.replace("high = 14", "") + LEAST, "variable.0 needs low and high, or choices"),
+        ("schema = 1\n" + PITCH + "choices = [12, 13]\n" + LEAST, "variable.0 needs either low and high or choices"),
+        ("schema = 1\n" + PITCH + "step = 0.7\n" + LEAST, "variable.0 needs a whole number of steps of 0.7"),
+        ("schema = 1\n" + PITCH + "step = 5e-324\n" + LEAST, "variable.0 needs at most 1e+09 steps from low to high"),
+        ("schema = 1\n" + PITCH + "step = 1e-9\n" + LEAST, "variable.0 needs at most 1e+09 steps from low to high"),
+        ("schema = 1\n" + PITCH + "step = 0.5\nlog = true\n" + LEAST, "variable.0 may have step or log, not both"),
+        ("schema = 1\n" + PITCH.replace("11", "0") + "log = true\n" + LEAST, "variable.0 needs low above 0"),
+        ("schema = 1\n" + PITCH + PITCH + LEAST, "the goal names the entry array.pitch_mm in more than one variable"),
+        ("schema = 1\n" + PITCH + LEAST + LEAST, "the goal needs objectives of different quantities"),
+        ("schema = 1\n[[variable]]\nentry = 'a'\nchoices = [1]\n" + LEAST, "variable.0.choices must have at least 2"),
+        ("schema = 1\n[[variable]]\nentry = 'a'\nchoices = [1, 1]\n" + LEAST, "variable.0 needs choices that differ"),
+        (
+            "schema = 1\n[[variable]]\nentry = 'a'\nchoices = [12, 12.0]\n" + LEAST,
+            "variable.0 needs choices that differ",
+        ),
+        ("schema = 1\n[[variable]]\nentry = 'a'\nchoices = [[1], [1.0]]\n" + LEAST, "needs choices that differ"),
+        ("schema = 1\n[[variable]]\nentry = 'a'\nchoices = [1, 1979-05-27]\n" + LEAST, "choices that are numbers"),
+        (
+            "schema = 1\n" + PITCH + LEAST.replace("rms_k", "rms_q"),
+            "objective.0.quantity cannot be: there is no quantity 'rms_q'; did you mean rms_k?",
+        ),
+        ("schema = 1\n" + PITCH + LEAST.replace('"rms_k"', "7"), "objective.0.quantity cannot be: a quantity must be"),
+        ("schema = 1\n" + PITCH + LEAST.replace('"rms_k"', '"k"'), "objective.0.quantity cannot be: k needs the"),
+        ("schema = 1\n" + PITCH + LEAST + "target = 1\n", "objective.0 needs exactly one of direction"),
+        ("schema = 1\n" + PITCH + LEAST.replace("minimize", "least"), "direction must be 'minimize' or 'maximize'"),
+        ("schema = 1\n" + PITCH + LEAST + "[[constraint]]\nquantity = 'q'", "constraint.0 needs at_least, at_most"),
+        (
+            "schema = 1\n" + PITCH + LEAST + "[[constraint]]\nquantity = 'q'\nat_least = 2\nat_most = 1",
+            "constraint.0 needs at_least up to at_most; got 2 and 1",
+        ),
+        ("schema = 1\n" + PITCH + LEAST + "[search]\ntrials = 0", "search.trials must be at least 1; got 0"),
+        ("schema = 1\n" + PITCH + LEAST + "[search]\nseed = -1", "search.seed must be at least 0; got -1"),
+        ("schema = 1\n" + PITCH + LEAST + "[search]\nsampler = 'best'", "search.sampler must be 'tpe', 'nsga2'"),
+        (
+            "schema = 1\n" + PITCH + LEAST + "[[constraint]]\nquantity='q'\nat_least=1\n[search]\nsampler = 'cmaes'",
+            "the goal has the sampler cmaes, which takes one objective and no constraints",
+        ),
+        ("schema = ", "goal: not valid TOML"),
+        ("schema = 1\nx = " + "[" * 5000, "goal: not valid TOML"),
+    ],
+)
+def test_mistakes(text, message):
+    with pytest.raises(GoalError) as caught:
+        parse_goal(text)
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_files(tmp_path):
+    assert set(goals.names()) >= {"decouple", "worst_k", "worst_k_and_position"}
+    for name in goals.names():
+        axes_of(load_goal(name), load_design("gast2020"))  # each is for the bundled board
+    with pytest.raises(KeyError):
+        goals.read("nothing")
+    copy = tmp_path / "goal.toml"
+    copy.write_text(goals.read("worst_k"), encoding="utf-8-sig")
+    assert load_goal(copy) == load_goal("worst_k")
+    copy.write_bytes(b"\xff\xfe\x00")
+    for wrong, message in (
+        (copy, "no text file in UTF-8"),
+        (tmp_path, "there is no goal file"),
+        ("none.toml", "there is no goal file 'none.toml', nor a bundled goal of that name"),
+        ("a\0b", "there is no goal file|cannot read"),
+    ):
+        with pytest.raises(GoalError, match=message):
+            load_goal(wrong)
+
+
+def test_axes_know_the_design(design):
+    goal = goal_of(
+        PITCH + "step = 0.5\n",
+        '[[variable]]\nentry = "array.columns"\nlow = 4\nhigh = 8\nstep = 2',
+        '[[variable]]\nentry = "coils.hexagon.turns_per_layer"\nlow = 15\nhigh = 30\nlog = true',
+        '[[variable]]\nentry = "stackup.dielectric_thickness_mm.1"\nlow = 0.1\nhigh = 0.5',
+        '[[variable]]\nentry = "circuit.terminations.coil2"\nchoices = ["short", "open"]',
+        '[[variable]]\nentry = "array.layer_shift_per_row"\nlow = 0\nhigh = 2',
+        LEAST,
+    )
+    pitch, columns, turns, dielectric, coil2, shift = axes_of(goal, design)
+    assert (pitch.whole, pitch.continuous, pitch.start) == (False, False, 13.28)
+    assert (columns.whole, columns.start) == (True, 6)
+    assert (turns.whole, turns.continuous, turns.start) == (False, True, 30.0)  # half a turn is a turn too
+    assert (dielectric.continuous, dielectric.start) == (True, 0.215)
+    assert (coil2.choices, coil2.start) == (('"short"', '"open"'), None)
+    assert (shift.whole, shift.start) == (True, None)  # the design does not say it; its type does
+    assert start_parameters([columns, turns, dielectric]) == {
+        "array.columns": 6,
+        "coils.hexagon.turns_per_layer": 30.0,
+        "stackup.dielectric_thickness_mm.1": 0.215,
+    }
+    assert start_parameters([pitch]) is None  # between two steps
+    assert start_parameters([coil2]) is None
+    assert changes_of([coil2, columns], {"circuit.terminations.coil2": '"open"', "array.columns": 4}) == {
+        "circuit.terminations.coil2": "open",
+        "array.columns": 4,
+    }
+
+
+@pytest.mark.parametrize(
+    ("variable", "message"),
+    [
+        ('entry = "array.pitch"\nlow = 1\nhigh = 2', "variable.0.low: array has no key 'pitch'; did you mean pitch_mm"),
+        ('entry = "array.pitch_mm"\nlow = -1\nhigh = 2', "variable.0.low: array.pitch_mm must be greater than 0; got"),
+        ('entry = "array.columns"\nlow = 1.5\nhigh = 3', "variable.0.low: array.columns must be a whole number"),
+        ('entry = "array.columns"\nlow = 2\nhigh = 4\nstep = 0.5', "variable.0.step must be a whole number, as array."),
+        ('entry = "array.lattice"\nchoices = ["linear", "round"]', "variable.0.choices: array.lattice must be"),
+        ('entry = "array"\nchoices = [1, 2]', "variable.0.choices: array is a table"),
+        ('entry = "coils.octagon.turns_per_layer"\nlow = 1\nhigh = 2', "variable.0.low: coils.octagon"),
+        ('entry = "stackup.dielectric_thickness_mm.7"\nlow = 1\nhigh = 2', "must have a number from 0 to 2"),
+        ('entry = "array.lattice"\nlow = 1\nhigh = 2', "variable.0.low: array.lattice must be 'linear', 'square'"),
+    ],
+)
+def test_variables_that_do_not_fit(design, variable, message):
+    with pytest.raises(GoalError) as caught:
+        axes_of(goal_of(f"[[variable]]\n{variable}\n", LEAST), design)
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+NUMBERS = st.builds(
+    lambda low, width, log: Axis("a", (), low, low + width, log=log),
+    st.floats(1e-3, 1e3),
+    st.floats(1e-3, 1e3),
+    st.booleans(),
+)
+STEPPED = st.builds(
+    lambda low, step, count, whole: Axis(
+        "a", (), round(low) if whole else low, (round(low) if whole else low) + count * (1 if whole else step),
+        step=1.0 if whole else step, whole=whole,
+    ),
+    st.floats(-50, 50), st.sampled_from([0.1, 0.25, 3.0]), st.integers(1, 40), st.booleans(),
+)  # fmt: skip
+CHOICES = st.builds(
+    lambda values: Axis("a", tuple(json.dumps(value) for value in values)),
+    st.lists(st.integers() | st.text(max_size=3) | st.lists(st.booleans(), max_size=2), min_size=2, max_size=5,
+             unique_by=json.dumps),
+)  # fmt: skip
+
+
+@given(NUMBERS, st.floats(0, 1))
+def test_unit_box_of_a_number(axis, part):
+    parameter = axis.at(part)
+    assert axis.low <= parameter <= axis.high
+    assert axis.parameter(parameter) == parameter
+    # both ways round a few times: the last bits of a logarithm of up to 1e6 and of a difference of up to 1e3
+    assert axis.part(parameter) == pytest.approx(part, abs=1e-9)
+    assert (axis.at(0.0), axis.at(1.0)) == pytest.approx((axis.low, axis.high), rel=1e-12)
+    assert axis.parameter(axis.high * 1.01 + 1) is None
+    assert axis.distribution()._contains(parameter)
+
+
+@given(STEPPED | CHOICES, st.floats(0, 1))
+def test_unit_box_of_steps_and_choices(axis, part):
+    parameter = axis.at(part)
+    assert axis.parameter(axis.value(parameter)) == parameter
+    first, last = axis.value(axis.at(0.0)), axis.value(axis.at(1.0))
+    if axis.choices:
+        assert (first, last) == (json.loads(axis.choices[0]), json.loads(axis.choices[-1]))
+    else:
+        assert (first, last) == pytest.approx((axis.low, axis.high), rel=1e-9)
+    assert not axis.continuous
+    assert axis.distribution()._contains(axis.distribution().to_internal_repr(parameter))

@@ -1,0 +1,186 @@
+"""The local solver: it finds minima that are known, keeps bounds, and goes on where it was stopped.
+
+What                              checked against
+the least of a bowl               its centre; on the edge of the box and of a constraint, by hand
+distance to a target              the root of a function
+stops and repeats                 itself
+"""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from coilarray import load_design
+from coilarray.studies.optimize import optimize_with, parse_goal
+
+GOAL = """
+schema = 1
+[[variable]]
+entry = "array.pitch_mm"
+low = 10
+high = 16
+[[variable]]
+entry = "elastomer.0.thickness_mm"
+low = 2
+high = {high}
+log = true
+[[variable]]
+entry = "array.columns"
+low = 5
+high = 6
+{wanted}
+[search]
+trials = 12
+polish = {polish}
+"""
+LEAST = '[[objective]]\nquantity = "worst_k"\ndirection = "minimize"\n'
+
+
+def goal_of(wanted=LEAST, polish=60, high=20):
+    return parse_goal(GOAL.format(wanted=wanted, polish=polish, high=high))
+
+
+@pytest.fixture(scope="module")
+def design():
+    return load_design("gast2020")
+
+
+class Bowl:
+    """Stand-in: a bowl around (12.3, 5.0) that no grid point of the box hits, its floor lower for 6 columns."""
+
+    def __init__(self, end=None):
+        self.end, self.asked = end, 0
+
+    def __call__(self, changes, accuracy="full"):
+        for index, change in enumerate(changes):
+            if self.end is not None and self.asked > self.end:
+                raise KeyboardInterrupt
+            self.asked += 1
+            pitch = change.get("array.pitch_mm", 13.28)
+            base = change.get("elastomer.0.thickness_mm", 6.0)
+            columns = change.get("array.columns", 6)
+            bowl = (pitch - 12.3) ** 2 + 0.3 * (base - 5.0) ** 2 + (5.0 if columns == 5 else 0.2)
+            # a root at pitch 12.7, flat there in no direction
+            yield index, {"worst_k": bowl, "q": -bowl, "span_mm": pitch, "rms_k": pitch + 0.1 * (base - 6) - 12.7}
+
+
+def polished(result):
+    return [trial for trial in result.trials if trial.kind == "polish"]
+
+
+def test_the_bottom_of_a_bowl(design, tmp_path):
+    result = optimize_with(design, goal_of(), tmp_path, Bowl())
+    assert result.best.kind == "polish"
+    assert result.best.changes["array.columns"] == 6
+    # quadratic models of a quadratic: to the square root of the rounding of a value of 0.2
+    assert result.best.changes["array.pitch_mm"] == pytest.approx(12.3, abs=1e-4)
+    assert result.best.changes["elastomer.0.thickness_mm"] == pytest.approx(5.0, abs=1e-3)
+    assert {trial.changes["array.columns"] for trial in polished(result)} == {6}  # a whole number stays
+    assert len(polished(result)) <= 60
+    largest = LEAST.replace("worst_k", "q").replace("minimize", "maximize")
+    mirrored = optimize_with(design, goal_of(largest), tmp_path, Bowl())
+    assert mirrored.best.changes["array.pitch_mm"] == pytest.approx(12.3, abs=1e-4)
+
+
+def test_bounds_of_the_box_and_constraints(design, tmp_path):
+    wanted = LEAST + '[[constraint]]\nquantity = "span_mm"\nat_least = 13.0\n'
+    result = optimize_with(design, goal_of(wanted, high=4), tmp_path, Bowl())
+    assert not result.start_inside
+    # the nearest point of the quadrant pitch ≥ 13, base ≤ 4 to the centre is its corner
+    assert result.best.changes["array.pitch_mm"] == pytest.approx(13.0, abs=1e-5)
+    assert result.best.changes["elastomer.0.thickness_mm"] == pytest.approx(4.0, rel=1e-6)
+    assert result.best.quantities["span_mm"] >= 13.0
+    assert all(2 <= trial.changes["elastomer.0.thickness_mm"] <= 4 for trial in polished(result))
+
+
+def test_a_root(design, tmp_path):
+    wanted = '[[objective]]\nquantity = "rms_k"\ntarget = 0.0\n'
+    result = optimize_with(design, goal_of(wanted), tmp_path, Bowl())
+    assert result.best.scores[0] < 1e-6  # of values of the order of 1 across the box
+    assert result.best.quantities["rms_k"] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_stops_and_goes_on(design, tmp_path):
+    whole = optimize_with(design, goal_of(polish=24), tmp_path / "a", Bowl())
+    assert len(polished(whole)) == 24
+    asked = 0
+    for end in (17, 5, None):
+        bowl = Bowl(end)
+        try:
+            resumed = optimize_with(design, goal_of(polish=24), tmp_path / "b", bowl)
+        except KeyboardInterrupt:
+            resumed = None
+        asked += bowl.asked - 1  # the start each time
+    assert [trial.changes for trial in resumed.trials] == [trial.changes for trial in whole.trials]
+    assert asked == 11 + 24  # nothing twice
+    more = Bowl()
+    longer = optimize_with(design, goal_of(polish=30), tmp_path / "b", more)
+    assert polished(longer)[:24] == polished(whole)
+    assert more.asked == 1 + len(polished(longer)) - 24
+
+
+def test_more_points_are_the_same_with_and_without(design, tmp_path):
+    """The sampler does not see the points of the local solver: they come only after those that were asked for."""
+
+    def tried(folder, *runs):
+        for trials, polish in runs:
+            goal = parse_goal(GOAL.replace("trials = 12", f"trials = {trials}").format(
+                wanted=LEAST, polish=polish, high=20))  # fmt: skip
+            result = optimize_with(design, goal, tmp_path / folder, Bowl())
+        return [trial.changes for trial in result.trials if trial.kind == "search"]
+
+    assert tried("a", (12, 10), (26, 0)) == tried("b", (26, 0))
+
+
+def test_the_best_never_gets_worse_with_more_points(design, tmp_path):
+    """Two dips, the narrow one deeper: what the local solver found in it stays when the search ends up in the other."""
+
+    def dips(changes, accuracy):
+        for index, change in enumerate(changes):
+            pitch = change.get("array.pitch_mm", 13.28)
+            yield (
+                index,
+                {"worst_k": 5 - 3 * math.exp(-(((pitch - 11) / 0.4) ** 2)) - 2 * math.exp(-((pitch - 15) ** 2))},
+            )
+
+    variable = GOAL.split('[[variable]]\nentry = "elastomer')[0]
+    found = []
+    for seed in range(6):
+        bests = []
+        for trials in (1, 2, 3, 4, 6, 8):
+            search = f'[search]\ntrials = {trials}\nbatch = 1\npolish = 20\nsampler = "random"\nseed = {seed}\n'
+            result = optimize_with(design, parse_goal(variable + LEAST + search), tmp_path, dips)
+            names = [trial.name for trial in result.trials]
+            assert len(set(names)) == len(names) > result.found
+            bests.append(result.best.scores[0])
+        assert bests == sorted(bests, reverse=True)
+        found.append(result)
+    # at least once the best is from where an earlier run began
+    last = [max(trial.place for trial in polished(result)) - 20 for result in found]
+    assert any(r.best.kind == "polish" and r.best.place <= end for r, end in zip(found, last, strict=True))
+
+
+def test_nothing_to_polish(design, tmp_path):
+    def problem(text):
+        return optimize_with(design, parse_goal(text), tmp_path, Bowl()).polish_problem
+
+    two = LEAST + '[[objective]]\nquantity = "q"\ndirection = "maximize"\n'
+    never = LEAST + '[[constraint]]\nquantity = "span_mm"\nat_most = 5\n'
+    whole = GOAL.replace("log = true", "step = 1").replace("high = 16", "high = 16\nstep = 0.5")
+    assert "several objectives" in problem(GOAL.format(wanted=two, polish=5, high=20))
+    assert problem(GOAL.format(wanted=LEAST, polish=0, high=20)) == "the goal asks for none."
+    assert problem(GOAL.format(wanted=never, polish=5, high=20)) == "no point of the search keeps all constraints."
+    assert problem(whole.format(wanted=LEAST, polish=5, high=20)) == "no variable is continuous."
+
+
+def test_points_that_cannot_be(design, tmp_path):
+    def walled(changes, accuracy):
+        for index, outcome in Bowl()(changes):
+            yield index, "too near." if changes[index].get("array.pitch_mm", 13.28) < 12.6 else outcome
+
+    result = optimize_with(design, goal_of(polish=80), tmp_path, walled)
+    assert any(trial.reason for trial in polished(result))
+    # the wall is at 12.6, the bottom beyond it; a solver of smooth models comes near
+    assert 12.6 <= result.best.changes["array.pitch_mm"] < 12.75

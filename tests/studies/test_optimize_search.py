@@ -1,0 +1,379 @@
+"""The search: it finds what is known, tries the same points however it is run, and loses nothing.
+
+What                              checked against
+the points of every sampler       themselves: other orders of outcomes, stops at any point, resumed runs
+constraints, impossible points    functions with a known optimum
+the Pareto front                  its definition, for any points (hypothesis)
+the store                         what Optuna reads from it; locks, other files, folders that cannot be written
+"""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+import threading
+
+import optuna
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from support.patience import PATIENCE
+
+from coilarray import load_design
+from coilarray.errors import MissingDependencyError, OutputError
+from coilarray.studies.optimize import Trial, front_of, optimize_with, parse_goal
+from coilarray.studies.optimize.store import FILE, open_store, points_found, study_name
+
+# quantities of the stand-in below, which computes them from the entries alone
+GOAL = """
+schema = 1
+{watch}
+[[variable]]
+entry = "array.pitch_mm"
+low = 10
+high = 16
+[[variable]]
+entry = "elastomer.0.thickness_mm"
+low = 2
+high = 20
+log = true
+[[variable]]
+entry = "array.columns"
+low = 2
+high = 9
+[[variable]]
+entry = "circuit.default_termination"
+choices = ["short", "open"]
+{wanted}
+[search]
+trials = {trials}
+sampler = "{sampler}"
+seed = 3
+batch = {batch}
+population = 6
+polish = 0
+"""
+LEAST = '[[objective]]\nquantity = "worst_k"\ndirection = "minimize"\n'
+MOST = '[[objective]]\nquantity = "span_mm"\ndirection = "maximize"\n'
+BOUND = '[[constraint]]\nquantity = "rms_k"\nat_most = 1.0\n'
+
+
+def goal_of(wanted=LEAST, sampler="tpe", trials=20, batch=4, watch=""):
+    return parse_goal(GOAL.format(wanted=wanted, sampler=sampler, trials=trials, batch=batch, watch=watch))
+
+
+@pytest.fixture(scope="module")
+def design():
+    return load_design("gast2020")
+
+
+def quantities(changes):
+    """Outcome of one point: bowls around a pitch of 12.5 with 6 columns, and none beyond 15 mm."""
+    pitch = changes.get("array.pitch_mm", 13.28)
+    base = changes.get("elastomer.0.thickness_mm", 6.0)
+    columns = changes.get("array.columns", 6)
+    termination = changes.get("circuit.default_termination", "short")
+    if pitch > 15:
+        return "the coils do not touch."
+    return {
+        "worst_k": (pitch - 12.5) ** 2
+        + 0.05 * (base - 8) ** 2
+        + 0.3 * (columns - 6) ** 2
+        + 0.5 * (termination == "open"),
+        "span_mm": pitch * columns,
+        "rms_k": base / 12,
+        "board_area_mm2": columns * base,
+    }
+
+
+class Points:
+    """A stand-in for workers: outcomes in any order, a count of what was asked for, and an end after so many."""
+
+    def __init__(self, order=lambda indices: indices, end=None):
+        self.order, self.end, self.asked = order, end, []
+
+    def __call__(self, changes, accuracy="full"):
+        for index in self.order(range(len(changes))):
+            if self.end is not None and len(self.asked) > self.end:
+                raise KeyboardInterrupt
+            self.asked.append(changes[index])
+            yield index, quantities(changes[index])
+
+
+def points_of(result):
+    return [(trial.place, dict(trial.changes), trial.scores, trial.reason) for trial in result.trials]
+
+
+def test_finds_the_least(design, tmp_path):
+    goal = goal_of(trials=80, batch=8)
+    seen = []
+    result = optimize_with(design, goal, tmp_path, Points(), lambda *told: seen.append(told))
+    assert result.best.changes["array.columns"] == 6
+    assert result.best.changes["circuit.default_termination"] == "short"
+    # the bowl's floor is 0, the start is at 1.6; 80 points in four variables come within a tenth of that
+    assert result.best.scores[0] < 0.16 < result.start.scores[0]
+    assert result.front == (result.best,)
+    assert [done for done, _, _ in seen] == list(range(1, 81))
+    assert {total for _, total, _ in seen} == {80}
+    bests = [best.scores[0] for _, _, best in seen if best is not None]
+    assert bests == sorted(bests, reverse=True)
+    assert bests[-1] == result.best.scores[0]
+
+
+def test_start_comes_first_where_it_lies_inside(design, tmp_path):
+    points = Points()
+    result = optimize_with(design, goal_of(trials=4), tmp_path, points)
+    assert result.start_inside
+    first = result.trials[0]
+    assert first.changes == {
+        "array.pitch_mm": 13.28,
+        "elastomer.0.thickness_mm": 6.0,
+        "array.columns": 6,
+        "circuit.default_termination": "short",
+    }
+    assert first.quantities == result.start.quantities
+    assert len(points.asked) == 4  # the start once, for both
+    outside = parse_goal(GOAL.replace("high = 16", "high = 13").format(
+        wanted=LEAST, sampler="tpe", trials=4, batch=4, watch="")
+    )  # fmt: skip
+    other = optimize_with(design, outside, tmp_path, Points())
+    assert not other.start_inside
+    assert other.start.changes == {}
+    assert all(trial.changes["array.pitch_mm"] <= 13 for trial in other.trials)
+
+
+@pytest.mark.parametrize(
+    ("sampler", "wanted"),
+    [("tpe", LEAST + BOUND), ("nsga2", LEAST + MOST + BOUND), ("nsga3", LEAST + MOST), ("qmc", LEAST)],
+)  # fmt: skip
+def test_same_points_however_it_is_run(design, tmp_path, sampler, wanted):
+    goal = goal_of(wanted, sampler, trials=18)
+    whole = optimize_with(design, goal, tmp_path / "whole", Points())
+    assert len({json.dumps(trial.changes) for trial in whole.trials}) > 14  # not one point again and again
+    backwards = optimize_with(design, goal, tmp_path / "backwards", Points(order=reversed))
+    assert points_of(backwards) == points_of(whole)
+    # stopped in the middle of a batch, its last points first, and again, and fewer points than in the end at first
+    asked = 0
+    for end, trials in ((6, 18), (4, 18), (None, 14), (None, 18)):
+        part = Points(order=reversed, end=end)
+        try:
+            resumed = optimize_with(design, goal_of(wanted, sampler, trials=trials), tmp_path / "parts", part)
+        except KeyboardInterrupt:
+            resumed = None
+        asked += len(part.asked) - 1  # the start each time
+    assert points_of(resumed) == points_of(whole)
+    assert resumed.found == 14
+    assert asked == 17  # of 18 points, the first being the start: nothing twice
+
+
+def test_fewer_points_than_are_known(design, tmp_path):
+    whole = optimize_with(design, goal_of(trials=14), tmp_path, Points())
+    points = Points()
+    fewer = optimize_with(design, goal_of(trials=5), tmp_path, points)
+    assert points_of(fewer) == points_of(whole)
+    assert (fewer.found, fewer.goal.search.trials, len(points.asked)) == (14, 14, 1)
+
+
+def test_other_seeds_give_other_points(design, tmp_path):
+    goals = [parse_goal(GOAL.replace("seed = 3", f"seed = {seed}").format(
+        wanted=LEAST, sampler="tpe", trials=3, batch=4, watch="")) for seed in (3, 4)
+    ]  # fmt: skip
+    one, other = (optimize_with(design, goal, tmp_path, Points()) for goal in goals)
+    assert points_of(one)[0] == points_of(other)[0]
+    assert points_of(one)[1] != points_of(other)[1]
+
+
+def test_bounds_and_impossible_points(design, tmp_path):
+    goal = goal_of(LEAST + '[[constraint]]\nquantity = "span_mm"\nat_least = 90\n', trials=64, batch=8)
+    result = optimize_with(design, goal, tmp_path, Points())
+    impossible = [trial for trial in result.trials if trial.reason]
+    assert impossible
+    for trial in impossible:
+        assert trial.changes["array.pitch_mm"] > 15
+        assert (trial.reason, trial.quantities, trial.scores, trial.feasible) == (
+            "the coils do not touch.",
+            {},
+            (),
+            False,
+        )
+    # least at pitch 15 with 6 columns is 6.25, at 7 columns with a pitch of 12.86 it is 0.3 + 0.13
+    assert result.best.changes["array.columns"] == 7
+    assert result.best.quantities["span_mm"] >= 90
+    assert result.best.scores[0] < 1.0
+    best = min(t.scores[0] for t in result.trials if t.scores and t.quantities["span_mm"] >= 90)
+    assert result.best.scores[0] == best
+
+
+def test_nothing_keeps_the_bounds(design, tmp_path):
+    goal = goal_of(LEAST + '[[constraint]]\nquantity = "span_mm"\nat_least = 1000\n', trials=5)
+    result = optimize_with(design, goal, tmp_path, Points())
+    assert (result.best, result.front, result.designs()) == (None, (), ())
+    everything_fails = optimize_with(design, goal_of(trials=5), tmp_path, lambda changes, accuracy: (
+        (k, "no.") for k in range(len(changes)))
+    )  # fmt: skip
+    assert everything_fails.start.reason == "no."
+    assert everything_fails.front == ()
+
+
+def test_two_objectives(design, tmp_path):
+    result = optimize_with(design, goal_of(LEAST + MOST, "nsga2", trials=64, batch=8), tmp_path, Points())
+    assert result.best is None
+    assert "several objectives" in result.polish_problem
+    scores = [trial.scores for trial in result.front]
+    assert len(scores) >= 3
+    assert scores == sorted(scores)
+    assert [span for _, span in scores] == sorted(span for _, span in scores)  # more of one costs of the other
+    assert min(score[0] for score in scores) <= result.start.scores[0]
+    assert max(score[1] for score in scores) > 1.3 * result.start.scores[1]
+    for design_of, trial in zip(result.designs(), result.front, strict=True):
+        assert len(design_of.array.names) == trial.changes["array.columns"]
+
+
+def test_more_may_be_watched_later(design, tmp_path):
+    first = optimize_with(design, goal_of(trials=6), tmp_path, Points())
+    points = Points()
+    again = optimize_with(design, goal_of(trials=6, watch='watch = ["board_area_mm2"]'), tmp_path, points)
+    assert points_of(again) == points_of(first)
+    assert len(points.asked) == 2  # the start and the best
+    assert again.best.quantities["board_area_mm2"] == quantities(again.best.changes)["board_area_mm2"]
+    assert "board_area_mm2" in again.start.quantities
+
+
+def test_screened_points_are_confirmed(design, tmp_path):
+    """Screening makes scores a little too good here: what is found by it is computed again, until the front is true."""
+    asked = []
+
+    def screened(changes, accuracy):
+        for index, change in enumerate(changes):
+            asked.append((accuracy, change))
+            outcome = quantities(change)
+            if accuracy == "screen" and isinstance(outcome, dict):
+                outcome = {**outcome, "worst_k": 0.9 * outcome["worst_k"], "span_mm": outcome["span_mm"] + 4.0}
+            yield index, outcome
+
+    goal = parse_goal(
+        GOAL.replace("polish = 0", 'polish = 0\naccuracy = "screen"').format(
+            wanted=LEAST + '[[constraint]]\nquantity = "span_mm"\nat_least = 76\n',
+            sampler="tpe", trials=40, batch=8, watch="",
+        )
+    )  # fmt: skip
+    result = optimize_with(design, goal, tmp_path, screened)
+    assert {trial.accuracy for trial in result.trials} == {"screen", "full"}
+    assert {trial.accuracy for trial in result.front} == {result.start.accuracy} == {"full"}
+    assert asked[0] == ("full", {})
+    assert [accuracy for accuracy, _ in asked[1:41]] == ["screen"] * 40  # the start again, to be like the others
+    again = asked[41:]
+    assert {accuracy for accuracy, _ in again} == {"full"}
+    assert (result.start.quantities, result.best.quantities) == (
+        {key: quantities({})[key] for key in goal.quantities},
+        {key: quantities(result.best.changes)[key] for key in goal.quantities},
+    )
+    assert result.best.quantities["span_mm"] >= 76
+    assert result.best.changes in [changes for _, changes in again]
+    assert len(again) > 1  # the best by screening was none
+    assert not any(t.feasible for t in result.trials if t.scores and t.scores[0] < result.best.scores[0])
+
+
+def test_optuna_reads_the_store(design, tmp_path):
+    goal = goal_of(LEAST + BOUND, trials=20)
+    result = optimize_with(design, goal, tmp_path, Points())
+    assert points_found(tmp_path, design, goal) == 20
+    assert points_found(tmp_path / "none", design, goal) == 0
+    assert not (tmp_path / "none").exists()
+    study = optuna.load_study(study_name=study_name(design, goal), storage=f"sqlite:///{tmp_path / FILE}")
+    finished = {trial.user_attrs["point"]["place"]: trial for trial in study.trials}
+    assert sorted(finished) == list(range(20))
+    for trial in result.trials:
+        stored = finished[trial.place]
+        assert stored.state == (optuna.trial.TrialState.PRUNED if trial.reason else optuna.trial.TrialState.COMPLETE)
+        assert stored.user_attrs["quantities"] == trial.quantities
+        assert stored.constraints == trial.violations
+        assert stored.params["array.pitch_mm"] == trial.changes["array.pitch_mm"]
+        assert json.loads(stored.params["circuit.default_termination"]) == trial.changes["circuit.default_termination"]
+    assert study.best_trial.user_attrs["point"]["place"] == result.best.place
+    study._storage.remove_session()
+
+
+def test_one_search_at_a_time_in_a_folder(design, tmp_path):
+    goal = goal_of(trials=3)
+    inside, leave = threading.Event(), threading.Event()
+
+    def slow(changes, accuracy):
+        inside.set()
+        assert leave.wait(PATIENCE)
+        yield from Points()(changes)
+
+    running = threading.Thread(target=optimize_with, args=(design, goal, tmp_path, slow))
+    running.start()
+    assert inside.wait(PATIENCE)
+    try:
+        with pytest.raises(OutputError, match="another search is running in"):
+            optimize_with(design, goal, tmp_path, Points())
+    finally:
+        leave.set()
+        running.join()
+    assert optimize_with(design, goal, tmp_path, Points()).found == 3
+
+
+@pytest.mark.parametrize("name", [FILE, "study.lock"])
+def test_files_that_are_none_of_ours(design, tmp_path, name):
+    (tmp_path / name).write_text("no database, " * 100)
+    with pytest.raises(OutputError, match=f"cannot (use|write) .*{name}"):
+        optimize_with(design, goal_of(), tmp_path, Points())
+    with pytest.raises(OutputError) as caught, open_store(tmp_path, design, goal_of()):
+        pass
+    assert "(sqlite3." not in str(caught.value)  # the class of an error tells nobody anything
+    (tmp_path / name).unlink()
+    with sqlite3.connect(tmp_path / name) as other:
+        other.execute("CREATE TABLE studies (x)")
+    other.close()
+    if name == FILE:
+        with pytest.raises(OutputError, match="cannot use"):
+            optimize_with(design, goal_of(), tmp_path, Points())
+
+
+def test_folder_that_cannot_be(design, tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OutputError, match="cannot make the folder"), open_store(tmp_path / "file", design, goal_of()):
+        pass
+
+
+def test_missing_libraries(design, tmp_path, monkeypatch):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(MissingDependencyError, match="pip install cmaes"):
+        optimize_with(design, goal_of(sampler="cmaes"), tmp_path, Points())
+    monkeypatch.setitem(__import__("sys").modules, "optuna", None)
+    with pytest.raises(MissingDependencyError, match=r"coilarray\[optimize\]"):
+        optimize_with(design, goal_of(), tmp_path, Points())
+
+
+def test_cmaes(design, tmp_path):
+    pytest.importorskip("cmaes")
+    goal = goal_of(sampler="cmaes", trials=40)
+    whole = optimize_with(design, goal, tmp_path / "a", Points())
+    with pytest.raises(KeyboardInterrupt):
+        optimize_with(design, goal, tmp_path / "b", Points(end=17))
+    assert points_of(optimize_with(design, goal, tmp_path / "b", Points())) == points_of(whole)
+
+
+SCORES = st.lists(st.tuples(st.integers(0, 4), st.integers(0, 4), st.booleans()), max_size=12)
+
+
+@given(SCORES)
+def test_front_is_what_no_other_point_beats(points):
+    goal = goal_of(LEAST + MOST)
+    trials = [
+        Trial("search", k, {}, {}, (float(a), float(b)), {"bound": 0.0 if kept else 1.0})
+        for k, (a, b, kept) in enumerate(points)
+    ]
+    front = front_of(trials, goal)
+    kept = [trial for trial in trials if trial.feasible]
+
+    def beats(one, other):  # small first score, large second
+        (a, b), (c, d) = one.scores, other.scores
+        return a <= c and b >= d and (a, b) != (c, d)
+
+    expected = {trial.scores for trial in kept if not any(beats(other, trial) for other in kept)}
+    assert {trial.scores for trial in front} == expected
+    assert len(front) == len(expected)
+    assert [trial.scores for trial in front] == sorted(expected)

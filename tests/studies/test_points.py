@@ -1,0 +1,223 @@
+"""Points: the numbers of the quantities whatever the pool, each design computed once, interrupted runs that go on."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+
+import numpy as np
+import pytest
+from support import worker_tasks
+
+from coilarray import load_design
+from coilarray.compute.workers import workers
+from coilarray.compute.workers.pool import InProcess
+from coilarray.design.vary import vary
+from coilarray.errors import GoalError
+from coilarray.studies.cache import open_cache
+from coilarray.studies.evaluate import evaluate_points, run_cached
+from coilarray.studies.quantities import evaluate
+from coilarray.studies.tolerance.perturb import perturb
+
+QUANTITIES = ["span_mm", "board_area_mm2"]  # shapes alone: 20 ms a point
+
+
+@pytest.fixture(scope="module")
+def starter():
+    return load_design("starter")
+
+
+@pytest.fixture
+def cache(tmp_path):
+    return open_cache(tmp_path)
+
+
+def pitches(*millimetres):
+    return [{"array.pitch_mm": pitch} for pitch in millimetres]
+
+
+def run(design, changes, quantities=QUANTITIES, cache=None, **options):
+    """Outcomes in the order of the points."""
+    with workers() as pool:
+        found = dict(evaluate_points(design, changes, quantities, pool, cache, **options))
+    return [found[k] for k in range(len(found))]
+
+
+class Counting(InProcess):
+    """A pool that tells how much it was given."""
+
+    def __init__(self):
+        super().__init__()
+        self.computed = 0
+
+    def submit(self, tag, function, item):
+        self.computed += 1
+        super().submit(tag, function, item)
+
+
+class Wide(Counting):
+    """A pool with room for many tasks, the last one collected first."""
+
+    capacity = 8
+
+    def collect(self):
+        self._tasks.rotate(1)
+        return super().collect()
+
+
+def test_outcomes_are_the_quantities_of_each_variation(starter):
+    changes = pitches(12, 13.5, 17)
+    assert run(starter, changes) == [evaluate(vary(starter, change), QUANTITIES) for change in changes]
+    assert run(starter, [{}]) == [evaluate(starter, QUANTITIES)]
+
+
+@pytest.mark.parametrize("accuracy", ["full", "screen"])
+def test_two_processes_compute_the_same_bits_as_this_one(accuracy):
+    design = load_design("gast2020")
+    changes = [{"array.columns": 2, "array.pitch_mm": pitch} for pitch in (11.0, 13.28, 15.5)]
+    asked = ["worst_k", {"quantity": "inductance_uH", "coil": "coil1"}]
+    here = run(design, changes, asked, accuracy=accuracy)
+    with workers(2) as pool:
+        there = dict(evaluate_points(design, changes, asked, pool, accuracy=accuracy))
+    assert [there[k] for k in range(3)] == here
+    assert list(here[0]) == ["worst_k", "inductance_uH[coil1]"]  # canonical names, in their order
+    assert here == [evaluate(vary(design, change), asked, accuracy=accuracy) for change in changes]
+
+
+def test_what_cannot_be_has_its_reason(starter):
+    changes = [
+        {"array.pitch_mm": 12},
+        {"array.pitch_mm": -1.0},
+        {"array.pich_mm": 12},
+        {"coils.nothing.turns_per_layer": 3},
+        {"array.pitch_mm": "wide"},
+    ]
+    good, negative, unknown, no_coil, text = run(starter, changes)
+    assert good.keys() == set(QUANTITIES)
+    assert negative == "starter: array.pitch_mm must be greater than 0; got -1."
+    assert "did you mean pitch_mm" in unknown
+    assert no_coil.startswith("starter: coils.nothing.turns_per_layer names no coil shape")
+    assert "array.pitch_mm must be a number" in text
+    (alone,) = run(load_design("gast_fem"), [{}], ["worst_k"])  # a quantity that the design does not have
+    assert alone == "the design gast_fem has one coil alone, which couples with none."
+
+
+def test_no_point_is_computed_twice(starter, cache):
+    changes = pitches(12, 13, 14)
+    first, second, other = Counting(), Counting(), Counting()
+    expected = dict(evaluate_points(starter, changes, QUANTITIES, first, cache))
+    assert first.computed == 3
+    # in another order and with another one
+    again = dict(evaluate_points(starter, pitches(14, 15, 13), QUANTITIES, second, cache))
+    assert second.computed == 1
+    assert (again[0], again[2]) == (expected[2], expected[1])
+    # the same board from a file that says so, under another title, its numbers set by numpy
+    near = dataclasses.replace(starter, document={**vary(starter, {"array.pitch_mm": 13}).document, "title": "Mine"})
+    near = vary(near, {})
+    (_, same), (_, shifted) = evaluate_points(
+        near, [{}, {"array.pitch_mm": np.float64(14.0)}], QUANTITIES, other, cache
+    )
+    assert other.computed == 0
+    assert (same, shifted) == (expected[1], expected[2])
+
+
+def test_everything_that_decides_an_outcome_is_in_its_key(starter, cache, monkeypatch):
+    pool = Counting()
+
+    def computed(design=starter, changes=({},), quantities=QUANTITIES, **options):
+        before = pool.computed
+        list(evaluate_points(design, changes, quantities, pool, cache, **options))
+        return pool.computed - before
+
+    assert computed() == 1
+    assert computed() == 0
+    assert computed(quantities=["span_mm"]) == 1
+    assert computed(accuracy="screen") == 1
+    assert computed(changes=pitches(15)) == 1
+    assert computed(design=load_design("gast_fem")) == 1
+    assert computed() == 0
+    monkeypatch.setattr("coilarray.studies.cache.code_version", lambda: "9.9.9+0")
+    assert computed() == 1
+
+
+def test_reasons_are_kept_too(starter, cache):
+    pool = Counting()
+    first, second = (list(evaluate_points(starter, pitches(-1.0), QUANTITIES, pool, cache)) for _ in range(2))
+    assert first == second
+    assert pool.computed == 1
+
+
+def test_an_interrupted_run_goes_on(starter, cache):
+    changes = pitches(*range(12, 20))
+    first, second = Counting(), Counting()
+    done = [outcome for _, outcome in itertools.islice(evaluate_points(starter, changes, QUANTITIES, first, cache), 3)]
+    assert first.computed == 3
+    found = dict(evaluate_points(starter, changes, QUANTITIES, second, cache))
+    assert second.computed == 5
+    assert [found[k] for k in range(3)] == done
+
+
+def test_an_unreadable_entry_is_computed_again(starter, cache):
+    pool = Counting()
+    expected = list(evaluate_points(starter, pitches(12, 13), QUANTITIES, pool, cache))
+    for path in cache.folder.rglob("*.json"):
+        path.write_text("{", encoding="utf-8")
+    assert list(evaluate_points(starter, pitches(12, 13), QUANTITIES, pool, cache)) == expected
+    assert pool.computed == 4
+    list(evaluate_points(starter, pitches(12, 13), QUANTITIES, pool, cache))
+    assert pool.computed == 4
+
+
+@pytest.mark.parametrize("kept", [False, True])
+def test_equal_points_in_flight_are_computed_once(starter, cache, kept):
+    pool, told = Wide(), []
+    found = list(
+        evaluate_points(
+            starter,
+            pitches(12, 13, 12, 12.0, 13),
+            QUANTITIES,
+            pool,
+            cache if kept else None,
+            lambda done, total: told.append((done, total)),
+        )
+    )
+    assert pool.computed == 2
+    values = dict(found)
+    assert len(found) == 5
+    assert values[0] == values[2] == values[3] != values[1] == values[4]
+    assert told == [(k, 5) for k in range(1, 6)]
+
+
+def test_points_may_depend_on_earlier_outcomes(starter):
+    """With one worker a point is read when all before it are known; so a search can ask and be told."""
+    found = []
+
+    def ask():
+        for _ in range(4):
+            yield {"array.pitch_mm": 12.0 if not found else found[-1]["span_mm"] / 2}
+
+    with workers() as pool:
+        for index, outcome in evaluate_points(starter, ask(), ["span_mm"], pool):
+            assert index == len(found)
+            found.append(outcome)
+    assert len({outcome["span_mm"] for outcome in found}) == 4
+
+
+def test_quantities_and_design_are_checked_at_once(starter):
+    with workers() as pool:
+        with pytest.raises(GoalError, match="there is no quantity 'span'"):
+            evaluate_points(starter, pitches(12), ["span"], pool)
+        thick = perturb(starter, {"copper.L1": 0.1})  # its document does not say so
+        with pytest.raises(ValueError, match="must be as its document says"):
+            evaluate_points(thick, pitches(12), QUANTITIES, pool)
+
+
+def test_any_function_of_plain_data_can_be_cached(cache):
+    first, second, told = Counting(), Counting(), []
+    for pool in (first, second):
+        found = dict(run_cached(worker_tasks.refuse_odd, [2, 3, 4], pool, cache, lambda *now: told.append(now), 3))
+        assert found == {0: {"half": 1.0}, 1: "3 is odd.", 2: {"half": 2.0}}
+    assert (first.computed, second.computed) == (3, 0)
+    assert told == [(1, 3), (2, 3), (3, 3)] * 2
+    known = dict(run_cached(worker_tasks.refuse_odd, ["no such thing.", 4], Counting(), cache))
+    assert known == {0: "no such thing.", 1: {"half": 2.0}}

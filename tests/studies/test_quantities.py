@@ -1,0 +1,575 @@
+"""Quantities of a design against the functions they stand on, against closed forms, and against synthetic responses.
+
+What                              checked against
+layout                            hexagons and squares by hand, `check_rules`
+k, inductance                     `mutual_inductance` and `self_inductance` of the same paths
+circuit                           `scan_design`, the drive settings of the LDC1614
+peak, width, x0                   bells and ellipses of known formula; the response at the very place
+position and depth error          Fisher information of bells from differences; a finer table
+requests                          text and table, there and back
+"""
+
+# ruff: noqa: E501 - each case is one line of input and one of output
+from __future__ import annotations
+
+import math
+import pickle
+
+import numpy as np
+import pytest
+import xarray as xr
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.localize_boards import bells
+
+from coilarray import load_design, mutual_inductance, parse_design, self_inductance
+from coilarray.circuit.impedance import scan_design
+from coilarray.design.bundled import read
+from coilarray.design.vary import vary
+from coilarray.errors import CoilarrayError, GoalError
+from coilarray.geometry import check_rules
+from coilarray.geometry.rules import _HORIZON
+from coilarray.hardware import drive_for
+from coilarray.localize.forward import forward_model, table_grid
+from coilarray.localize.identifiability import identifiability
+from coilarray.response.map import response_map
+from coilarray.studies.quantities import QUANTITIES, Evaluation, canonical, evaluate, evaluation, request
+from coilarray.studies.quantities.layout import FARTHEST, LENGTH_RULES
+
+GAST, STARTER = load_design("gast2020"), load_design("starter")
+
+LOOPS = """
+schema = 1
+name = "loops"
+stackup = { layers = ["top", "bottom"], copper_thickness_um = [35, 35], dielectric_thickness_mm = [1.5], dielectric_epsilon_r = [4.4] }
+[coils.square]
+shape = "path"
+trace_width_mm = 0.2
+gap_mm = 0.2
+terminals = false
+lines_mm = [[[-5, -5], [5, -5], [5, 5], [-5, 5], [-5, -4.5]]]
+[array]
+lattice = "free"
+placements = [
+  { name = "a", coil = "square", layers = ["top"], x_mm = 0, y_mm = 0 },
+  { name = "b", coil = "square", layers = ["bottom"], x_mm = 4, y_mm = 0 },
+  { name = "c", coil = "square", layers = ["top"], x_mm = 15, y_mm = 2 },
+]
+"""
+
+
+def value(design, asked):
+    return evaluate(design, [asked])[canonical(asked)]
+
+
+# --- the catalogue and requests ---------------------------------------------------------------------------------------
+
+
+def test_the_catalogue_says_what_everything_is():
+    costs = ["geometry", "coupling", "circuit", "response", "table"]
+    assert [q.cost for q in QUANTITIES.values()] == sorted((q.cost for q in QUANTITIES.values()), key=costs.index)
+    units = {"mm": "mm", "mm2": "mm²", "uH": "µH", "MHz": "MHz"}
+    for name, quantity in QUANTITIES.items():
+        assert quantity.name == name
+        assert quantity.unit == units.get(name.rpartition("_")[2], "1")  # the unit stands in the name
+        assert len(quantity.says) > 10
+        assert "\n" not in quantity.says
+        for option in quantity.options:
+            assert option.says
+            assert option.must_be
+
+
+@pytest.mark.parametrize(
+    ("asked", "key"),
+    [
+        ("rms_k", "rms_k"),
+        (" rms_k ", "rms_k"),
+        ("rms_k[]", None),
+        ({"quantity": "rms_k"}, "rms_k"),
+        ({"quantity": "k", "coils": ["coil1", "coil2"]}, "k[coil1,coil2]"),
+        ({"quantity": "k", "coils": ("coil2", "coil1")}, "k[coil2,coil1]"),
+        ("k[ coil1 , coil2 ]", "k[coil1,coil2]"),
+        ("q[coil=coil1]", "q[coil1]"),
+        ("fab_margin_mm[ hole spacing ]", "fab_margin_mm[hole spacing]"),
+        ("peak_delta[depth_mm=0.50,coil2]", "peak_delta[coil2,depth_mm=0.5]"),
+        ({"quantity": "peak_delta", "depth_mm": 1, "coil": "coil2"}, "peak_delta[coil2,depth_mm=1]"),
+        ("position_error_mm[noise=0.00001,depth_mm=1.0]", "position_error_mm[depth_mm=1,noise=1e-05]"),
+        ({"quantity": "depth_error_mm", "region_mm": [-20, 20.5, -5, 5]}, "depth_error_mm[region_mm=-20:20.5:-5:5]"),
+        ("depth_error_mm[region_mm=-20:20.5:-5:5]", "depth_error_mm[region_mm=-20:20.5:-5:5]"),
+    ],
+)  # fmt: skip
+def test_canonical_text_and_back(asked, key):
+    if key is None:
+        with pytest.raises(GoalError):
+            canonical(asked)
+        return
+    assert canonical(asked) == key
+    assert canonical(key) == key
+    assert dict(request(key).options) == dict(request(asked).options)
+
+
+@settings(max_examples=50)
+@given(
+    depth=st.floats(1e-6, 1e6),
+    noise=st.floats(min_value=5e-324, allow_infinity=False),
+    edges=st.lists(st.floats(-1e9, 1e9), min_size=4, max_size=4, unique=True),
+)
+def test_numbers_keep_every_digit_in_a_text(depth, noise, edges):
+    region = [*sorted(edges[:2]), *sorted(edges[2:])]
+    asked = request({"quantity": "position_error_mm", "region_mm": region, "depth_mm": depth, "noise": noise})
+    back = request(asked.key)
+    assert back.options == {"region_mm": tuple(region), "depth_mm": depth, "noise": noise}
+
+
+BAD_REQUESTS = {
+    "unknown": ("rms_q", "there is no quantity 'rms_q'; did you mean rms_k? There are board_area_mm2, span_mm"),
+    "nothing like it": ("zzzz", "there is no quantity 'zzzz'; There are board_area_mm2"),
+    "no name": ("", "the name of a quantity is missing; there are board_area_mm2"),
+    "a table without a name": ({"coils": ["a", "b"]}, "the name of a quantity is missing;"),
+    "a number": (3, "a quantity must be a name, with options in brackets as k[coil1,coil2]; got 3."),
+    "open bracket": ("k[coil1", "a quantity must be a name, with options in brackets as k[coil1,coil2]; got 'k[coil1'."),
+    "words after": ("k[coil1,coil2] x", "a quantity must be a name, with options in brackets"),
+    "missing option": ("k", "k needs the option coils, the names of two coils."),
+    "missing coil": ("inductance_uH", "inductance_uH needs the option coil, the name of a coil."),
+    "one coil": ("k[coil1]", "k: coils must be the names of two coils; got 'coil1'."),
+    "three coils": ("k[a,b,c]", "k: coils must be the names of two coils; got ['a', 'b', 'c']."),
+    "one coil twice": ("k[a,a]", "k: coils must be the names of two coils; got ['a', 'a']."),
+    "an empty name": ("k[a,]", "k: coils must be the names of two coils; got ['a', '']."),
+    "numbers for coils": ({"quantity": "k", "coils": [1, 2]}, "k: coils must be the names of two coils; got [1, 2]."),
+    "two coils for one": ("q[a,b]", "q: coil must be the name of a coil; got ['a', 'b']."),
+    "unknown option": ("q[coill=coil1]", "q has no option 'coill'; did you mean coil?"),
+    "an option of others": ("peak_delta[noise=1]", "peak_delta has no option 'noise'; it takes coil, depth_mm."),
+    "an option of none": ({"quantity": "rms_k", "coil": "a"}, "rms_k has no option 'coil'; it takes none."),
+    "a value of none": ("rms_k[coil1]", "rms_k: options must be given as name=value; got 'coil1'."),
+    "twice": ("q[coil=a,b]", "q: options must be given as name=value; got 'b'."),
+    "named twice": ("depth_error_mm[noise=1,noise=2]", "depth_error_mm: noise must be given once; got 'noise=1,noise=2'."),
+    "no number": ("depth_error_mm[noise=x]", "depth_error_mm: noise must be a number above 0; got 'x'."),
+    "zero": ("depth_error_mm[noise=0]", "depth_error_mm: noise must be a number above 0; got '0'."),
+    "not finite": ("peak_delta[depth_mm=nan]", "peak_delta: depth_mm must be a number of mm above 0; got 'nan'."),
+    "too large": ({"quantity": "peak_delta", "depth_mm": 10**400}, "peak_delta: depth_mm must be a number of mm above 0"),
+    "true": ({"quantity": "peak_delta", "depth_mm": True}, "peak_delta: depth_mm must be a number of mm above 0; got True."),
+    "falling region": ("depth_error_mm[region_mm=1:0:0:1]", "depth_error_mm: region_mm must be [x_min, x_max, y_min, y_max] in mm, rising; got '1:0:0:1'."),
+    "half a region": ({"quantity": "depth_error_mm", "region_mm": [0, 1]}, "depth_error_mm: region_mm must be [x_min"),
+    "no region": ({"quantity": "depth_error_mm", "region_mm": 3}, "depth_error_mm: region_mm must be [x_min"),
+    "words for a region": ("depth_error_mm[region_mm=a:b:c:d]", "depth_error_mm: region_mm must be [x_min"),
+    "unknown rule": ("fab_margin_mm[trace]", "fab_margin_mm: rule must be one of trace width, spacing within net, clearance"),
+    "a rule without mm": ("fab_margin_mm[aspect ratio]", "fab_margin_mm: rule must be one of trace width"),
+    "a list for a rule": ({"quantity": "fab_margin_mm", "rule": ["drill"]}, "fab_margin_mm: rule must be one of"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", BAD_REQUESTS)
+def test_wrong_requests_are_one_clear_line_before_anything_is_computed(case, monkeypatch):
+    asked, message = BAD_REQUESTS[case]
+    monkeypatch.setattr(evaluation, "design_inductance", lambda *_: pytest.fail("computed"))
+    with pytest.raises(GoalError) as error:
+        evaluate(GAST, ["rms_k", asked])
+    assert str(error.value).startswith(message)
+    assert "\n" not in str(error.value)
+
+
+# --- layout -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("pitch", [13.28, 19.0, 25.0])
+def test_span_and_cover_of_a_row_of_hexagons(pitch):
+    """Hexagons with flats towards their neighbours: where two overlap, half-widths add up to more than the pitch."""
+    corner, flat = 11.5, 11.5 * math.cos(math.pi / 6)
+    deep = max(2 * flat - pitch, 0.0)  # overlap along x on the axis, the same up to half the corner's height
+    top = corner * (1 - pitch / (4 * flat))  # where it ends
+    overlap = 2 * deep * (corner / 2 + (top - corner / 2) / 2) if deep else 0.0
+    found = evaluate(vary(GAST, {"array.pitch_mm": pitch}), ["span_mm", "covered_mm2"])
+    assert found["span_mm"] == pytest.approx(5 * pitch + 2 * flat, rel=1e-12)
+    area = 6 * 1.5 * math.sqrt(3) * corner**2
+    assert found["covered_mm2"] == pytest.approx(area - 5 * overlap, rel=1e-9)  # shapely's union
+
+
+def test_size_of_loops():
+    found = evaluate(parse_design(LOOPS), ["span_mm", "board_area_mm2"])
+    # the outline is half a trace wider than the centre line; the board is 2 mm wider than that on every side
+    assert found["span_mm"] == pytest.approx(25 + 0.2, rel=1e-12)
+    assert found["board_area_mm2"] == pytest.approx((25.2 + 4) * (12.2 + 4), rel=1e-12)
+
+
+LIMITED = {  # all coils on the same layers, 0.5 mm apart, so that there is a clearance too
+    "array.layers": [["L1", "L2"]], "array.pitch_mm": 16.5,
+    "fab.max_layers": 4, "fab.max_outer_copper_um": 70, "fab.max_inner_copper_um": 35.5, "fab.max_aspect_ratio": 8,
+    "fab.max_board_mm": [100, 60], "fab.blind_holes": False,
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def limited():
+    return Evaluation(vary(STARTER, LIMITED))
+
+
+@pytest.mark.parametrize("rule", LENGTH_RULES)
+def test_margin_of_every_rule(limited, rule):
+    listed = [m for m in check_rules(limited.design.array, limited.design.rules) if m.rule == rule]
+    assert listed
+    found = request({"quantity": "fab_margin_mm", "rule": rule}).value(limited)
+    assert found == pytest.approx(min(m.margin for m in listed) * 1e3, rel=1e-12)
+
+
+def test_margins_of_lengths_and_of_all_rules(limited):
+    margins = limited.margins
+    assert {m.rule for m in margins if m.unit == "m"} == set(LENGTH_RULES)
+    assert request("fab_margin_mm").value(limited) == min(m.margin for m in margins if m.unit == "m") * 1e3
+    assert request("fab_broken").value(limited) == 0
+    broken = evaluate(vary(STARTER, {"fab.min_trace_mm": 0.17, "fab.max_layers": 2}), ["fab_broken", "fab_margin_mm"])
+    # every coil's trace, 0.15 mm, on its two layers, and the board's four layers
+    assert broken["fab_broken"] == 3 * 2 + 1
+    assert broken["fab_margin_mm"] == pytest.approx(-0.02, abs=1e-12)
+
+
+def test_a_distance_that_is_too_far_to_be_measured_counts_as_nine_limits():
+    assert FARTHEST == _HORIZON - 1
+    far = vary(STARTER, {"array.pitch_mm": 40.0})
+    assert not [m for m in check_rules(far.array, far.rules) if m.rule == "clearance"]
+    assert value(far, "fab_margin_mm[clearance]") == pytest.approx(9 * 0.1)
+    near = vary(STARTER, {"array.pitch_mm": 40.0, "fab.min_gap_mm": 0.01})
+    assert value(near, "fab_margin_mm[clearance]") == pytest.approx(9 * 0.01)
+
+
+def test_a_rule_without_a_limit_has_no_margin():
+    with pytest.raises(GoalError, match="the rules of starter say nothing of its board size"):
+        value(STARTER, "fab_margin_mm[board size]")
+
+
+# --- coupling ---------------------------------------------------------------------------------------------------------
+
+
+def test_coupling_of_loops():
+    loops = parse_design(LOOPS)
+    a, b, c = loops.array.conductors()
+    L = self_inductance([a, b, c])
+    k_ab, k_ac, k_bc = (
+        mutual_inductance([p], [q])[0, 0] / math.sqrt(L[i] * L[j])
+        for p, q, i, j in ((a, b, 0, 1), (a, c, 0, 2), (b, c, 1, 2))
+    )
+    found = evaluate(loops, ["k[a,b]", "k[b,a]", "k[c,a]", "rms_k", "worst_k", "inductance_uH[b]"])
+    assert k_ab > 0 > k_ac  # overlapping, and side by side
+    # the same kernels on the same paths: what differs is the order of sums
+    assert found["k[a,b]"] == found["k[b,a]"] == pytest.approx(k_ab, rel=1e-9)
+    assert found["k[c,a]"] == pytest.approx(k_ac, rel=1e-9)
+    assert found["rms_k"] == pytest.approx(math.sqrt((k_ab**2 + k_ac**2 + k_bc**2) / 3), rel=1e-9)
+    assert found["worst_k"] == pytest.approx(max(map(abs, (k_ab, k_ac, k_bc))), rel=1e-9)
+    assert found["inductance_uH[b]"] == pytest.approx(L[1] * 1e6, rel=1e-9)
+
+
+def test_sheets_count_and_screening_is_as_good_as_it_says():
+    asked = ["inductance_uH[coil1]", "k[coil1,coil2]", "k[coil1,coil3]", "worst_k"]
+    full, screened = evaluate(STARTER, asked), evaluate(STARTER, asked, accuracy="screen")
+    bare = evaluate(vary(STARTER, {"elastomer.1.relative_permeability": 1.0}), asked)
+    assert full["inductance_uH[coil1]"] > 1.01 * bare["inductance_uH[coil1]"]
+    for key in asked[1:]:
+        assert abs(screened[key] - full[key]) < 5e-5  # as `coilarray.electromagnetics.inductance.Accuracy` says
+    assert screened[asked[0]] == pytest.approx(full[asked[0]], rel=1e-4)
+    assert screened != full
+
+
+def test_one_coil_couples_with_none():
+    alone = vary(STARTER, {"array.columns": 1, "indentation.origin": "coil1"})
+    for name in ("rms_k", "worst_k"):
+        with pytest.raises(GoalError, match="the design starter has one coil alone"):
+            value(alone, name)
+    assert value(alone, "inductance_uH[coil1]") > 0
+
+
+@pytest.mark.parametrize(
+    "asked",
+    [
+        "k[coil1,coil9]",
+        "inductance_uH[coil9]",
+        "peak_delta[coil9]",
+        "response_width_mm[coil9]",
+        "x0_distortion_mm[coil9]",
+    ],
+)
+def test_unknown_coils(asked, monkeypatch):
+    monkeypatch.setattr(evaluation, "response_map", lambda *_, **__: pytest.fail("computed"))
+    with pytest.raises(GoalError, match=r"the design starter has no coil 'coil9'; there are coil1, coil2, coil3\."):
+        value(STARTER, asked)
+
+
+# --- circuit ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def circuit():
+    return Evaluation(STARTER)
+
+
+def test_circuit_is_that_of_the_scan(circuit):
+    scan = scan_design(STARTER)
+    for name, variable, unit in (
+        ("effective_inductance_uH", "effective_inductance", 1e6),
+        ("frequency_MHz", "frequency", 1e-6),
+        ("q", "quality_factor", 1),
+    ):
+        for k, coil in enumerate(STARTER.array.names):
+            expected = float(scan[variable].sel(state=coil)) * unit
+            assert request(f"{name}[{coil}]").value(circuit) == pytest.approx(expected, rel=1e-9), (name, k)
+    assert request("q").value(circuit) == pytest.approx(float(scan.quality_factor.min()), rel=1e-9)
+    ratio = scan.state_self_resonance / scan.frequency
+    assert request("srf_margin").value(circuit) == pytest.approx(float(ratio.min()), rel=1e-9)
+    assert request("srf_margin").value(circuit) > 1
+
+
+@pytest.mark.parametrize("R_p", [300.0, 599.0, 601.0, 33e3, 89e3, 91e3])
+def test_drive_margin_is_positive_where_a_drive_current_fits(R_p):
+    """Against the rows of the drive table themselves; the other states are in the middle of the window."""
+    of = Evaluation(STARTER)
+    states = ("state", [10e3, R_p, 20e3])
+    vars(of)["scan"] = xr.Dataset(
+        {
+            "frequency": ("state", [2e6] * 3),
+            "parallel_resistance": states,
+            "loaded_quality_factor": ("state", [30.0] * 3),
+            "state_self_resonance": ("state", [9e6] * 3),
+        }
+    )
+    margin = request("drive_margin").value(of)
+    assert (margin >= 0) == (drive_for(R_p) is not None)
+    # the state of 20 kΩ is 1 − 20/90 from the upper end
+    assert margin == pytest.approx(min(R_p / 600 - 1, 1 - R_p / 90e3, 1 - 20 / 90), rel=1e-12)
+
+
+def test_drive_margin_of_a_design(circuit):
+    R_p = circuit.scan.parallel_resistance.values
+    assert request("drive_margin").value(circuit) == pytest.approx(min((R_p / 600 - 1).min(), (1 - R_p / 90e3).min()))
+
+
+def test_a_scan_that_measures_no_coil_alone():
+    pair = '[[scan]]\nname = "pair"\nmeasure = ["coil1", "-coil2"]\n[[scan]]\nname = "third"\nmeasure = ["-coil3"]\n[field]'
+    design = parse_design(read("starter").replace("[field]", pair, 1), "starter")
+    of = Evaluation(design)
+    assert of.own_states == {"coil3": 1}  # a coil turned round is still measured alone
+    with pytest.raises(GoalError, match="the scan of starter has no state that measures coil1 alone"):
+        of.state_of("coil1")
+
+
+def test_a_circuit_without_a_resonance_is_one_line():
+    with pytest.raises(CoilarrayError, match="resonance"):
+        value(vary(STARTER, {"circuit.short_resistance_ohm": 1e9, "circuit.capacitance_pF": 1e12}), "q")
+
+
+# --- response ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def synthetic(monkeypatch):
+    """Return a function that puts δ(points, states) in the place of the response; it lists the maps that were asked."""
+
+    def replace(delta):
+        calls = []
+
+        def response_map_of(design, *, depths, x, y, inductance):
+            calls.append((depths, x, y))
+            points = np.stack(np.meshgrid(depths, y, x, indexing="ij")[::-1], axis=-1)
+            states = [state.name for state in design.circuit.plan]
+            coords = {"depth": depths, "y": y, "x": x, "state": states}
+            return xr.Dataset({"delta": (("depth", "y", "x", "state"), delta(points))}, coords)
+
+        monkeypatch.setattr(evaluation, "response_map", response_map_of)
+        return calls
+
+    return replace
+
+
+def hill(points, x, y, a, b, peak):
+    """Gaussian over an ellipse, growing with the depth."""
+    u, v = (points[..., 0] - x) / a, (points[..., 1] - y) / b
+    return peak * points[..., 2] / 1e-3 * np.exp(-(u**2 + v**2) / 2)
+
+
+def test_peak_and_width_of_bells(synthetic):
+    pitch, sigma = 11e-3, [4e-3, 5e-3, 6e-3]
+    peaks = [1e-3, 2e-3, 3e-3]
+    calls = synthetic(
+        lambda p: np.stack([hill(p, (k - 1) * pitch, 0.0, sigma[k], 4e-3, peaks[k]) for k in range(3)], axis=-1)
+    )
+    asked = [f"response_width_mm[coil{k}]" for k in (1, 2, 3)] + ["peak_delta[coil1]", "peak_delta[coil3,depth_mm=0.6]"]
+    found = evaluate(STARTER, [*asked, "peak_delta"])
+    fwhm = 2 * math.sqrt(2 * math.log(2))
+    for k in range(3):  # the spline's error at eight steps in a thickness, far below the width
+        assert found[asked[k]] == pytest.approx(fwhm * sigma[k] * 1e3, rel=1e-5)
+    assert found["peak_delta[coil1]"] == pytest.approx(0.3e-3, rel=1e-5)  # the first depth of the design is 0.3 mm
+    assert found["peak_delta[coil3,depth_mm=0.6]"] == pytest.approx(1.8e-3, rel=1e-5)
+    # the middle of the array is the centre of coil 2
+    assert found["peak_delta"] == pytest.approx(0.6e-3, rel=1e-5)
+    assert len(calls) == 2  # one line of each depth serves all coils of the row
+
+
+def test_width_where_delta_does_not_fall(synthetic):
+    synthetic(lambda p: np.ones((*p.shape[:-1], 3)) + 1e-3 * (p[..., :1] / 1e-2 - (p[..., :1] / 1e-2) ** 2))
+    with pytest.raises(GoalError, match="δ of coil2 does not fall to half its peak on both sides"):
+        value(STARTER, "response_width_mm[coil2]")
+    synthetic(lambda p: np.zeros((*p.shape[:-1], 3)))
+    with pytest.raises(GoalError, match="coil2 of starter has no response with a peak"):
+        value(STARTER, "response_width_mm[coil2]")
+
+
+def test_x0_of_ellipses_that_are_beside_their_coils(synthetic):
+    shifts, fine = [-0.4e-3, 0.2e-3, 0.7e-3], vary(STARTER, {"indentation.step_mm": 1.0, "indentation.x_mm": [-20, 20]})
+    calls = synthetic(
+        lambda p: np.stack(
+            [hill(p, (k - 1) * 11e-3 + shifts[k], 0.0, 2.4e-3, 1.8e-3, 4.5e-3) for k in range(3)], axis=-1
+        )
+    )
+    found = evaluate(fine, ["x0_distortion_mm", *(f"x0_distortion_mm[coil{k}]" for k in (1, 2, 3))])
+    # levels are bands of the refined map, whose points lie a little unevenly about the centre
+    for k in range(3):
+        assert found[f"x0_distortion_mm[coil{k + 1}]"] == pytest.approx(abs(shifts[k]) * 1e3, abs=0.01)
+    assert found["x0_distortion_mm"] == found["x0_distortion_mm[coil3]"]
+    assert len(calls) == 1
+    # a smaller map leaves the outer coils out
+    small = vary(fine, {"indentation.x_mm": [-8, 8]})
+    assert value(small, "x0_distortion_mm") == pytest.approx(0.2, abs=0.01)
+    with pytest.raises(CoilarrayError, match="the curves of coil1 do not close"):
+        value(small, "x0_distortion_mm[coil1]")
+
+
+def test_x0_of_a_map_that_is_too_weak_or_beside_the_coils(synthetic):
+    synthetic(lambda p: np.stack([hill(p, (k - 1) * 11e-3, 0.0, 3e-3, 2e-3, 3e-4) for k in range(3)], axis=-1))
+    with pytest.raises(GoalError, match="the map of starter has no ellipses between δ = 1e-4 and 1e-3"):
+        value(STARTER, "x0_distortion_mm[coil2]")
+    beside = vary(STARTER, {"array.direction_deg": 90.0, "indentation.origin": "coil2"})
+    synthetic(lambda p: np.stack([hill(p, 0.0, (k - 1) * 11e-3, 3e-3, 2e-3, 3e-4) for k in (0, 2, 2)], axis=-1))
+    with pytest.raises(GoalError, match="no coil of starter is on the x axis of its map"):
+        value(beside, "x0_distortion_mm")
+
+
+ROW = [(-11e-3, 0.0), (0.0, 0.0), (11e-3, 0.0)]
+
+
+def bound_by_differences(depth, region, noise):
+    """Medians of σ_x and σ_h in mm from central differences of the bells themselves."""
+    x_min, x_max, y_min, y_max = (edge * 1e-3 for edge in region)
+    x, y = (low + (high - low) * (np.arange(n) + 0.5) / n for low, high, n in ((x_min, x_max, 40), (y_min, y_max, 20)))
+    X, Y = np.meshgrid(x, y)
+    at = np.stack([X, Y, np.full_like(X, depth * 1e-3)], axis=-1)
+    steps = 1e-6 * np.eye(3)
+    J = np.stack([(bells(at + step, ROW) - bells(at - step, ROW)) / 2e-6 for step in steps], axis=-1)
+    covariance = np.linalg.inv(J.swapaxes(-1, -2) @ J) * noise**2
+    return [float(np.median(np.sqrt(covariance[..., k, k]))) * 1e3 for k in (0, 2)]
+
+
+@pytest.mark.parametrize(("depth", "region", "noise"), [(0.6, [-12, 12, -6, 6], 1e-5), (0.9, [-4, 9, 1, 6], 3e-5)])
+def test_position_error_of_bells(synthetic, depth, region, noise):
+    calls = synthetic(lambda p: bells(p, ROW))
+    options = {"region_mm": region, "depth_mm": depth, "noise": noise}
+    found = evaluate(STARTER, [{"quantity": f"{what}_error_mm", **options} for what in ("position", "depth")])
+    sigma = bound_by_differences(depth, region, noise)
+    # the bells grow as h^1.6, which three depths and 0 tell to some 1e-3; widths of 7 mm are smooth against the table
+    assert list(found.values()) == pytest.approx(sigma, rel=5e-3)
+    assert len(calls) == 1
+    double = evaluate(STARTER, [{"quantity": "position_error_mm", **options, "noise": 2 * noise}])
+    assert next(iter(double.values())) == pytest.approx(2 * next(iter(found.values())), rel=1e-9)
+
+
+def test_position_error_by_default_is_over_all_coils_at_the_first_depth(synthetic):
+    synthetic(lambda p: bells(p, ROW))
+    outline = 11 + 8  # mm: centre of the outer coil, and its apothem
+    corner = 8 / math.cos(math.pi / 6)
+    region = f"region_mm={-outline}:{outline}:{-corner!r}:{corner!r}"
+    explicit = value(STARTER, f"position_error_mm[{region},depth_mm=0.3,noise=1e-5]")
+    assert value(STARTER, "position_error_mm") == pytest.approx(explicit, rel=1e-6)
+
+
+def test_readings_that_tell_no_position(synthetic):
+    synthetic(lambda p: np.ones((*p.shape[:-1], 3)) * p[..., 2:])
+    with pytest.raises(GoalError, match="the readings of starter do not tell where"):
+        value(STARTER, "position_error_mm")
+
+
+def test_a_design_that_says_nothing_of_an_indentation():
+    loops = parse_design(LOOPS)
+    for name in ("peak_delta", "response_width_mm[a]", "x0_distortion_mm", "position_error_mm", "depth_error_mm"):
+        with pytest.raises(GoalError, match=r"the design loops has no \[indenter\] and \[indentation\]"):
+            value(loops, name)
+
+
+def test_the_window_stays_inside_the_sample():
+    """A hemisphere of 2 mm touches within its radius; the sample ends short of the outer coils."""
+    sample = vary(STARTER, {"indentation.sample_x_mm": [-15, 15], "indentation.sample_y_mm": [-20, 20]})
+    x_min, x_max, y_min, y_max = np.multiply(Evaluation(sample).window(0.3e-3, beyond=4e-3), 1e3)
+    reach = math.sqrt(2**2 - (2 - 4 * 0.3) ** 2)
+    assert (x_min, x_max) == pytest.approx((-15 + reach, 15 - reach), rel=1e-9)
+    corner = 8 / math.cos(math.pi / 6)
+    assert (y_min, y_max) == pytest.approx((-corner - 4, corner + 4), rel=1e-9)
+    beside = vary(sample, {"indentation.sample_x_mm": [-9, 9]})
+    with pytest.raises(GoalError, match="the indenter at x = 11 mm is outside the sample of starter"):
+        value(beside, "peak_delta[coil3]")
+    with pytest.raises(GoalError, match="the sample of starter leaves no room"):
+        value(vary(sample, {"indentation.sample_x_mm": [-1, 1]}), "peak_delta")
+
+
+@pytest.fixture(scope="module")
+def pressed():
+    """Return what the tests of the starter's true response share."""
+    return Evaluation(STARTER)
+
+
+def test_peak_is_the_response_at_the_place(pressed):
+    at = response_map(
+        pressed.design, depths=[0.3e-3], x=[-11e-3, 0.0, 11e-3], y=[0.0], inductance=lambda: pressed.inductance
+    )
+    for k, name in enumerate(("coil1", "coil2", "coil3")):  # the spline along x at eight steps in a thickness
+        found = request(f"peak_delta[{name}]").value(pressed)
+        assert found == pytest.approx(float(at.delta[0, 0, k, k]), rel=1e-4)
+    assert request("peak_delta").value(pressed) == pytest.approx(float(at.delta[0, 0, 1].max()), rel=1e-4)
+    # within the coil of 16 mm, and about as wide as its mean turn
+    assert 6 < request("response_width_mm[coil2]").value(pressed) < 16
+
+
+def test_position_error_against_a_finer_table(pressed):
+    """About half the spacing and the six depths of `table_grid`."""
+    region = (-5e-3, 5e-3, -4e-3, 4e-3)
+    depths, _, _ = table_grid(pressed.design, deepest=0.75e-3)
+    x, y = np.linspace(-5e-3, 5e-3, 21), np.linspace(-4e-3, 4e-3, 17)
+    table = response_map(pressed.design, depths=depths, x=x, y=y, inductance=lambda: pressed.inductance)
+    places = [low + (high - low) * (np.arange(n) + 0.5) / n for low, high, n in ((*region[:2], 40), (*region[2:], 20))]
+    two = identifiability(forward_model(table), 0.3e-3, x=places[0], y=places[1])
+    text = "region_mm=-5:5:-4:4,depth_mm=0.3"
+    # the accuracy that the module states: the contact's mesh follows the depths
+    for name, sigma, rel in (("position_error_mm", two.sigma_x, 1e-2), ("depth_error_mm", two.sigma_h, 3e-2)):
+        found = request(f"{name}[{text}]").value(pressed)
+        assert found == pytest.approx(float(np.median(sigma)) * 1e3, rel=rel)
+
+
+# --- evaluation -------------------------------------------------------------------------------------------------------
+
+
+def test_common_results_are_computed_once(monkeypatch):
+    calls = []
+    real = evaluation.design_inductance
+    monkeypatch.setattr(evaluation, "design_inductance", lambda *a, **k: calls.append(a) or real(*a, **k))
+    margins = []
+    monkeypatch.setattr(evaluation, "check_rules", lambda *a: margins.append(a) or check_rules(*a))
+    asked = ["worst_k", "rms_k", "k[coil1,coil2]", "fab_margin_mm", "fab_margin_mm[drill]", "span_mm"]
+    found = evaluate(STARTER, asked, accuracy="screen")
+    assert list(found) == asked
+    assert len(calls) == len(margins) == 1
+    assert evaluate(STARTER, ["span_mm"]) == {"span_mm": found["span_mm"]}
+    assert len(calls) == len(margins) == 1  # nothing that was not asked for
+
+
+def test_values_are_plain_numbers_and_the_same_again():
+    asked = [
+        name
+        for name, quantity in QUANTITIES.items()
+        if quantity.cost in ("geometry", "coupling") and not any(o.required for o in quantity.options)
+    ]
+    first, second = (evaluate(STARTER, asked, accuracy="screen") for _ in range(2))
+    assert first == second
+    assert {type(number) for number in first.values()} == {float}
+    assert pickle.loads(pickle.dumps(first)) == first
+
+
+def test_what_is_not_finite_is_refused():
+    of = Evaluation(STARTER)
+    vars(of)["scan"] = xr.Dataset({"quality_factor": ("state", [1.0, np.inf, 2.0])})
+    assert request("q[coil1]").value(of) == 1
+    with pytest.raises(GoalError, match=r"q\[coil2\] of starter is not finite: inf"):
+        request("q[coil2]").value(of)

@@ -1,0 +1,293 @@
+"""Sweeps: which points, which numbers at which place of the dataset, and every mistake before the work."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+import xarray as xr
+from hypothesis import given
+from hypothesis import strategies as st
+
+from coilarray import load_design
+from coilarray.compute.netcdf import save_dataset
+from coilarray.compute.workers import workers
+from coilarray.design.vary import vary
+from coilarray.errors import DesignError, GoalError
+from coilarray.studies.quantities import evaluate
+from coilarray.studies.sweep import MOST_POINTS, Axis, parse_axis, plan_sweep, run_sweep
+
+PITCH, COLUMNS, LAYERS = "array.pitch_mm", "array.columns", "array.layers"
+
+
+@pytest.fixture(scope="module")
+def starter():
+    return load_design("starter")
+
+
+def swept(design, axes, quantities=("span_mm",), **options):
+    with workers() as pool:
+        return run_sweep(plan_sweep(design, axes, quantities, **options), pool)
+
+
+@pytest.mark.parametrize(
+    ("text", "key", "values"),
+    [
+        ("array.pitch_mm=10:15:3", PITCH, (10.0, 12.5, 15.0)),
+        ("array.pitch_mm=15:10:3", PITCH, (15.0, 12.5, 10.0)),
+        ("array.pitch_mm = 0.1:0.4:4", PITCH, (0.1, 0.2, 0.3, 0.4)),  # not 0.30000000000000004
+        ("array.pitch_mm=-1e-3:1e-3:3", PITCH, (-1e-3, 0.0, 1e-3)),
+        ("array.pitch_mm=12", PITCH, (12,)),
+        ("array.pitch_mm=12, 13.5", PITCH, (12, 13.5)),
+        ("circuit.terminations.coil2=short,open", "circuit.terminations.coil2", ("short", "open")),
+        ('circuit.tank="coil", "converter"', "circuit.tank", ("coil", "converter")),
+        ("board.through_holes=true,false", "board.through_holes", (True, False)),
+        ('array.layers=[["L1"],["L2"]],[["L1","L2"]]', LAYERS, ([["L1"], ["L2"]], [["L1", "L2"]])),
+        ("title=2020-01-01,12:30:00", "title", ("2020-01-01", "12:30:00")),  # a design file has neither
+        ("title=a=b", "title", ("a=b",)),
+    ],
+)
+def test_an_axis_is_read_from_text(text, key, values):
+    axis = parse_axis(text)
+    assert (axis.key, axis.values, axis.interval) == (key, values, False)
+    assert [type(value) for value in axis.values] == [type(value) for value in values]
+
+
+def test_an_interval_is_for_samples():
+    assert parse_axis("array.pitch_mm=10:15") == Axis(PITCH, (10.0, 15.0), interval=True)
+
+
+@given(
+    start=st.floats(-1e6, 1e6),
+    step=st.floats(1e-3, 1e3),
+    count=st.integers(2, 200),
+)
+def test_a_range_has_its_ends_and_even_steps(start, step, count):
+    stop = start + step * (count - 1)
+    values = np.array(parse_axis(f"a={start!r}:{stop!r}:{count}").values)
+    assert len(values) == count
+    # twelve digits of the largest value are kept
+    tolerance = 1e-11 * max(abs(start), abs(stop), 1e-300)
+    np.testing.assert_allclose(values, start + step * np.arange(count), rtol=0, atol=tolerance + 1e-12 * step * count)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("array.pitch_mm", "--vary must be KEY=START:STOP:COUNT or KEY=A,B,…; got 'array.pitch_mm'"),
+        ("=1,2", "--vary must be KEY="),
+        ("", "--vary must be KEY="),
+        ("a=", "a must have at least one value"),
+        ("a=,", "a must have at least one value"),
+        ("a=1:x:3", "a must be a range of numbers, as START:STOP:COUNT; got '1:x:3'"),
+        ("a=1:2:2.5", "a must be a range of numbers"),
+        ("a=1:2:1", f"a must have a range of 2 to {MOST_POINTS} different values; got '1:2:1'"),
+        ("a=1:2:0", "a must have a range of 2"),
+        ("a=1:1:5", "a must have a range of 2"),
+        ("a=1:inf:5", "a must have a range of 2"),
+        ("a=1:2:100001", "a must have a range of 2"),
+        ("a=nan:2:5", "a must have a range of 2"),
+        ("a=1e308:-1e308:3", "a must have a range of finite length; got '1e308:-1e308:3'"),
+        ("a=1,nan", "a must have finite values; got nan"),
+        ("a=1,2,1", "a must have each value once; got 1 again"),
+        ("a=open,open", "a must have each value once; got open again"),
+        ("a=5:1", "a must have an interval from low to high; got 5.0, 1.0"),
+        ("a=1:nan", "a must have finite values"),
+    ],
+)
+def test_what_is_no_axis_is_refused(text, message):
+    with pytest.raises(GoalError) as caught:
+        parse_axis(text)
+    assert str(caught.value).startswith(message)
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_a_grid_has_every_number_at_its_place(starter):
+    axes = [Axis(PITCH, (16.0, 12.0)), Axis(COLUMNS, (3, 2))]
+    result = swept(starter, axes, ["board_area_mm2", "span_mm"])
+    assert dict(result.sizes) == {PITCH: 2, COLUMNS: 2}
+    for pitch in (12.0, 16.0):
+        for columns in (2, 3):
+            board = vary(starter, {PITCH: pitch, COLUMNS: columns})
+            there = result.sel({PITCH: pitch, COLUMNS: columns})
+            assert {name: there[name].item() for name in ("board_area_mm2", "span_mm")} == evaluate(
+                board, ["board_area_mm2", "span_mm"]
+            )
+            # the outline of a row of equal coils grows by a pitch a coil
+            expected = evaluate(vary(starter, {COLUMNS: 2}), ["span_mm"])["span_mm"] - starter.values[PITCH]
+            assert there.span_mm.item() == pytest.approx(expected + pitch * (columns - 1), rel=1e-12)
+    assert set(result.reason.values.ravel().tolist()) == {""}
+
+
+def test_the_dataset_says_what_it_is(starter):
+    result = swept(starter, [Axis(PITCH, (12, 13.5)), Axis("circuit.tank", ("coil", "converter"))])
+    assert result.span_mm.attrs == {"units": "mm", "long_name": "extent of the windings' outlines along x"}
+    assert result[PITCH].attrs == {"long_name": PITCH, "units": "mm", "design_value": starter.values[PITCH]}
+    assert result["circuit.tank"].attrs == {"long_name": "circuit.tank", "design_value": "converter"}
+    assert result["circuit.tank"].values.tolist() == ["coil", "converter"]
+    assert result.attrs["design_hash"] == starter.digest
+    assert result.attrs["coilarray_version"]
+    assert (result.attrs["sampling"], result.attrs["accuracy"]) == ("grid", "full")
+
+
+@pytest.mark.parametrize(
+    ("key", "values", "unit"),
+    [
+        ("stackup.copper_thickness_um", ([35, 35, 35, 35],), None),  # no numbers
+        ("circuit.capacitance_pF", (100, 200), "pF"),
+        ("circuit.resistivity_ohm_m", (1.7e-8, 1.8e-8), "ohm m"),
+        ("circuit.short_resistance_ohm", (1, 5), "ohm"),
+        ("array.direction_deg", (0, 30), "deg"),
+        ("elastomer.0.youngs_modulus_kPa", (50, 60), "kPa"),
+        ("coils.hexagon.turns_per_layer", (10, 11), "1"),
+        ("coils.hexagon.via.plating_um", (20, 25), "µm"),
+    ],
+)
+def test_units_are_those_of_the_keys(key, values, unit):
+    design = load_design("gast2020")
+    result = swept(design, [Axis(key, values)], ["board_area_mm2"])
+    assert result[key].attrs.get("units") == unit
+    assert result.reason.values.tolist() == [""] * len(values)
+
+
+def test_what_is_no_number_is_a_text(starter):
+    axis = parse_axis('array.layers=[["L1","L2"]],[["L1","L2"],["L3","L4"]]')
+    result = swept(load_design("gast2020"), [axis, Axis(COLUMNS, (2, 3))])
+    assert result[LAYERS].values.tolist() == ['[["L1", "L2"]]', '[["L1", "L2"], ["L3", "L4"]]']
+    assert json.loads(result[LAYERS].attrs["design_value"]) == [["L1", "L2"], ["L3", "L4"]]
+    mixed = swept(starter, [Axis("board.through_holes", (True, False))])
+    assert mixed["board.through_holes"].values.tolist() == ["true", "false"]
+
+
+def test_a_point_that_cannot_be_is_empty_with_its_reason(starter):
+    result = swept(starter, [Axis(PITCH, (12.0, -1.0)), Axis(COLUMNS, (2, 3))])
+    assert np.isnan(result.span_mm.sel({PITCH: -1.0})).all()
+    assert np.isfinite(result.span_mm.sel({PITCH: 12.0})).all()
+    assert (
+        result.reason.sel({PITCH: -1.0}).values.tolist()
+        == ["starter: array.pitch_mm must be greater than 0; got -1."] * 2
+    )
+    assert result.reason.sel({PITCH: 12.0}).values.tolist() == ["", ""]
+
+
+def test_a_sweep_comes_back_from_its_file(starter, tmp_path):
+    result = swept(
+        starter, [Axis(PITCH, (12.0, -1.0)), Axis("circuit.tank", ("coil",))], ["k[coil1,coil2]"], accuracy="screen"
+    )
+    save_dataset(result, tmp_path / "s.nc")
+    with xr.open_dataset(tmp_path / "s.nc", engine="h5netcdf") as again:
+        xr.testing.assert_identical(again.load(), result)
+
+
+def test_samples_lie_in_their_axes_and_cover_them(starter):
+    axes = [
+        Axis(PITCH, (10.0, 20.0), interval=True),
+        Axis(COLUMNS, (2, 5), interval=True),
+        Axis("circuit.tank", ("coil", "converter", "neither")),
+    ]
+    plan = plan_sweep(starter, axes, ["span_mm"], samples=64, seed=3)
+    assert (plan.dims, plan.shape, plan.sampling) == (("sample",), (64,), "64 points of a Sobol sequence, seed 3")
+    pitch = np.sort([point[PITCH] for point in plan.points])
+    # a power of two of a Sobol sequence has one point in each of as many equal parts of every axis
+    np.testing.assert_array_equal(np.floor((pitch - 10) / 10 * 64), np.arange(64))
+    columns = [point[COLUMNS] for point in plan.points]
+    assert {type(value) for value in columns} == {int}
+    assert [columns.count(k) for k in (2, 3, 4, 5)] == [16] * 4
+    tanks = [point["circuit.tank"] for point in plan.points]
+    assert sorted(tanks.count(name) for name in ("coil", "converter", "neither")) == [21, 21, 22]
+
+
+def test_samples_depend_on_the_seed_and_more_begin_with_the_same(starter):
+    axes = [Axis(PITCH, (10.0, 20.0), interval=True), Axis("field.height_mm", (1.0, 9.0), interval=True)]
+
+    def points(count, seed):
+        return plan_sweep(starter, axes, ["span_mm"], samples=count, seed=seed).points
+
+    assert points(5, 1) == points(5, 1)
+    assert points(5, 1) == points(100, 1)[:5]
+    assert points(5, 1) != points(5, 2)
+    assert len(points(1, 1)) == 1
+
+
+def test_sampled_numbers_stand_beside_their_entries(starter):
+    axes = [Axis(PITCH, (12.0, 18.0), interval=True), Axis(COLUMNS, (2, 3))]
+    result = swept(starter, axes, samples=5, seed=2)
+    assert dict(result.sizes) == {"sample": 5}
+    alone = evaluate(vary(starter, {COLUMNS: 2}), ["span_mm"])["span_mm"] - starter.values[PITCH]
+    np.testing.assert_allclose(result.span_mm, alone + result[PITCH] * (result[COLUMNS] - 1), rtol=1e-12)
+    assert result[PITCH].attrs["units"] == "mm"
+
+
+def test_progress_counts_to_the_end(starter):
+    told = []
+    with workers() as pool:
+        plan = plan_sweep(starter, [Axis(PITCH, (12, 13, 14))], ["span_mm"])
+        run_sweep(plan, pool, progress=lambda done, total: told.append((done, total)))
+    assert told == [(1, 3), (2, 3), (3, 3)]
+
+
+GOOD, GOOD_TOO = Axis(PITCH, (12, 13)), Axis(COLUMNS, (2, 3))
+
+
+NO_DESIGN = "no point of the sweep gives a design; the first one: starter: "
+MANY = [Axis(PITCH, tuple(range(1, 1001))), Axis(COLUMNS, tuple(range(1, 102)))]
+BETWEEN = Axis(COLUMNS, (2.2, 2.8), interval=True)
+NO_COIL = "no design of the sweep has a coil"
+
+
+@pytest.mark.parametrize(
+    ("axes", "quantity", "options", "message"),
+    [
+        ([], "span_mm", {}, "a sweep must have at least one entry to vary."),
+        ([GOOD], None, {}, "a sweep must have at least one quantity."),
+        ([GOOD, GOOD], "span_mm", {}, "a sweep must vary each entry once; got array.pitch_mm, array.pitch_mm."),
+        ([GOOD], "span", {}, "there is no quantity 'span'; did you mean span_mm?"),
+        ([GOOD], "k", {}, "k needs the option coils"),
+        ([GOOD], "k[coil1,coil9]", {}, f"k[coil1,coil9]: {NO_COIL} 'coil9'; there are coil1,"),
+        ([GOOD], "inductance_uH[9]", {}, f"inductance_uH[9]: {NO_COIL} '9'; there are coil1,"),
+        ([Axis("array.pich_mm", (1, 2))], "span_mm", {}, f"{NO_DESIGN}array has no key 'pich_mm'; did you mean"),
+        ([Axis(PITCH, ("wide",)), GOOD_TOO], "span_mm", {}, f"{NO_DESIGN}array.pitch_mm must be a number; got 'wide'."),
+        ([Axis("name", ("a", "b"))], "span_mm", {}, f"{NO_DESIGN}name is no entry: it names the design"),
+        ([Axis("schema", (1, 2))], "span_mm", {}, f"{NO_DESIGN}schema is no entry: it says how the file"),
+        (MANY, "span_mm", {}, "a sweep must have 1 to 100000 points; got 101000."),
+        ([Axis(PITCH, (1, 2), interval=True)], "span_mm", {}, "array.pitch_mm must have a count of values, as START:"),
+        ([GOOD], "span_mm", {"samples": 0}, "a sweep must have 1 to 100000 points; got 0."),
+        ([GOOD], "span_mm", {"samples": 100_001}, "a sweep must have 1 to 100000 points; got 100001."),
+        ([GOOD], "span_mm", {"samples": 3, "seed": -1}, "the seed must not be negative; got -1."),
+        ([BETWEEN], "span_mm", {"samples": 3}, "array.columns takes whole numbers; there is none from 2.2 to 2.8."),
+    ],
+)
+def test_a_wrong_sweep_is_refused_before_the_work(starter, axes, quantity, options, message):
+    with pytest.raises(GoalError) as caught:
+        plan_sweep(starter, axes, [] if quantity is None else [quantity], **options)
+    assert str(caught.value).startswith(message)
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_a_coil_that_only_some_designs_have_is_allowed(starter):
+    result = swept(starter, [Axis(COLUMNS, (2, 3))], ["inductance_uH[coil3]"], accuracy="screen")
+    few, enough = result["inductance_uH[coil3]"].values.tolist()
+    assert math.isnan(few)
+    assert enough > 0
+    assert result.reason.values[0] == "the design starter has no coil 'coil3'; there are coil1, coil2."
+
+
+@pytest.mark.parametrize("count", [200, 201, 399, 401])
+def test_at_most_two_hundred_points_are_looked_at(starter, monkeypatch, count):
+    looked = []
+
+    def refuse(design, point):
+        looked.append(point)
+        raise DesignError("no.")
+
+    monkeypatch.setattr("coilarray.studies.sweep.vary", refuse)
+    with pytest.raises(GoalError, match="no point of the sweep gives a design"):
+        plan_sweep(starter, [Axis(PITCH, tuple(range(1, count + 1)))], ["span_mm"])
+    assert 100 <= len(looked) <= 200
+
+
+def test_quantities_that_are_the_same_are_computed_once(starter):
+    plan = plan_sweep(starter, [GOOD], ["k[coil1, coil2]", {"quantity": "k", "coils": ["coil1", "coil2"]}])
+    assert [one.key for one in plan.requests] == ["k[coil1,coil2]"]

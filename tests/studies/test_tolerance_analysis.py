@@ -1,0 +1,321 @@
+"""The whole analysis against closed forms, against drawn boards, and against itself on other workers."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import xarray as xr
+from support.tolerance_boards import (
+    COPPER,
+    DEPTH_OF_LOOP,
+    DIELECTRIC,
+    RADIUS,
+    WIDTH,
+    coaxial_loops,
+    coaxial_loops_slope,
+    loops,
+)
+
+from coilarray import load_design
+from coilarray.compute.workers import workers
+from coilarray.constants import MU_0
+from coilarray.design.vary import vary
+from coilarray.errors import GoalError, LocalizeError
+from coilarray.studies.cache import open_cache
+from coilarray.studies.quantities import evaluate
+from coilarray.studies.tolerance import (
+    Limit,
+    Positions,
+    Spread,
+    Tolerances,
+    analyse,
+    check_analysis,
+    contributors,
+    draw,
+    errors_of,
+    load_tolerances,
+    perturb,
+)
+
+K = "k[upper,lower]"
+STARTER = load_design("starter")
+TWO_STATES = vary(STARTER, {"array.columns": 2})
+SMALL = Tolerances(
+    {
+        "etch": Spread(board=1e-8, layer=2e-8),
+        "registration": Spread("uniform", board=1e-7, layer=2e-7),
+        "dielectric": Spread(board=1e-4, layer=1e-4),
+        "copper": Spread("uniform", board=1e-3, layer=1e-3),
+    }
+)
+
+
+def of(result, output, contributor):
+    return float(result.effect.sel(output=output, contributor=contributor))
+
+
+@pytest.fixture(scope="module")
+def small():
+    """Errors so small that nothing bends, of loops side by side so that registration counts."""
+    return analyse(loops(4.0), SMALL, samples=256, seed=1, accuracy="full")
+
+
+def test_the_distance_of_coaxial_loops_acts_as_maxwell_says():
+    """dk/dh = M'(h)/L: a dielectric thicker by a part p takes the loops p d apart, and leaves L alone."""
+    sigma = 1e-3
+    result = analyse(loops(), Tolerances({"dielectric": Spread(board=sigma)}), samples=0, accuracy="full")
+    L = float(result.nominal.sel(output="inductance_uH[upper]")) * 1e-6
+    effect = of(result, K, "dielectric, board")
+    # the loops are polygons, open by a part of 1e-4: 2e-4 of M; their wire is 0.02 of the distance wide: (0.02)²
+    assert float(result.nominal.sel(output=K)) * L == pytest.approx(coaxial_loops(DEPTH_OF_LOOP), rel=1e-3)
+    assert effect * L == pytest.approx(coaxial_loops_slope(DEPTH_OF_LOOP) * DIELECTRIC * sigma, rel=1e-3)
+    assert abs(of(result, "inductance_uH[upper]", "dielectric, board")) < 1e-12
+
+
+def test_copper_acts_by_the_distance_of_the_middle_planes():
+    """Copper thicker by t moves the middle of its layer by t/2, and that of the next one below by t."""
+    sigma = 1e-2
+    result = analyse(loops(), Tolerances({"copper": Spread(layer=sigma)}), samples=0, accuracy="full")
+    L = evaluate(loops(), ["inductance_uH[upper]"])["inductance_uH[upper]"] * 1e-6
+    away = coaxial_loops_slope(DEPTH_OF_LOOP) * COPPER / 2 * sigma / L
+    # besides, L of the thicker one falls: dk/k = −dL/2L, to be taken off
+    for layer, coil in (("L1", "upper"), ("L2", "lower")):
+        name = f"copper, layer {layer}"
+        own = -of(result, f"inductance_uH[{coil}]", name) * 1e-6 / (2 * L) * float(result.nominal.sel(output=K))
+        # as in the test above, of a part of the effect
+        assert of(result, K, name) - own == pytest.approx(away, rel=2e-3)
+
+
+def test_etch_acts_on_a_loop_as_the_geometric_mean_distance_says():
+    """L = µ0 r (ln(8r/g) − …), so that dL = −µ0 r dg/g; g = 0.2235 (w + t) for a bar: dg/g = dw/(w + t)."""
+    sigma = 0.1e-6
+    result = analyse(loops(), Tolerances({"etch": Spread(layer=sigma)}), samples=0, accuracy="full")
+    effect = of(result, "inductance_uH[upper]", "etch, layer L1") * 1e-6
+    # 0.2235 holds to 0.3 % over all shapes of bars, its slope to some per cent (Grover, table 1)
+    assert effect == pytest.approx(-MU_0 * RADIUS * sigma / (WIDTH + COPPER), rel=0.05)
+    assert abs(of(result, "inductance_uH[upper]", "etch, layer L2")) < 1e-12
+
+
+def test_small_errors_are_linear_board_by_board(small):
+    units = small.error.values / small.deviation.values
+    predicted = small.nominal.values + units @ small.effect.values
+    miss = np.abs(small.value.values - predicted) / small.linear_deviation.values
+    # errors of 1e-7 m of 1e-3 m: second order is 1e-4 of the first at three standard deviations
+    assert miss.max() < 1e-2
+    assert (small.step_change < 1e-3).all()
+
+
+def test_the_drawn_spread_is_the_linear_one(small):
+    off = (small.ratio - 1) / small.ratio_error
+    # three outputs; Sobol points lie closer than the error of independent ones
+    assert (abs(off) < 3).all()
+    assert (small.ratio_error < 0.06).all()
+    np.testing.assert_allclose(small.sample_mean, small.nominal, atol=float(small.linear_deviation.max()) / 4)
+    low, high = small.percentiles.values
+    # 256 boards have six beyond each end; the quantile is known to a tenth of the spread or so
+    np.testing.assert_allclose(high - low, 2 * 1.96 * small.linear_deviation, rtol=0.15)
+
+
+def test_independent_samples_agree_too():
+    result = analyse(loops(4.0), SMALL, samples=200, seed=3, sampling="random", quantities=[K], accuracy="full")
+    assert abs(float(result.ratio[0]) - 1) < 3 * float(result.ratio_error[0])  # one output, three standard errors
+
+
+def test_the_board_part_is_the_sum_of_its_layers(small):
+    for kind, of_board, of_layer in (("etch", 1e-8, 2e-8), ("dielectric", 1e-4, 1e-4), ("copper", 1e-3, 1e-3)):
+        parts = [name for name in small.contributor.values if name.startswith(f"{kind}, layer")]
+        total = small.effect.sel(contributor=parts).sum("contributor") / of_layer
+        # linear by construction: the same differences, added
+        np.testing.assert_allclose(small.effect.sel(contributor=f"{kind}, board") / of_board, total, rtol=1e-12)
+
+
+def test_layers_shifted_alike_do_not_count(small):
+    """Loops without holes between them: only the shift of one against the other changes k."""
+    upper, lower = (of(small, K, f"registration_x, layer {layer}") for layer in ("L1", "L2"))
+    # the ends of a line stay where they are: one of 100 segments, half of it moved
+    assert upper == pytest.approx(-lower, rel=0.05)
+    assert abs(of(small, K, "registration_x, board")) < 0.05 * abs(upper)
+    # nothing changes to first order where the shift is across the line between the loops, but for those ends
+    assert abs(of(small, K, "registration_y, layer L1")) < 0.05 * abs(upper)
+
+
+def test_registration_is_the_shift_of_a_loop():
+    """Against the coupling of a design with a loop that stands elsewhere."""
+    step, sigma = 2e-6, 1e-6
+    result = analyse(
+        loops(4.0), Tolerances({"registration": Spread(layer=sigma)}), samples=0, quantities=[K], accuracy="full"
+    )
+    near, far = (evaluate(loops(4.0 + sign * step * 1e3), [K])[K] for sign in (-1, 1))
+    slope = (far - near) / (2 * step)
+    # the ends that stay: 1 % of a loop
+    assert of(result, K, "registration_x, layer L2") == pytest.approx(slope * sigma, rel=0.03)
+
+
+def test_shares_are_of_the_variance(small):
+    np.testing.assert_allclose(small.share.sum("contributor"), 1, rtol=1e-12)
+    np.testing.assert_allclose((small.effect**2).sum("contributor"), small.linear_deviation**2, rtol=1e-12)
+
+
+def test_the_yield_of_a_normal_output_is_known():
+    design, sigma = loops(), 1e-4
+    free = analyse(design, Tolerances({"dielectric": Spread(board=sigma)}), samples=0, quantities=[K])
+    nominal, deviation = float(free.nominal[0]), float(free.linear_deviation[0])
+    limits = (
+        Limit(K, at_most=nominal + 1.2815515655 * deviation),
+        Limit(K, at_least=nominal - 0.6744897502 * deviation),
+        Limit(K, nominal - 10 * deviation, nominal + 10 * deviation),
+    )
+    known = [0.9, 0.75, 1.0, 0.65]
+    result = analyse(
+        design, replace(Tolerances({"dielectric": Spread(board=sigma)}), limits=limits), samples=256, quantities=[K]
+    )
+    np.testing.assert_allclose(result.linear_yield, known, atol=1e-3)  # 65536 even points in one dimension
+    # Sobol points in one dimension: one of 256 at each quantile
+    np.testing.assert_allclose(result.sample_yield, known, atol=2 / 256)
+    assert (result.sample_yield_low <= known).all()
+    assert (result.sample_yield_high >= known).all()
+    assert result.limit.values[-1] == "all limits"
+
+
+def test_limits_add_their_quantity_to_the_outputs():
+    limits = (Limit("inductance_uH[ upper ]", at_most=1.0),)
+    result = analyse(loops(), Tolerances(SMALL.spreads, limits=limits), samples=0, quantities=[K])
+    assert result.output.values.tolist() == [K, "inductance_uH[upper]"]
+    assert result.linear_yield.values.tolist() == [1.0, 1.0]
+
+
+def test_boards_that_fail_are_counted_with_the_reason():
+    """Traces of 20 µm with an etch of 12 µm: P(z < −20/12) = 4.8 % have no trace left."""
+    hard = Tolerances({"etch": Spread(board=12e-6)}, limits=(Limit(K, at_most=1.0),))
+    result = analyse(loops(), hard, samples=256, quantities=[K])
+    failed = result.failure.values != ""
+    assert failed.sum() == pytest.approx(0.0478 * 256, abs=1)  # Sobol points in one dimension
+    assert all("leave no board: trace_width must be positive" in reason for reason in result.failure.values[failed])
+    np.testing.assert_array_equal(np.isnan(result.value.values[:, 0]), failed)
+    np.testing.assert_array_equal(result.error.values[failed, 0] <= -20e-6, True)
+    assert float(result.sample_yield[-1]) == 1 - failed.mean()
+    assert np.isfinite(result.sample_deviation).all()
+
+
+def test_a_board_next_to_the_nominal_one_must_be_possible():
+    with pytest.raises(GoalError, match=r"etch\.L1 .*one standard deviation or less, cannot be: .*trace_width"):
+        analyse(loops(), Tolerances({"etch": Spread(board=25e-6)}), samples=0)
+
+
+def test_seeds_and_workers_repeat_to_the_last_digit(tmp_path):
+    def run(seed, pool=None, cache=None):
+        return analyse(loops(), SMALL, samples=16, seed=seed, quantities=[K], pool=pool, cache=cache)
+
+    one, other = run(1), run(2)
+    xr.testing.assert_identical(run(1), one)
+    assert not np.array_equal(one.value, other.value)
+    np.testing.assert_array_equal(one.effect, other.effect)
+    with workers(2) as pool:
+        xr.testing.assert_identical(run(1, pool=pool), one)
+    cache = open_cache(tmp_path)
+    xr.testing.assert_identical(run(1, cache=cache), one)
+    kept = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.json")}
+    assert kept
+    xr.testing.assert_identical(run(1, cache=cache), one)
+    assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.json")} == kept
+
+
+def test_progress_counts_the_boards():
+    told = []
+    result = analyse(loops(), SMALL, samples=8, quantities=[K], progress=lambda done, total: told.append((done, total)))
+    total = result.attrs["boards"]
+    assert told[-1] == (total, total)
+    # the nominal one, four for each error, and the drawn ones
+    assert total == 1 + 4 * (2 + 4 + 1 + 2) + 8
+
+
+def test_the_result_says_what_it_is_of(small, tmp_path):
+    assert small.attrs["design_hash"] == loops(4.0).digest
+    assert (small.attrs["seed"], small.attrs["sampling"], small.attrs["accuracy"]) == (1, "sobol", "full")
+    typical = analyse(loops(), load_tolerances(), samples=0, quantities=[K])
+    assert all(typical.assumed.values)
+    small.to_netcdf(tmp_path / "small.nc", engine="h5netcdf")
+    with xr.open_dataset(tmp_path / "small.nc", engine="h5netcdf") as read:
+        np.testing.assert_array_equal(read.value, small.value)
+
+
+def test_the_spread_of_screened_inductances_is_right_to_a_hundredth():
+    """Changes of L and k of the reference board by typical errors, in units of their spread."""
+    design, names = (
+        load_design("gast2020"),
+        ["inductance_uH[coil1]", "k[coil1,coil2]", "k[coil1,coil3]", "k[coil3,coil6]"],
+    )
+    found = contributors(design, load_tolerances())
+    boards = [perturb(design, errors_of(found, row)) for row in draw(found, 3, seed=4)[1:]]
+    changes = {}
+    for accuracy in ("full", "screen"):
+        nominal, *others = (list(evaluate(one, names, accuracy=accuracy).values()) for one in (design, *boards))
+        changes[accuracy] = np.array(others) - nominal
+    # standard deviations of `coilarray tolerance gast2020`
+    spread = np.array([0.080, 8.6e-4, 4.6e-5, 1.8e-5])
+    assert (np.abs(changes["full"]) > 0.05 * spread).any(axis=0).all()  # else there is nothing to compare
+    np.testing.assert_allclose(changes["screen"] / spread, changes["full"] / spread, atol=0.01)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"samples": 7}, "samples must be 0 or at least 8; got 7"),
+        ({"samples": -8}, "samples must be 0 to"),
+        ({"seed": -1}, "seed must not be negative"),
+        ({"quantities": ["worst"]}, "no quantity 'worst'"),
+        ({"quantities": ["k[upper,nobody]"]}, "no coil 'nobody'"),
+        ({"quantities": ["peak_delta"]}, "no \\[indenter\\]"),
+    ],
+)
+def test_bad_arguments_are_refused(arguments, message):
+    with pytest.raises(GoalError, match=message):
+        analyse(loops(), SMALL, **{"samples": 0, **arguments})
+
+
+@pytest.mark.parametrize(
+    ("place", "message"),
+    [
+        (Positions((0.0, 0.09), (0.0,), 1e-3), "x must be -19 to 19 mm, in the table of starter; got 90"),
+        (Positions((0.0,), (0.09,), 1e-3), "y must be "),
+        (Positions((0.0,), (0.0,), 1.0), "depth must be "),
+        (Positions((0.0,), (0.0,), 1e-3), "3 unknowns need at least as many states; the scan has coil1, coil2"),
+    ],
+)
+def test_positions_are_refused_before_the_table_is_computed(monkeypatch, place, message):
+    def compute(*_, **__):
+        raise AssertionError("the table must come last")
+
+    monkeypatch.setattr("coilarray.studies.tolerance.analysis.table_for", compute)
+    design = STARTER if "unknowns" not in message else TWO_STATES
+    wanted = Tolerances({"placement": Spread(board=1e-5)}, positions=place)
+    for check in (check_analysis, analyse):
+        with pytest.raises(LocalizeError, match=message):
+            check(design, wanted, samples=0, quantities=["span_mm"])
+
+
+def test_bad_limits_and_positions_are_refused():
+    with pytest.raises(GoalError, match=r"the limit worst ≤ 1 names no output; there are k\[upper,lower\]"):
+        analyse(loops(), replace(SMALL, limits=(Limit("worst", at_most=1.0),)), samples=0, quantities=[K])
+    with pytest.raises(GoalError, match="positions need"):
+        analyse(loops(), replace(SMALL, positions=Positions((0.0,), (0.0,), 1e-3)), samples=0)
+
+
+def test_a_design_must_be_as_its_document_says():
+    with pytest.raises(ValueError, match="must be as its document says"):
+        analyse(perturb(loops(), {"etch.L1": 1e-6}), SMALL, samples=0)
+
+
+def test_too_few_boards_have_no_spread():
+    """Both boards next to the nominal one are possible, but some of the eight drawn ones are not."""
+    hard = Tolerances({"dielectric": Spread(board=0.99)})
+    with pytest.raises(GoalError, match=r"fewer than 8 of 8 boards have k\[upper,lower\]: these errors leave no board"):
+        analyse(loops(), hard, samples=8, quantities=[K])
+
+
+def test_a_quantity_of_infinite_limit_text_is_short():
+    assert Limit("rms_k", at_most=0.5).text == "rms_k ≤ 0.5"
+    assert Limit("rms_k", 0.1, math.inf).text == "0.1 ≤ rms_k"

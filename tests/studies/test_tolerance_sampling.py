@@ -1,0 +1,179 @@
+"""Drawn boards, their statistics, and the linearised spread on functions of known derivatives."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import kstest, norm, uniform
+
+from coilarray.errors import GoalError
+from coilarray.studies.tolerance import Contributor, Limit, draw, errors_of
+from coilarray.studies.tolerance.sensitivity import difference_points, error_steps, sensitivity
+from coilarray.studies.tolerance.statistics import deviation_error, kept, yield_of
+
+LAYERS = ("L1", "L2", "L3")
+
+
+def etch(deviation_of_board, deviation_of_layer, distribution="normal"):
+    """Board part and layer parts of one kind of error."""
+    targets = tuple(f"etch.{layer}" for layer in LAYERS)
+    board = Contributor("etch, board", "etch", "board", targets, distribution, deviation_of_board)
+    parts = [
+        Contributor(f"etch, layer {layer}", "etch", "layer", (target,), distribution, deviation_of_layer)
+        for layer, target in zip(LAYERS, targets, strict=True)
+    ]
+    return (board, *parts)
+
+
+def linearised(found, function):
+    """Sensitivity of a function of the errors, given as an array in the order of the layers."""
+    steps = error_steps(found)
+    points = [np.array([errors.get(f"etch.{layer}", 0.0) for layer in LAYERS]) for errors in difference_points(steps)]
+    return sensitivity(found, steps, np.array([np.atleast_1d(function(point)) for point in points]))
+
+
+@pytest.mark.parametrize("sampling", ["sobol", "random"])
+@pytest.mark.parametrize(("distribution", "law"), [("normal", norm()), ("uniform", uniform(-(3**0.5), 2 * 3**0.5))])
+def test_every_error_has_its_distribution(sampling, distribution, law):
+    values = draw(etch(2e-6, 3e-6, distribution), 4096, seed=1, sampling=sampling)
+    assert values.shape == (4096, 4)
+    for column, deviation in zip(values.T, (2e-6, 3e-6, 3e-6, 3e-6), strict=True):
+        # a right law falls below this probability in one of 1000 draws; the seed is fixed
+        assert kstest(column / deviation, law.cdf).pvalue > 1e-3
+
+
+@pytest.mark.parametrize("sampling", ["sobol", "random"])
+def test_errors_are_independent(sampling):
+    values = draw(etch(1.0, 1.0), 4096, seed=2, sampling=sampling)
+    off = np.corrcoef(values.T)[np.triu_indices(4, 1)]
+    assert np.abs(off).max() < 4 / math.sqrt(4096)  # four standard errors of no correlation
+
+
+def test_seeds_repeat():
+    found = etch(1.0, 1.0)
+    for sampling in ("sobol", "random"):
+        one, same, other = (draw(found, 64, seed, sampling) for seed in (5, 5, 6))
+        np.testing.assert_array_equal(one, same)
+        assert not np.array_equal(one, other)
+        # more boards begin with the same ones, so that the cache of a shorter run serves a longer one
+        np.testing.assert_array_equal(draw(found, 100, 5, sampling)[:64], one)
+
+
+def test_no_board_may_be_drawn():
+    assert draw(etch(1.0, 1.0), 0).shape == (0, 4)
+
+
+@pytest.mark.parametrize(
+    ("count", "seed", "message"),
+    [(-1, 0, "samples must be 0 to 1000000; got -1"), (2_000_000, 0, "samples must be"), (8, -1, "seed must not be")],
+)
+def test_bad_draws_are_refused(count, seed, message):
+    with pytest.raises(GoalError, match=message):
+        draw(etch(1.0, 1.0), count, seed)
+
+
+def test_more_errors_than_sobol_has_dimensions_are_refused():
+    one = etch(1.0, 1.0)[0]
+    with pytest.raises(GoalError, match="at most 21201 dimensions"):
+        draw([one] * 21202, 8)
+
+
+def test_the_board_part_moves_all_layers_alike():
+    found = etch(2.0, 3.0)
+    values = draw(found, 4096, seed=3)
+    errors = np.array([[errors_of(found, row)[f"etch.{layer}"] for layer in LAYERS] for row in values])
+    np.testing.assert_allclose(errors, values[:, :1] + values[:, 1:], rtol=1e-12)
+    # variances add up, and layers share the board's: 4 + 9 and 4, to four standard errors of a covariance
+    np.testing.assert_allclose(np.cov(errors.T), 4 + 9 * np.eye(3), atol=4 * 13 * math.sqrt(2 / 4096))
+
+
+@settings(max_examples=50)
+@given(
+    st.lists(st.floats(-1e3, 1e3), min_size=3, max_size=3),
+    st.floats(0, 10).filter(lambda s: s == 0 or s > 1e-3),
+    st.floats(1e-3, 10),
+)
+def test_a_linear_function_has_the_variance_of_the_sum(slopes, of_board, of_layer):
+    found = etch(of_board, of_layer)
+    if of_board == 0:
+        found = found[1:]
+    result = linearised(found, lambda e: 5.0 + np.dot(slopes, e))
+    # var Σ aᵢ(b + lᵢ) = (Σ aᵢ)² σ_b² + Σ aᵢ² σ_l²
+    variance = (sum(slopes) * of_board) ** 2 + np.dot(slopes, slopes) * of_layer**2
+    # differences of numbers of up to 5e4 with an error of 1e-16 each
+    np.testing.assert_allclose(result.deviation, math.sqrt(variance), rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(result.effects, result.wide_effects, atol=1e-8)
+
+
+def test_opposite_layers_cancel_in_the_board_part():
+    result = linearised(etch(1.0, 1.0), lambda e: e[0] - e[1])
+    np.testing.assert_allclose(result.effects[:, 0], [0, 1, -1, 0], atol=1e-15)
+    np.testing.assert_allclose(result.shares[:, 0], [0, 0.5, 0.5, 0], atol=1e-15)
+
+
+def test_shares_add_up_and_are_zero_without_variance():
+    result = linearised(etch(1.0, 2.0), lambda e: np.array([e.sum(), e[0] ** 3, 7.0]))
+    np.testing.assert_allclose(result.shares.sum(axis=0), [1, 1, 0], rtol=1e-12)
+    assert result.deviation[2] == result.step_change[2] == 0
+
+
+def test_the_step_is_checked_against_half_of_it():
+    """d(e³)/de at 0 is h² by central differences of half width h: σ² and σ²/4 at the two steps."""
+    found = etch(0.0, 2.0)[1:]
+    result = linearised(found, lambda e: e[0] ** 3)
+    np.testing.assert_allclose(result.effects[0], 2.0 * 2.0**2 / 4, rtol=1e-12)
+    np.testing.assert_allclose(result.wide_effects[0], 2.0 * 2.0**2, rtol=1e-12)
+    np.testing.assert_allclose(result.step_change, 3, rtol=1e-12)
+
+
+def test_sensitivities_go_through_a_linear_map():
+    found, matrix = etch(1.0, 2.0), np.array([[1.0, -2.0], [0.5, 3.0], [0.0, 1.0]])
+    both = linearised(found, lambda e: np.array([e[0] + 2 * e[2], e[1]]))
+    mapped = linearised(found, lambda e: matrix @ [e[0] + 2 * e[2], e[1]])
+    np.testing.assert_allclose(both.through(matrix).effects, mapped.effects, atol=1e-12)
+    assert both.joined(mapped).effects.shape == (4, 5)
+
+
+@pytest.mark.parametrize(("law", "kurtosis"), [("normal", 3.0), ("uniform", 1.8)])
+def test_the_standard_error_of_a_deviation(law, kurtosis):
+    """Against s √((κ − 1)/4n) of a law of kurtosis κ, and against how the deviations of many draws scatter."""
+    random = np.random.default_rng(0)
+    n, repeats = 200, 4000
+    draws = random.standard_normal((n, repeats)) if law == "normal" else random.uniform(-(3**0.5), 3**0.5, (n, repeats))
+    told = deviation_error(draws)
+    # sample kurtosis is low by some 3/n and more of its spread: 3 % at n = 200
+    assert told.mean() == pytest.approx(math.sqrt((kurtosis - 1) / (4 * n)), rel=0.03)
+    # scatter of 4000 deviations is known to 1/√8000
+    assert draws.std(axis=0, ddof=1).std() == pytest.approx(told.mean(), rel=0.06)
+
+
+def test_constant_values_have_no_standard_error():
+    assert deviation_error(np.ones((16, 2))).tolist() == [0, 0]
+
+
+def test_limits_keep_what_lies_between():
+    limits = [Limit("a", at_most=2.0), Limit("b", 1.0, 3.0), Limit("a", at_least=0.0)]
+    values = np.array([[2.0, 1.0], [2.1, 2.0], [-1.0, 3.5], [math.nan, 2.0]])
+    assert kept(limits, ["a", "b"], values).tolist() == [
+        [True, True, True],
+        [False, True, True],
+        [True, False, False],
+        [False, True, False],  # a board without the value keeps no limit of it
+    ]
+
+
+def test_the_interval_of_a_yield_is_wilsons():
+    """(p + z²/2n ± z √(p(1 − p)/n + z²/4n²))/(1 + z²/n), z = 1.96 (Wilson 1927)."""
+    n, good = 50, 45
+    z, p = norm.ppf(0.975), good / n
+    middle, half = p + z**2 / (2 * n), z * math.sqrt(p * (1 - p) / n + z**2 / (4 * n**2))
+    told = yield_of(good, n)
+    assert told.share == p
+    assert told.low == pytest.approx((middle - half) / (1 + z**2 / n), rel=1e-12)
+    assert told.high == pytest.approx((middle + half) / (1 + z**2 / n), rel=1e-12)
+    assert yield_of(0, 10).low == 0
+    assert yield_of(10, 10).high == 1

@@ -1,0 +1,422 @@
+"""A real browser on a studio that is served by a process of its own; as a script, that process.
+
+The studio's page is the package's own. What would take long beside it is replaced by quick stand-ins: a response of
+smooth bells, a report of one line, a board that reads the same again and again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from coilarray.design.model import build_design
+from coilarray.geometry.extras import import_extra
+from coilarray.localize.forward import table_grid
+from support.patience import PATIENCE, until
+
+HERE = Path(__file__).parent
+ARTIFACTS = "COILARRAY_ARTIFACTS"
+"""Environment variable: folder where screenshots are kept."""
+
+QUICK = "quick"
+"""File in the folder of the designs that makes reports quick; without it they take longer than any test waits."""
+
+_SLOW = 600.0  # s
+_TIMEOUT = 120_000  # ms that the browser may take for anything; the machine may be busy
+_SIZE = {"width": 1280, "height": 760}
+
+
+# ------------------------------------------------------------------------ what is there
+
+
+def missing():
+    """Say why there can be no browser test here, or None."""
+    try:
+        import playwright.sync_api  # noqa: F401
+    except ImportError:
+        return "Playwright is not installed"
+    if chromium() is None:
+        return "there is no chromium"
+    return missing_studio()
+
+
+def missing_studio():
+    """Say why there can be no studio here, or None."""
+    from coilarray.errors import MissingDependencyError
+
+    try:
+        for module in ("trame.app", "trame.ui.vuetify3", "trame_vtk.modules.vtk", "aiohttp"):
+            import_extra(module, "tests", package=module, extra="studio")
+    except MissingDependencyError as error:
+        return str(error)
+    return None
+
+
+def chromium():
+    """Path of the system's chromium, or None."""
+    names = ("chromium", "chromium-browser", "google-chrome")
+    return next((path for path in map(shutil.which, names) if path is not None), None)
+
+
+# ------------------------------------------------------------------------ the studio's process
+
+
+class Served:
+    """A studio in a process of its own."""
+
+    def __init__(self, process):
+        self.process = process
+        found, self.lines = None, []
+        for line in process.stdout:
+            self.lines.append(line)
+            found = re.search(r"studio: (http://\S+)", line)
+            if found:
+                break
+        assert found, "".join(self.lines)
+        self.url = found[1]
+
+    def children(self):
+        """Processes that it has started and that are still there."""
+        ours = str(self.process.pid)
+        command = ["ps", "-ww", "-o", "pid=,stat=,args=", "--ppid", ours]
+        listed = subprocess.run(command, check=False, capture_output=True, text=True).stdout.splitlines()
+        there = [line.split(maxsplit=2) for line in listed]
+        # multiprocessing's own helper stays as long as the studio
+        return [int(pid) for pid, state, what in there if "Z" not in state and "resource_tracker" not in what]
+
+    def wait(self):
+        """Wait for it to end; its exit code."""
+        return self.process.wait(PATIENCE)
+
+    def end(self):
+        """Stop it as Ctrl-C does, and return all that it said."""
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGINT)
+        try:
+            rest, _ = self.process.communicate(timeout=PATIENCE)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            rest, _ = self.process.communicate()
+            raise AssertionError(f"the studio did not end: {rest}") from None
+        return "".join(self.lines) + rest
+
+
+def _python_path():
+    """Let the programs that are started find this package too."""
+    return os.pathsep.join((str(HERE.parent), os.environ.get("PYTHONPATH", "")))
+
+
+@contextmanager
+def served(*arguments, program=False, cwd=None, **environment):
+    """Serve a studio with stand-ins, or the whole program."""
+    command = [
+        sys.executable,
+        *(["-c", "from coilarray.cli.main import run; run()", "studio"] if program else ["-m", "support.browser"]),
+    ]
+    process = subprocess.Popen(
+        [*command, "--port", "0", "--no-browser", *map(str, arguments)],
+        cwd=cwd, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": _python_path(), **environment},
+        start_new_session=True,  # an interrupt of the tests is none of the studio
+    )  # fmt: skip
+    try:
+        studio = Served(process)
+        yield studio
+        said = studio.end()
+        assert "Traceback" not in said, said
+    finally:
+        if process.poll() is None:
+            process.kill()
+            process.communicate()
+
+
+def wait_until_gone(pids):
+    """Wait until there are no such processes any more."""
+    until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in pids))
+
+
+# ------------------------------------------------------------------------ the browser
+
+
+@contextmanager
+def launched():
+    """Open a browser that finds no host but this computer."""
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(
+            executable_path=chromium(),
+            args=["--no-sandbox", "--disable-gpu", "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1"],
+            timeout=_TIMEOUT,
+        )
+        try:
+            yield browser
+        finally:
+            browser.close()
+
+
+def profile(browser, **options):
+    """Return a browser profile of its own, whose pages have time."""
+    context = browser.new_context(**options)
+    context.set_default_timeout(_TIMEOUT)
+    return context
+
+
+class Opened:
+    """A page, and what was wrong with it: requests to other hosts, errors of scripts, answers that are none."""
+
+    def __init__(self, browser, url):
+        self.context = profile(browser, viewport=_SIZE, reduced_motion="reduce")
+        self.page = self.context.new_page()
+        self.wrong, self._host = [], url.split("/")[2]
+        self.page.on("request", self._asked)
+        self.page.on("pageerror", self._failed)
+        self.page.on("response", self._answered)
+        self.page.on("console", self._said)
+        self.page.goto(url)
+
+    def _asked(self, request):
+        scheme, _, rest = request.url.partition(":")
+        if scheme not in ("data", "blob") and rest.split("/")[2] != self._host:
+            self.wrong.append(f"asked {request.url}")
+
+    def _failed(self, error):
+        if str(error) != "Object":  # what trame's client has on its way when its page is loaded again
+            self.wrong.append(f"error {error}")
+
+    def _answered(self, response):
+        if response.status >= 400:
+            self.wrong.append(f"{response.status} {response.url}")
+
+    def _said(self, message):
+        # the last words of a page that is loaded again find no connection
+        if message.type == "error" and "connection not open" not in message.text:
+            self.wrong.append(f"console {message.text}")
+
+
+@contextmanager
+def opened(browser, url):
+    """Open a page in a browser profile of its own; whatever was wrong with it is an error when the block is left."""
+    one = Opened(browser, url)
+    try:
+        at_rest(one.page)
+        yield one.page
+        assert one.wrong == []
+    finally:
+        one.context.close()
+
+
+def heard(page):
+    """Wait until the studio has done all that the page has asked for so far, and the page knows it.
+
+    What is asked is done in turn, so that this is done last. An answer may overtake the news of what was done before
+    it; they are sent before the second question is heard.
+    """
+    for _ in range(2):
+        page.wait_for_function("trame.trigger('look_at_shelf').then(() => true)")
+
+
+def at_rest(page):
+    """Wait until the numbers that follow from the design are on the page, in full."""
+    page.wait_for_selector("#accuracy[data-accuracy=full]")  # perhaps those of before the last change
+    heard(page)
+    page.wait_for_selector("#accuracy[data-accuracy=full]")
+
+
+def drawn(page):
+    """Wait until the scene is drawn and smooth; return its picture."""
+    heard(page)
+    page.wait_for_selector("#scene[data-rests=true]")
+    # the picture follows that word, sometimes twice
+    page.evaluate("window.steady = {}")
+    page.wait_for_function(
+        "() => { const src = document.querySelector('#scene img')?.src, now = performance.now();"
+        " if (steady.src !== src) window.steady = { src, since: now };"
+        " return src && now - steady.since > 300 }"
+    )
+    return page.locator("#scene img").first.screenshot()
+
+
+def redrawn(page, before):
+    """Wait until the scene is drawn, and is another one than it was; return its picture.
+
+    A new scene is made beside the page, so that for a while the one before is at rest still.
+    """
+
+    def another():
+        now = drawn(page)
+        return now if now != before else None
+
+    return until(another)
+
+
+def picture(page, name):
+    """Keep a screenshot where the environment says a folder."""
+    folder = os.environ.get(ARTIFACTS)
+    if folder:
+        if not page.query_selector("#scene-problem"):
+            drawn(page)
+        Path(folder).mkdir(parents=True, exist_ok=True)
+        page.screenshot(path=str(Path(folder, f"studio_{name}.png")))
+
+
+def field(page, key):
+    """The field of an entry."""
+    return page.locator(f"[data-key='{key}'] input[type=text]")
+
+
+def enter(page, key, text):
+    """Type a value into the field of an entry, and Enter."""
+    field(page, key).fill(str(text))
+    field(page, key).press("Enter")
+
+
+def matrix(page):
+    """The numbers behind the cells of the matrix, with all their digits."""
+    page.wait_for_selector("#matrix td")
+    titles = page.eval_on_selector_all("#matrix td", "cells => cells.map(cell => cell.title)")
+    values = [float(title.partition(" = ")[2].removesuffix(" H")) for title in titles]
+    return np.reshape(values, (round(len(values) ** 0.5),) * 2)
+
+
+# ------------------------------------------------------------------------ stand-ins
+
+
+def bells(document, name, progress):
+    """A response of one bell for each coil, quick and smooth."""
+    import xarray as xr
+
+    design = build_design(document, name)
+    depth, x, y = table_grid(design, spacing=2e-3)
+    centres = design.array.centres - design.indentation.origin_point
+    H, Y, X = np.meshgrid(depth, y, x, indexing="ij")
+    delta = [
+        4e-3 * (H / 1e-3) ** 1.6 * np.exp(-((X - cx) ** 2 + (Y - cy) ** 2) / (6e-3 * (1 + 100 * H)) ** 2)
+        for cx, cy in centres.tolist()
+    ]
+    for k in range(3):
+        progress(k + 1, 3)
+    coords = {"depth": depth, "y": y, "x": x, "state": [state.name for state in design.circuit.plan]}
+    return xr.Dataset(
+        {"delta": (("depth", "y", "x", "state"), np.stack(delta, axis=-1))}, coords, {"design_hash": design.digest}
+    )
+
+
+GOAL = """
+schema = 1
+[[variable]]
+entry = "array.pitch_mm"
+low = 9.0
+high = 13.0
+[[variable]]
+entry = "array.columns"
+low = 2
+high = 4
+[[objective]]
+quantity = "board_area_mm2"
+direction = "minimize"
+[[objective]]
+quantity = "span_mm"
+direction = "maximize"
+[[constraint]]
+quantity = "covered_mm2"
+at_least = 500
+[search]
+trials = 12
+batch = 6
+"""
+
+
+def quick_run(folder):
+    """Leave an optimisation of shapes alone, which is cheap, in a folder."""
+    from coilarray import load_design
+    from coilarray.compute.workers import workers
+    from coilarray.studies.optimize.goal import parse_goal
+    from coilarray.studies.optimize.run import optimize_design
+
+    with workers() as pool:
+        return optimize_design(load_design("starter"), parse_goal(GOAL), folder, pool)
+
+
+def slow_report(document, name, folder, progress):
+    """A report of one line that takes its time, unless it is told otherwise."""
+    for k in range(6000):
+        progress(k, 6000)
+        if (folder.parent / QUICK).exists():
+            break
+        time.sleep(_SLOW / 6000)
+    folder.mkdir(exist_ok=True)
+    page = folder / "report.html"
+    page.write_text(f"<!doctype html><meta charset=utf-8><title>{name}</title><p>A report.", encoding="utf-8")
+    return page
+
+
+def steady_board(request, send, stopped):
+    """A board that reads the same again and again, after a baseline of two scans."""
+    from coilarray.localize.forward import forward_model
+    from coilarray.localize.inverse import locate
+    from coilarray.viz.studio import BoardFrame
+
+    design = build_design(request.document, request.name)
+    model = forward_model(bells(request.document, request.name, lambda done, total: None))
+    delta = model.delta([2e-3, 1e-3, model.depth[2]])
+    location = locate(model, delta)
+    for k in range(1_000_000):
+        if stopped():
+            return
+        waiting = max(0, 2 - k)
+        values = [None] * len(model.states) if waiting else delta.tolist()
+        send(
+            BoardFrame(
+                f"[emulator] {request.port}: a stand-in", True, k, dict(zip(model.states, values, strict=True)),
+                {design.array.names[0]: "doubtful: amplitude"}, waiting, None if waiting else location, "", 4.0, 0,
+            )
+        )  # fmt: skip
+        time.sleep(0.25)
+
+
+def main():
+    """Serve a studio with the stand-ins."""
+    from coilarray import load_design
+    from coilarray.viz.studio import server
+    from coilarray.viz.studio.server import LOOPBACK, Address, bind, new_token, serve
+    from coilarray.viz.studio.services import Services
+    from coilarray.viz.studio.shelf import Shelf
+    from coilarray.viz.studio.work import work_on
+
+    parser = argparse.ArgumentParser()
+    parser.add_argument("design")
+    parser.add_argument("--folder", type=Path, default=Path())
+    parser.add_argument("--port", type=int)
+    parser.add_argument("--no-browser", action="store_true")
+    parser.add_argument("--host")
+    parser.add_argument("--linger", type=float, default=0.0)
+    given = parser.parse_args()
+    # functions of this module by its name, under which other processes import it too
+    from support import browser  # noqa: PLW0406 - it runs as __main__
+
+    # on a busy machine pages may be slow to connect and to answer, and are there all the same
+    server._UNUSED = server._HEARTBEAT = 3600.0  # s
+
+    services = Services(browser.bells, browser.slow_report, browser.steady_board, "emulator")
+    address = Address(given.host or LOOPBACK, given.port, new_token() if given.host else "")
+    work = work_on(load_design(given.design), given.design)
+    with bind(address) as listening:
+        serve(
+            work, Shelf(given.folder.resolve()), services, address, listening, linger=given.linger,
+            ready=lambda url: print(f"studio: {url}", flush=True),  # noqa: T201 - the tests read it
+        )  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,39 @@
+"""A quick emulated board with its driver, for tests of both and of what stands on them."""
+
+from __future__ import annotations
+
+from coilarray.design.scan_states import paper_plan
+from coilarray.hardware.board.direct import DirectReader
+from coilarray.hardware.emulator import plain_board
+from coilarray.hardware.scan.settings import scan_settings
+from coilarray.hardware.scan.wiring import load_wiring
+
+WIRING = load_wiring()
+
+
+def reader_of(board, *, bus=None, switches=None, clock=None, wiring=WIRING):
+    """Return the driver of an emulated board; its buses may be wrapped."""
+    return DirectReader(
+        bus or board.bus,
+        switches or board.switches,
+        clock or board.clock,
+        wiring.safe_words,
+        kind="emulator",
+        emulated=True,
+    )
+
+
+def quick_settings(wiring=WIRING, *, coils=None, **options):
+    """Settings of short conversions."""
+    plan = paper_plan(wiring.coils if coils is None else coils)
+    return scan_settings(wiring, plan, **{"rcount": 200, "drives": 7, **options})
+
+
+def at_rest(board, wiring=WIRING):
+    """Whether all coils are grounded and the converter sleeps."""
+    return board.chain.words == wiring.safe_words and board.chip.asleep
+
+
+def plain(**options):
+    """An emulated board without noise that refuses undocumented use."""
+    return plain_board(WIRING, **{"noise": 0.0, "strict": True, **options})

@@ -1,0 +1,224 @@
+"""Small results of known numbers for the tests of the plots: of every kind one, made up but of the real shape."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+import xarray as xr
+
+from coilarray import couple, load_design
+from coilarray.localize.ellipse import fit_ellipses
+from coilarray.localize.ellipse_model import ellipse_model
+from coilarray.localize.forward import forward_model
+from coilarray.localize.identifiability import identifiability
+from coilarray.studies.optimize import Optimization, Trial, front_of, parse_goal
+from support.localize_boards import ROW
+from support.localize_boards import board as row_of_bells
+
+NAMES = ["coil1", "coil2", "coil3"]
+GOAL = """
+schema = 1
+title = "small and far apart"
+[[variable]]
+entry = "array.pitch_mm"
+low = 8
+high = 13
+[[objective]]
+quantity = "worst_k"
+direction = "minimize"
+[[objective]]
+quantity = "span_mm"
+direction = "maximize"
+"""
+
+
+@functools.cache
+def board():
+    """Return the board of a design with a few coils."""
+    return load_design("starter").array
+
+
+def coupling(terminations=None):
+    """Three coils of 20 µH, coupled by −1 and 0.2 µH."""
+    L = np.array([[20.0, -1.0, 0.2], [-1.0, 20.0, -1.0], [0.2, -1.0, 20.0]]) * 1e-6
+    return couple(NAMES, L, 5.0, 330e-12, terminations)
+
+
+def field(x, y, current=1.0, peak=2e-3):
+    """B_z = peak · exp(−(x² + y²)/(5 mm)²) per ampere, on a grid in m, 1 mm above the board."""
+    across, along = np.meshgrid(x, y, indexing="ij")
+    B = np.zeros((len(x), len(y), 1, 3))
+    B[:, :, 0, 2] = current * peak * np.exp(-(across**2 + along**2) / 5e-3**2)
+    return xr.Dataset(
+        {"B": (("x", "y", "z", "component"), B, {"units": "T"})},
+        {"x": np.asarray(x), "y": np.asarray(y), "z": [1e-3], "component": ["x", "y", "z"]},
+        {"active_coil": "coil1", "other_coils": "open", "active_current_A": current},
+    )
+
+
+def frequency_sweep():
+    """Two states: one inductance that stays, and one with a pole."""
+    f = np.geomspace(1e5, 1e7, 7)
+    L = np.column_stack((np.full(7, 50e-6), np.linspace(60e-6, 900e-6, 7)))
+    dims = ("frequency", "state")
+    return xr.Dataset(
+        {
+            "apparent_inductance": (dims, L, {"units": "H"}),
+            "impedance_real": (dims, 20.0 + 1e6 * L, {"units": "ohm"}),
+            "quality_factor": (dims, 40.0 - 5e4 * L, {"units": "1"}),
+        },
+        {"frequency": ("frequency", f, {"units": "Hz"}), "state": ["a", "b"]},
+    )
+
+
+def response(depths=(0.5e-3, 1e-3), width=8e-3):
+    """Bells of the height of their depth, over coils at x = ±6 mm, y = 0, which are samples."""
+    x, y, centres = np.linspace(-20e-3, 20e-3, 21), np.linspace(-6e-3, 6e-3, 7), np.array([-6e-3, 6e-3])
+    bells = np.exp(-((x[:, None] - centres) ** 2 + y[:, None, None] ** 2) / width**2)
+    return xr.Dataset(
+        {"delta": (("depth", "y", "x", "state"), np.array(depths)[:, None, None, None] * bells)},
+        {
+            "depth": np.array(depths), "y": y, "x": x, "state": NAMES[:2], "coil": NAMES[:2],
+            "coil_x": ("coil", centres), "coil_y": ("coil", [0.0, 0.0]),
+        },
+    )  # fmt: skip
+
+
+def indentation():
+    """Two depths of a stack of two sheets, a bell-shaped dent."""
+    r, depth, height = np.linspace(0.0, 30e-3, 61), np.array([0.5e-3, 1e-3]), np.array([0.0, 6e-3, 8e-3])
+    down = -depth[:, None, None] * (height / height[-1])[:, None] * np.exp(-((r / 5e-3) ** 2))
+    return xr.Dataset(
+        {
+            "displacement_r": (("depth", "interface", "r"), 0 * down),
+            "displacement_z": (("depth", "interface", "r"), down),
+            "force": ("depth", 5e3 * depth**1.5, {"units": "N"}),
+            "contact_radius": ("depth", np.sqrt(2e-3 * depth)),
+        },
+        {"depth": depth, "r": r, "interface": ["board", "base", "magnetic"], "height": ("interface", height)},
+        {"symmetry": "axial", "base": "bonded"},
+    )
+
+
+def comparison(states=2, y=(-1e-3, 0.0, 1e-3)):
+    """Residuals of some 10 millionths, one of them missing; x0 of the first state: 0 measured, 1 mm simulated."""
+    names, random = [f"coil{k + 1}" for k in range(states)], np.random.default_rng(0)
+    x = np.linspace(-4e-3, 4e-3, 5)
+    shape = (1, len(y), len(x), states)
+    before, after = 1e-5 * random.standard_normal((2, *shape))
+    before[0, 0, 0, 0] = after[0, 0, 0, 0] = np.nan
+    dims, curves = ("depth", "y", "x", "state"), ("source", "depth", "state", "level")
+    x0 = np.array([0.0, 1e-3])[:, None, None, None] + np.zeros((2, 1, states, 4))
+    x0[:, :, 1:] = np.nan
+    return xr.Dataset(
+        {
+            "delta": (("source", *dims), 1e-3 * random.standard_normal((2, *shape))),
+            "residual_before": (dims, before),
+            "residual_after": (dims, after),
+            "scale": (("depth", "state"), np.full((1, states), 1.25)),
+            "scale_std": (("depth", "state"), np.full((1, states), 0.125)),
+            "x0": (curves, x0),
+            "x0_std": (curves, np.stack([0.1e-3 + 0 * x0[0], np.full_like(x0[0], np.nan)])),
+        },
+        {
+            "depth": [1e-3], "y": np.asarray(y), "x": x, "state": names, "source": ["measured", "simulated"],
+            "level": [1e-4, 2e-4, 3e-4, 4e-4], "coil": names, "coil_x": ("coil", np.arange(states) * 2e-3),
+        },
+    )  # fmt: skip
+
+
+def distortion():
+    """x0 of one coil over three δ, and three causes of it."""
+    x0 = np.array([[[1.0, 2.0, 3.0]], [[1.5, 2.5, 3.5]]]) * 1e-3
+    effect = np.array([0.2, 0.1, 0.4])[:, None, None] * np.ones((3, 1, 3)) * 1e-3
+    return xr.Dataset(
+        {
+            "x0": (("neighbours", "state", "delta"), x0),
+            "published_x0": (("state", "delta"), [[0.5e-3, 1e-3, 1.5e-3]]),
+            "effect": (("cause", "state", "delta"), effect),
+            "rms": (("cause", "state"), effect[..., 0]),
+            "centre": ("state", [0.0]),
+        },
+        {
+            "neighbours": ["grounded", "open"], "state": ["coil1"], "delta": [1e-4, 5e-4, 1e-3],
+            "cause": ["all neighbours", "neighbour coil2", "noise"],
+        },
+    )  # fmt: skip
+
+
+@functools.cache
+def ellipses():
+    """Fits of a row of bells, and the model of them."""
+    fits = fit_ellipses(row_of_bells(ROW, 2e-3, [1e-3]), refinement=5, step=2e-4)
+    return fits, ellipse_model(fits)
+
+
+def x_error():
+    """An error of a tenth of x, in m, without a value at one corner."""
+    x, y = np.linspace(-4e-3, 4e-3, 5), np.linspace(-1e-3, 1e-3, 3)
+    error = xr.DataArray(np.add.outer(0 * y, x / 10), {"y": y, "x": x}, ("y", "x")).copy()
+    error[0, 0] = np.nan
+    return error
+
+
+@functools.cache
+def bounds():
+    """Cramér–Rao bounds of a row of bells."""
+    return identifiability(forward_model(row_of_bells(ROW)), 1e-3)
+
+
+def pitch_sweep(entry="array.pitch_mm", values=(12.0, 13.0, 14.0, 15.0)):
+    """k of two pairs over one entry: 0.01 · (13.5 − value) and −0.002; and a quantity that is no k."""
+    at = np.asarray(values)
+    return xr.Dataset(
+        {
+            "k[coil1,coil2]": (entry, 0.01 * (13.5 - at), {"units": "1"}),
+            "k[coil1,coil3]": (entry, np.full(at.size, -0.002), {"units": "1"}),
+            "worst_k": (entry, np.abs(0.01 * (13.5 - at)), {"units": "1"}),
+            "reason": (entry, np.full(at.size, "", dtype=object)),
+        },
+        {entry: (entry, at, {"units": "mm", "design_value": 13.28})},
+    )
+
+
+def grid_sweep():
+    """One quantity over two entries."""
+    span = np.arange(12.0).reshape(4, 3)
+    return xr.Dataset(
+        {"span_mm": (("array.pitch_mm", "array.columns"), span, {"units": "mm"})},
+        {
+            "array.pitch_mm": ("array.pitch_mm", [10.0, 12.0, 14.0, 16.0], {"units": "mm"}),
+            "array.columns": ("array.columns", [2, 3, 6], {"units": "1"}),
+        },
+    )
+
+
+def optimization(scores=((0.3, 40.0), (0.2, 30.0), (0.4, 35.0), (0.25, 50.0))):
+    """Search with two objectives: worst_k small, span_mm large; and one point that could not be."""
+    goal = parse_goal(GOAL)
+    trials = [
+        Trial("search", k, {"array.pitch_mm": 8.0 + k}, {"worst_k": a, "span_mm": b}, (a, b), {})
+        for k, (a, b) in enumerate(scores)
+    ]
+    trials.append(Trial("search", len(trials), {}, {}, (), {}, "no board"))
+    start = Trial("start", 0, {}, {"worst_k": 0.35, "span_mm": 20.0}, (0.35, 20.0), {})
+    return Optimization(
+        load_design("starter"), goal, (), start, False, tuple(trials), front_of(trials, goal), 0, "several objectives"
+    )
+
+
+def tolerances():
+    """Shares and drawn values of one output."""
+    return xr.Dataset(
+        {
+            "share": (("contributor", "output"), [[0.75], [0.25]]),
+            "nominal": ("output", [0.05]),
+            "linear_deviation": ("output", [0.001]),
+            "value": (("sample", "output"), 0.05 + 0.001 * np.linspace(-2, 2, 9)[:, None]),
+        },
+        {
+            "output": ["worst_k"], "contributor": ["etch, board", "registration, layers"],
+            "table": ("contributor", ["etch", "registration"]), "part": ("contributor", ["board", "layers"]),
+        },
+    )  # fmt: skip

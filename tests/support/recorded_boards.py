@@ -1,0 +1,112 @@
+"""Small boards for the tests of recordings: two coils, with physics that is quick or with all of it."""
+
+from __future__ import annotations
+
+import math
+
+import tomli_w
+
+from coilarray import load_design
+from coilarray.design.model import build_design
+from coilarray.hardware.board.connect import Board
+from coilarray.hardware.board.direct import DirectReader
+from coilarray.hardware.emulator import Conditions, EmulatedBoard, VirtualClock
+from coilarray.hardware.emulator.tank import series_tank
+from coilarray.hardware.emulator.world import FixedCoils
+from coilarray.hardware.record.recorder import begin_session
+from coilarray.hardware.scan.settings import scan_settings
+from coilarray.hardware.scan.wiring import parse_wiring
+
+_DEVICE = """
+[[wiring.device]]
+name = "U{k}"
+part = "ADG739"
+
+[wiring.device.switch]
+S1A = {{ coil = "coil{k}", end = "a", net = "ground" }}
+S2A = {{ coil = "coil{k}", end = "a", net = "INA" }}
+S1B = {{ coil = "coil{k}", end = "b", net = "ground" }}
+S2B = {{ coil = "coil{k}", end = "b", net = "INB" }}
+"""
+WIRING_TEXT = """
+schema = 1
+
+[wiring]
+title = "Two coils"
+coils = ["coil1", "coil2"]
+
+[wiring.part.ADG739]
+bits = ["S1A", "S2A", "S3A", "S4A", "S1B", "S2B", "S3B", "S4B"]
+""" + "".join(_DEVICE.format(k=k) for k in (1, 2))
+
+
+def two_coils():
+    """The reference design with two of its coils and a sample that is just large enough."""
+    document = dict(load_design("gast2020").document)
+    document["array"] = {**document["array"], "columns": 2}
+    own = {"x_mm": [-6, 6], "y_mm": [-4, 4], "sample_x_mm": [-12, 12], "sample_y_mm": [-10, 10], "origin": "coil1"}
+    document["indentation"] = {**document["indentation"], **own}
+    document.pop("assumed")
+    return build_design({**document, "name": "two_coils"}, "two_coils")
+
+
+def board_files(folder):
+    """Write the design and the wiring of two coils, and return the arguments that name them on a command line."""
+    design, wiring = folder / "two_coils.toml", folder / "wiring.toml"
+    design.write_text(tomli_w.dumps(two_coils().document))
+    wiring.write_text(WIRING_TEXT)
+    return (design, "--wiring", wiring)
+
+
+def two_coil_wiring():
+    return parse_wiring(WIRING_TEXT, "two_coils")
+
+
+def dent(coil, x, y, depth):
+    """δ of a coil of the quick board: a bell over its centre, in proportion to the depth."""
+    centre = {"coil1": 0.0, "coil2": 13e-3}[coil]
+    return 0.8 * depth * math.exp(-((x - centre) ** 2 + y**2) / (8e-3) ** 2)
+
+
+class QuickWorld(FixedCoils):
+    """Coils whose inductance follows `dent`."""
+
+    def __init__(self):
+        super().__init__(dict.fromkeys(("coil1", "coil2"), 52e-6))
+        self.dead = set()
+
+    def resonator(self, state, place, temperature):
+        ((coil, _),) = state.measured
+        if coil in self.dead:
+            return None
+        L = self.inductances[coil] * (1 + dent(coil, place.x, place.y, place.depth))
+        return series_tank(L, self.capacitance, self.resistance)
+
+
+def quick_board(*, noise=0.0, seed=0, drift=None, world=None, clock=None):
+    """An emulated board of two coils with quick physics, as `open_board` returns one."""
+    wiring = two_coil_wiring()
+    conditions = Conditions(noise=noise) if drift is None else Conditions(noise=noise, drift=drift)
+    emulator = EmulatedBoard(
+        wiring.coils,
+        wiring.encode(),
+        world or QuickWorld(),
+        clock=clock or VirtualClock(),
+        conditions=conditions,
+        seed=seed,
+    )
+    reader = DirectReader(
+        emulator.bus, emulator.switches, emulator.clock, wiring.safe_words, kind="emulator", emulated=True
+    )
+    return Board(reader, "emulator", wiring, emulator)
+
+
+def configured(board, **options):
+    """Configure a quick board and return its settings."""
+    settings = scan_settings(board.wiring, **{"quality": 40.0, "drives": 8, **options})
+    board.reader.configure(settings)
+    return settings
+
+
+def session_of(board, settings, design):
+    return begin_session(board.identity, board.port, settings, board.wiring.name, design)

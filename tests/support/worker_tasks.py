@@ -1,0 +1,67 @@
+"""What tests give to workers: functions of a module, which other processes can import."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from pathlib import Path
+
+from threadpoolctl import threadpool_info
+
+from coilarray.compute.threads import cores
+from coilarray.errors import GoalError, MissingDependencyError
+
+
+def square(x):
+    return x * x
+
+
+def nap(seconds):
+    """Sleep; return the process."""
+    time.sleep(seconds)
+    return os.getpid()
+
+
+def refuse_odd(x):
+    if x % 2:
+        raise GoalError(f"{x} is odd.")
+    return {"half": x / 2}
+
+
+def divide(x):
+    return 1 / x
+
+
+def lack(x):
+    raise MissingDependencyError("install it.")
+
+
+class UnportableError(Exception):
+    """An error that cannot be pickled and read again."""
+
+    def __init__(self, one, two):
+        super().__init__(one)
+
+
+def raise_unportable(x):
+    raise UnportableError(x, x)
+
+
+def die_once(item):
+    """End the process as the kernel does where memory is short, the first time that the marker is not there."""
+    number, marker = item
+    if marker is not None and not Path(marker).exists():
+        Path(marker).touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return number
+
+
+def die(x):
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def threads(_):
+    """Threads of every linear algebra library in this process, and what our own work goes by."""
+    counts = [library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"]
+    return counts, os.environ.get("COILARRAY_THREADS"), cores()

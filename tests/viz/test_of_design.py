@@ -1,0 +1,290 @@
+"""Scenes of a design: that they show what the library computes, where the design says, and refuse what cannot be."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from coilarray import load_design
+from coilarray.circuit.active_coil import active_coil
+from coilarray.circuit.coupling import couple_design
+from coilarray.circuit.operating_field import operating_field
+from coilarray.errors import CoilarrayError, ElastomerError, GeometryError, LocalizeError
+from coilarray.localize.forward import forward_model
+from coilarray.localize.inverse import locate
+from coilarray.response.map import response_map
+from coilarray.viz.datasets.coupling import COUPLING
+from coilarray.viz.datasets.field import AMOUNT
+from coilarray.viz.datasets.response import DELTA
+from coilarray.viz.scenes.coupling import CURRENT
+from coilarray.viz.scenes.field_places import Span, count_of, field_box, field_planes, line_seeds, points_of_box
+from coilarray.viz.scenes.location import scene_of_location
+from coilarray.viz.scenes.of_design import ITEMS, View, scene_of_design
+
+
+@pytest.fixture(scope="module")
+def design():
+    return load_design("starter")
+
+
+@pytest.fixture(scope="module")
+def coupling(design):
+    return couple_design(design)
+
+
+@pytest.fixture(scope="module")
+def table(design):
+    """Response at few places: enough for a position."""
+    x, y = np.linspace(-14e-3, 14e-3, 11), np.linspace(-5e-3, 5e-3, 5)
+    return response_map(design, depths=[0.3e-3, 0.6e-3], x=x, y=y)
+
+
+def parts_of(scene):
+    return {part.name: part for part in scene.parts}
+
+
+# the board
+
+
+def test_by_default_the_sheets_are_lifted_off_the_board(design):
+    parts = parts_of(scene_of_design(design))
+    assert {"board", "barrels", "risers", "sheet base", "sheet magnetic"} <= set(parts)
+    assert parts["sheet base"].mesh.bounds[4] > 5.0
+    assert set(parts_of(scene_of_design(design, View(show=("board",))))) == set(parts) - {
+        "risers", "sheet base", "sheet magnetic", "edges of sheet base", "edges of sheet magnetic",
+    }  # fmt: skip
+
+
+def test_beside_other_things_the_sheets_lie_where_they_lie(design):
+    parts = parts_of(scene_of_design(design, View(show=("board", "elastomer"), layers=("L1",))))
+    assert parts["sheet base"].mesh.bounds[4:] == pytest.approx((0.0, 3.0))
+    assert "copper L1" in parts
+    assert "copper L3" not in parts
+
+
+def test_a_dent_takes_the_place_of_the_sheets(design):
+    scene = scene_of_design(design, View(show=("board", "elastomer", "dent"), at=(1e-3, 2e-3), depth=0.5e-3))
+    parts = parts_of(scene)
+    body = parts["indenter"].mesh
+    at = np.add(design.indentation.origin_point, [1e-3, 2e-3])
+    tip = body.points[body.points[:, 2].argmin()]
+    thickness = sum(sheet.thickness for sheet in design.sheets)
+    np.testing.assert_allclose(tip, [*(at * 1e3), (thickness - 0.5e-3) * 1e3], atol=1e-5)  # single precision
+    assert parts["sheet magnetic"].opacity == 1.0
+    # names stand on the sheets, but where the quarter is cut out
+    heights = {text.text: text.position[2] for text in scene.texts if text.text in design.array.names}
+    for name, centre in zip(design.array.names, design.array.centres, strict=True):
+        assert heights[name] == pytest.approx(0.0 if (centre < at).all() else thickness * 1e3)
+
+
+# coupling and currents
+
+
+def test_arcs_are_the_coupling_of_the_design(design, coupling):
+    scene = scene_of_design(design, View(show=("coupling",)))
+    k = coupling.coupling.values
+    shown = set(np.round(np.unique(scene.parts[0].mesh.point_data[COUPLING]), 9))
+    assert shown == set(np.round(k[np.triu_indices(3, 1)], 9))
+    largest = np.abs(k[np.triu_indices(3, 1)]).max()
+    assert (scene.scales[0].low, scene.scales[0].high) == pytest.approx((-largest, largest))
+    # every number stands over the middle of its coils
+    for text in scene.texts:
+        value = float(text.text.replace("−", "-"))
+        i, j = min(((0, 1), (1, 2), (0, 2)), key=lambda pair: abs(k[pair] - value) + 1e-6 * abs(pair[0] - pair[1]))
+        x = np.array([text.position[0] for text in scene.texts])
+        assert np.abs(x - design.array.centres[[i, j], 0].mean() * 1e3).min() < 1e-6
+
+
+def test_copper_is_coloured_by_the_currents_of_the_circuit(design, coupling):
+    scene = scene_of_design(design, View(show=("board", "currents"), coil="coil1"))
+    L, R = coupling.inductance.values, coupling.resistance.values
+    solved = active_coil(
+        L, R, 0, float(coupling.frequency[0]), design.circuit.terminations, design.circuit.short_resistance
+    )
+    seen = set()
+    for name, part in parts_of(scene).items():
+        if name.startswith("copper"):
+            coil, value = part.mesh.cell_data["coil"], part.mesh.cell_data[CURRENT]
+            assert np.isnan(value[coil == 0]).all()
+            # the same network solved again
+            np.testing.assert_allclose(value[coil > 0], solved.currents.real[coil[coil > 0]], rtol=1e-9)
+            seen |= set(coil.tolist())
+    assert seen == {0, 1, 2}
+    # (R + Z + jωL) i = −jωM i_1: what the colours show solves the passive loops
+    omega = 2j * np.pi * float(coupling.frequency[0])
+    Z = np.diag(R[1:] + design.circuit.short_resistance) + omega * L[1:, 1:]
+    np.testing.assert_allclose(solved.currents[1:], np.linalg.solve(Z, -omega * L[1:, 0]), rtol=1e-9)
+
+
+def test_open_coils_carry_nothing(design):
+    scene = scene_of_design(design, View(show=("currents",), coil="coil2", others_open=True))
+    values = np.concatenate([part.mesh.cell_data[CURRENT] for part in scene.parts if part.name.startswith("copper")])
+    assert set(values[np.isfinite(values)]) == {0.0}
+    assert any("the others open" in note for note in scene.notes)
+
+
+# the field
+
+
+def test_planes_show_the_field_of_the_library(design, coupling):
+    view = View(show=("field",), coil="coil2", spacing=1e-3, current=2e-3)
+    scene = scene_of_design(design, view)
+    parts = parts_of(scene)
+    assert set(parts) == {"plane 0", "arrows 0", "plane 1", "arrows 1"}
+    level, upright = (np.asarray(parts[f"plane {k}"].mesh.points) for k in range(2))
+    np.testing.assert_allclose(level[:, 2], design.field_height * 1e3)
+    np.testing.assert_allclose(upright[:, 1], design.array.centres[1, 1] * 1e3, atol=2.0)  # middle of the outline
+    x, y, z = (span.points for span in field_planes(design, "coil2", 1e-3)[0])
+    field = operating_field(design, coupling, "coil2", x, y, z, current=2e-3)
+    largest = float(np.sqrt((field.B**2).sum("component")).max())
+    assert parts["plane 0"].mesh.point_data[AMOUNT].max() == pytest.approx(largest)
+    assert parts["plane 0"].mesh.point_data[AMOUNT].min() >= scene.scales[0].low * (1 - 1e-6)
+    assert scene.scales[0].unit == "T"
+    assert any("coil2 carries 2 mA" in note for note in scene.notes)
+
+
+def test_lines_and_surfaces_share_one_scale(design):
+    scene = scene_of_design(design, View(show=("lines", "surfaces"), spacing=2e-3))
+    assert set(parts_of(scene)) == {"field lines", "field surfaces"}
+    (scale,) = scene.scales
+    surfaces = parts_of(scene)["field surfaces"].mesh.point_data[AMOUNT]
+    ratios = np.log10(np.unique(np.round(surfaces / scale.high, 6)))
+    np.testing.assert_allclose(ratios, [-1.35, -0.85, -0.35], atol=1e-4)
+
+
+def test_a_box_keeps_off_the_copper(design):
+    box = field_box(design, "coil2", 1e-3)
+    x, y, z = points_of_box(design, box)
+    assert len(x) * len(y) * (len(z) + 2) >= count_of([box]) >= len(x) * len(y) * (len(z) - 2)
+    thickness = design.array.stackup.thickness
+    assert not ((z < 0.49e-3) & (z > -thickness - 0.49e-3)).any()
+    assert (np.diff(z) > 0).all()
+    seeds = line_seeds(design, "coil2")
+    assert ((seeds[:, :2] > [x[0], y[0]]) & (seeds[:, :2] < [x[-1], y[-1]])).all()
+    assert Span(0.0, 1e-3, 1e-3).count == 2
+    assert Span(2e-3, 2e-3, 1e-3).points.tolist() == [2e-3]
+
+
+@pytest.mark.parametrize("show", [("field",), ("lines",), ("board", "surfaces")])
+def test_a_field_that_is_too_large_is_refused_before_anything_is_computed(design, show, monkeypatch):
+    monkeypatch.setattr("coilarray.viz.scenes.of_design.couple_design", lambda *_: pytest.fail("computed"))
+    with pytest.raises(GeometryError, match=r"^a spacing of 0.002 mm gives .* GB of memory; at most 1 GB is allowed"):
+        scene_of_design(design, View(show=show, spacing=2e-6))
+
+
+# maps and positions
+
+
+def test_a_map_lies_over_its_place_on_the_board(design, table):
+    scene = scene_of_design(design, View(show=("response",), coil="coil3", response=table, depth=0.6e-3))
+    mesh = parts_of(scene)["response"].mesh
+    x_min, x_max, y_min, y_max, *_ = mesh.bounds
+    assert (x_max - x_min, y_max - y_min) == pytest.approx((28, 10))
+    one = table.delta.sel(depth=0.6e-3, state="coil3")
+    peak = np.asarray(mesh.points)[mesh.point_data[DELTA].argmax(), :2] * 1e-3
+    where = one.argmax(...)
+    expected = np.add([float(one.x[where["x"]]), float(one.y[where["y"]])], design.indentation.origin_point)
+    np.testing.assert_allclose(peak, expected, atol=1e-8)
+    np.testing.assert_array_equal(np.sort(mesh.point_data[DELTA]), np.sort(one.values.ravel()))
+    # the coil under the peak is the one that is measured
+    assert np.linalg.norm(design.array.centres - peak, axis=1).argmin() == 2
+
+
+def test_the_pin_stands_where_the_reading_is_located(design, table):
+    reading = forward_model(table).delta([3e-3, 2.5e-3, 0.6e-3])
+    found = locate(forward_model(table), reading, noise=1e-6)
+    names = [str(name) for name in table.state.values]
+    view = View(show=("location",), table=table, noise=1e-6, reading=dict(zip(names, reading.tolist(), strict=True)))
+    scene = scene_of_design(design, view)
+    parts = parts_of(scene)
+    place = np.add(design.indentation.origin_point, [found.best.x, found.best.y])
+    pin = np.asarray(parts["pin 0"].mesh.points)
+    np.testing.assert_allclose(pin[0, :2], place * 1e3, atol=1e-5)
+    assert pin[1, 2] == pytest.approx(1e3 * sum(sheet.thickness for sheet in design.sheets))
+    assert len([name for name in parts if name.startswith("pin")]) == len(found.modes)
+    assert f"x = {found.best.x * 1e3:.2f} ±" in scene.notes[0].replace("−", "-")
+    # the ellipse by the factor that the legend says larger than the covariance
+    (label,) = {part.group for name, part in parts.items() if name.startswith("ellipse 0")}
+    factor = float(label.split("drawn ")[1].split(" ")[0]) if "drawn" in label else 1.0
+    ring = (np.asarray(parts["ellipse 0"].mesh.points)[:, :2] - pin[0, :2]) * 1e-3 / factor
+    distance = np.einsum("ni,ij,nj->n", ring, np.linalg.inv(found.best.covariance[:2, :2]), ring)
+    np.testing.assert_allclose(distance, 5.9915, rtol=2e-2)  # χ² of two degrees of freedom at 95 %; single precision
+
+
+def test_ellipses_longer_than_the_board_are_not_drawn(table):
+    model = forward_model(table)
+    found = locate(model, model.delta([3e-3, 2.5e-3, 0.6e-3]), noise=1e-6)
+    longest = math.sqrt(5.9915 * max(np.linalg.eigvalsh(mode.covariance[:2, :2])[-1] for mode in found.modes))
+    told = "No 95 % ellipse where it would be longer than the board."
+    for length, drawn in ((1.01 * longest, True), (1e-3 * longest, False)):
+        scene = scene_of_location(found, origin=(0.0, 0.0), bounds=(2e-3, 1.5e-3, 2e-3 + length, 3.5e-3), top=0.0)
+        assert "pin 0" in parts_of(scene)
+        assert any(part.name.startswith("ellipse") for part in scene.parts) == drawn
+        assert (told in scene.notes) != drawn
+
+
+def test_the_indenter_is_located_where_it_is(design, table):
+    view = View(show=("location",), table=table, at=(-2e-3, 4e-3), depth=0.5e-3, noise=1e-6)
+    scene = scene_of_design(design, view)
+    parts = parts_of(scene)
+    cross = np.asarray(parts["truth"].mesh.points)[:, :2].mean(axis=0)
+    pins = [np.asarray(part.mesh.points)[0, :2] for name, part in parts.items() if name.startswith("pin")]
+    # a reading without errors: the solver stops within a fraction of the noise it was told, in mm
+    assert min(np.linalg.norm(pin - cross) for pin in pins) < 0.01
+
+
+# what cannot be
+
+
+@pytest.mark.parametrize(
+    ("view", "error", "message"),
+    [
+        (View(show=("nothing",)), GeometryError, "must be of board, elastomer, dent"),
+        (View(show=()), GeometryError, "there is nothing to see"),
+        (View(show=("board",), layers=("L9",)), GeometryError, "no copper layer 'L9'"),
+        (View(show=("field",), coil="x"), GeometryError, "there is no coil 'x'; there are coil1, coil2, coil3"),
+        (View(show=("board",), coil="x"), GeometryError, "there is no coil 'x'; there are coil1, coil2, coil3"),
+        (View(show=("dent",), at=(1.0, 0.0)), GeometryError, "the indenter must be over the board, from"),
+        (View(show=("dent",), at=(np.nan, 0.0)), GeometryError, "the indenter must be over the board, from"),
+        (View(show=("dent",), depth=1.0), ElastomerError, "below the thickness of all sheets"),
+        (View(show=("location",)), LocalizeError, "needs the table"),
+    ],
+)
+def test_mistakes_are_one_line(design, view, error, message):
+    with pytest.raises(error, match=message) as caught:
+        scene_of_design(design, view)
+    assert "\n" not in str(caught.value)
+
+
+def test_maps_that_do_not_fit_are_refused(design, table):
+    with pytest.raises(LocalizeError, match=r"no depth of 0.5 mm; there are 0.3, 0.6 mm"):
+        scene_of_design(design, View(show=("response",), response=table, depth=0.5e-3))
+    with pytest.raises(LocalizeError, match="no state that measures coil3; there are coil1"):
+        scene_of_design(design, View(show=("response",), response=table.isel(state=[0]), coil="coil3"))
+    with pytest.raises(LocalizeError, match="at least 2 positions along y; got 1"):
+        scene_of_design(design, View(show=("response",), response=table.isel(y=[0])))
+    with pytest.raises(LocalizeError, match="coil2 is missing"):
+        scene_of_design(design, View(show=("location",), table=table, reading={"coil1": 1e-4}))
+
+
+def test_a_bare_board_has_no_dent():
+    bare = replace(load_design("starter"), indentation=None)
+    for show in ("dent", "response"):
+        with pytest.raises(CoilarrayError, match=r"has no \[indenter\] and \[indentation\]"):
+            scene_of_design(bare, View(show=(show,)))
+
+
+def test_one_coil_has_no_coupling_to_see():
+    with pytest.raises(GeometryError, match="nothing to see of coupling: There is one coil, which couples with none"):
+        scene_of_design(load_design("gast_fem"), View(show=("coupling",)))
+
+
+def test_everything_together(design, table):
+    scene = scene_of_design(design, View(show=ITEMS, response=table, table=table, spacing=2e-3))
+    names = [part.name for part in scene.parts]
+    assert len(names) == len(set(names))
+    assert len(scene.scales) == 4  # currents, coupling, response, field
+    assert np.isfinite(scene.bounds).all()

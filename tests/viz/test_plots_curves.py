@@ -1,0 +1,238 @@
+"""Curves over frequency, pitch and place: every number at its place, and zeros, peaks and widths where they are."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import xarray as xr
+from hypothesis import example, given
+from hypothesis import strategies as st
+from support import plot_results as results
+
+from coilarray.viz.plots.axis_units import MM, PLAIN, AxisUnit, axis_unit
+from coilarray.viz.plots.frequency import plot_frequency_sweep
+from coilarray.viz.plots.optimize import plot_pareto, plot_search
+from coilarray.viz.plots.response import plot_bell_curve, plot_response
+from coilarray.viz.plots.sweep_grid import (
+    plot_coupling_sweep,
+    plot_sweep_lines,
+    plot_sweep_map,
+    sweep_figure,
+    zero_crossings,
+)
+from coilarray.viz.plots.tolerance import plot_boards, plot_shares
+
+
+def curves(ax):
+    """Lines that have a label, by it."""
+    return {line.get_label(): line for line in ax.lines if not line.get_label().startswith("_")}
+
+
+def legend(ax):
+    return [text.get_text() for text in ax.get_legend().get_texts()]
+
+
+@given(st.floats(1e-22, 1e22), st.sampled_from(["H", "ohm", "T", "Hz", "N"]))
+def test_a_prefix_brings_the_largest_between_1_and_1000(largest, unit):
+    shown = axis_unit([0.0, -largest, np.nan, largest / 7], unit)
+    assert 1 - 1e-9 < shown.factor * largest < 1000  # rounding of a value just below a power of 1000
+    assert shown.symbol.endswith("Ω" if unit == "ohm" else unit)
+
+
+def test_units_of_axes():
+    assert axis_unit([2.2e-6], "H") == AxisUnit(1e6, "µH")
+    assert axis_unit([2.2e-6], "1").symbol == "10⁻⁶"
+    assert axis_unit([2.2], "1") == AxisUnit(1.0, "")
+    assert axis_unit([0.0, np.nan], "H") == AxisUnit(1.0, "H")
+    assert PLAIN.label("k") == "k"
+    np.testing.assert_allclose(MM.of([1e-3, 0.25]), [1.0, 250.0])
+
+
+@pytest.mark.parametrize(
+    ("quantity", "label", "factor"),
+    [
+        ("apparent_inductance", "apparent inductance Im Z/ω (µH)", 1e6),
+        ("impedance_real", "effective resistance Re Z (Ω)", 1.0),
+        ("quality_factor", "quality factor Im Z/Re Z", 1.0),
+    ],
+)
+def test_curves_over_frequency_are_the_sweeps(quantity, label, factor):
+    sweep = results.frequency_sweep()
+    ax = plot_frequency_sweep(sweep, quantity)
+    assert ax.get_xscale() == "log"
+    assert list(curves(ax)) == ["a", "b"]
+    for name, line in curves(ax).items():
+        np.testing.assert_allclose(line.get_xdata(), sweep.frequency * 1e-6)
+        np.testing.assert_allclose(line.get_ydata(), sweep[quantity].sel(state=name) * factor)
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("frequency (MHz)", label)
+    ax.figure.draw_without_rendering()
+    ticks = [text.get_text() for text in ax.get_xticklabels()]
+    assert {"0.1", "1", "10"} <= set(ticks)
+
+
+def test_a_pole_is_cut_off_at_four_times_the_first_value():
+    sweep = results.frequency_sweep()
+    assert plot_frequency_sweep(sweep).get_ylim() == (0, pytest.approx(4 * 60))  # µH
+    assert plot_frequency_sweep(sweep, "quality_factor").get_ylim() == (0, pytest.approx(1.08 * 37.5))
+    flat = sweep.isel(state=[0])
+    assert plot_frequency_sweep(flat).get_ylim() == (0, pytest.approx(1.08 * 50))
+    single = plot_frequency_sweep(sweep.isel(frequency=[0]))
+    assert all(line.get_marker() == "o" for line in single.lines)
+    with pytest.raises(ValueError, match=r"quantity must be one of apparent_inductance, .*; got 'Q'"):
+        plot_frequency_sweep(sweep, "Q")
+
+
+def test_coupling_over_pitch_has_its_zeros():
+    sweep = results.pitch_sweep()
+    ax = plot_coupling_sweep(sweep.isel({"array.pitch_mm": [2, 0, 3, 1]}))  # in any order
+    assert legend(ax) == ["k[coil1,coil2] = 0 at 13.5 mm", "k[coil1,coil3]"]
+    lines = curves(ax)
+    for name in ("k[coil1,coil2]", "k[coil1,coil3]"):
+        line = next(one for label, one in lines.items() if label.startswith(name))
+        np.testing.assert_allclose(line.get_xdata(), [12, 13, 14, 15])
+        np.testing.assert_allclose(line.get_ydata(), sweep[name])
+    (zeros,) = [line for line in ax.lines if line.get_marker() == "o" and len(line.get_xdata())]
+    np.testing.assert_allclose(zeros.get_xydata(), [[13.5, 0.0]])  # on a straight line, which a cubic keeps
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("array.pitch_mm (mm)", "coupling coefficient k")
+    own = next(line for line in ax.lines if line.get_linestyle() == "--" and list(line.get_xdata()) == [13.28] * 2)
+    assert own.get_color() != zeros.get_markeredgecolor()
+
+
+def test_coupling_that_is_not_over_one_number_is_refused():
+    texts = results.pitch_sweep().assign_coords({"array.pitch_mm": list("abcd")})
+    for wrong in (results.grid_sweep(), results.pitch_sweep()[["worst_k"]], texts):
+        with pytest.raises(ValueError, match="must be over one entry with numbers and have k of a pair"):
+            plot_coupling_sweep(wrong)
+
+
+@given(st.floats(-0.8, 0.8), st.booleans())
+@example(-2.5697465692420288e-17, False)  # found from both sides of a sample
+def test_zeros_of_a_smooth_function_are_found(root, falling):
+    x = np.linspace(-1, 1, 41)
+    values = (x - root) * (2 + np.cos(3 * x)) * (-1 if falling else 1)
+    (found,) = zero_crossings(x, values)
+    # monotone cubics are off by less than the third power of the step of 0.05 where the function has no turning point
+    assert found == pytest.approx(root, abs=0.05**3)
+
+
+def test_zeros_are_between_samples_that_have_values():
+    assert zero_crossings([0, 1, 2, 3], [1.0, np.nan, -1.0, -2.0]).size == 0
+    assert zero_crossings([0, 1, 2], [1.0, 2.0, 1.0]).size == 0
+    assert zero_crossings([0, 1, 2, 3, 4], [1.0, -1.0, np.nan, -1.0, 1.0]) == pytest.approx([0.5, 3.5])
+    assert zero_crossings([0, 1, 2], [1.0, 0.0, -1.0]) == pytest.approx([1.0])
+    assert np.isfinite(zero_crossings([0, 1, 2, 3], [1.0, 0.0, 0.0, 1.0])).all()
+    assert zero_crossings([0.0], [0.0]).size == 0
+    assert zero_crossings([], []).size == 0
+
+
+def test_pairs_share_a_panel_of_a_sweep():
+    couplings, worst = sweep_figure(results.pitch_sweep()).axes
+    assert couplings.get_ylabel() == "coupling coefficient k"
+    assert worst.get_ylabel() == "worst_k"
+    texts = results.pitch_sweep().assign_coords({"array.pitch_mm": list("abcd")})
+    assert [ax.get_ylabel() for ax in sweep_figure(texts).axes] == ["k[coil1,coil2]", "k[coil1,coil3]", "worst_k"]
+
+
+def test_sweeps_of_another_shape_are_refused():
+    with pytest.raises(ValueError, match=r"lines need one entry, .*; got array.pitch_mm, array.columns"):
+        plot_sweep_lines(results.grid_sweep(), "span_mm")
+    with pytest.raises(ValueError, match=r"a map needs a grid over two entries; got array.pitch_mm"):
+        plot_sweep_map(results.pitch_sweep(), "worst_k")
+
+
+def test_a_bell_curve_has_the_peak_and_width_of_its_bell():
+    """exp(−(x/w)²) is half at w √ln 2; cubic splines through samples w/4 apart are off by less than 1e-3 of that."""
+    width = 8e-3
+    response = results.response(width=width)
+    ax = plot_bell_curve(response, "coil2")
+    full = 2 * width * np.sqrt(np.log(2)) * 1e3
+    assert legend(ax) == [f"{h} mm: {h} × 10⁻³, {full:.1f} mm" for h in ("0.5", "1")]
+    bars = [line for line in ax.lines if line.get_marker() == "|"]
+    for bar, peak in zip(bars, (0.5, 1.0), strict=True):
+        left, right = bar.get_xdata()
+        assert (left, right) == pytest.approx((6 - full / 2, 6 + full / 2), abs=1e-3 * full)
+        np.testing.assert_allclose(bar.get_ydata(), peak / 2, rtol=1e-3)
+    dots = [line for line in ax.lines if line.get_marker() == "."]
+    for line, row in zip(dots, response.delta.sel(state="coil2").isel(y=3), strict=True):  # y = 0
+        np.testing.assert_allclose(line.get_xdata(), response.x * 1e3)
+        np.testing.assert_allclose(line.get_ydata(), row * 1e3)
+    assert ax.get_title(loc="left") == "Bell curve of coil2"
+
+
+def test_a_bell_curve_goes_along_y_and_around_gaps():
+    response = results.response(depths=[1e-3])
+    along_y = plot_bell_curve(response, "coil1", along="y")
+    assert along_y.get_xlabel() == "y (mm)"
+    # y ends at ±6 mm, where δ is still above its half: there is no width
+    assert legend(along_y) == ["1 mm: 1 × 10⁻³"]
+    holed = response.copy(deep=True)
+    holed.delta[0, 3, 4] = np.nan
+    whole, around = (plot_bell_curve(one, "coil2") for one in (response, holed))
+    assert legend(whole) == legend(around)
+    nothing = response.copy(deep=True)
+    nothing.delta[...] = np.nan
+    with pytest.raises(ValueError, match="at least two x with a value; got 0"):
+        plot_bell_curve(nothing)
+    with pytest.raises(ValueError, match="at least two x with a value; got 1"):
+        plot_bell_curve(response.isel(x=[3]))
+    with pytest.raises(ValueError, match="state must be one of coil1, coil2; got 'coil9'"):
+        plot_bell_curve(response, "coil9")
+
+
+def test_a_bell_curve_of_the_two_dimensional_model_and_of_the_middle():
+    x = np.linspace(-20e-3, 20e-3, 21)
+    line = xr.Dataset({"delta": (("depth", "x"), [1e-4 * np.exp(-((x / 8e-3) ** 2))])}, {"depth": [1e-3], "x": x})
+    ax = plot_bell_curve(line.assign_attrs(coil="coil4"))
+    assert ax.get_title(loc="left") == "Bell curve of coil4"
+    assert legend(ax) == ["1 mm: 100 × 10⁻⁶, 13.3 mm"]
+    shifted = results.response().assign_coords(x=results.response().x + 5e-3)
+    shifted["coil_x"] = shifted.coil_x + 5e-3
+    right = shifted.isel(x=slice(8, None))  # its middle is over coil2
+    assert plot_bell_curve(right).get_title(loc="left") == "Bell curve of coil2"
+
+
+def test_a_map_with_gaps_is_drawn():
+    response = results.response()
+    response.delta[1, 2, 3] = np.nan
+    ax = plot_response(response, "coil2", 1)
+    ax.figure.draw_without_rendering()
+    assert ax.child_axes[0].get_ylabel() == "δ (10⁻³)"
+
+
+def test_a_pareto_front_is_that_of_the_result():
+    """Small k and large span: (0.2, 30) has the least k, (0.25, 50) the largest span; the others are beaten."""
+    result = results.optimization()
+    ax = plot_pareto(result, named={result.front[0].name: "least k"})
+    drawn = {c.get_label(): c.get_offsets() for c in ax.collections}
+    np.testing.assert_allclose(drawn["Pareto front"], [[0.2, 30], [0.25, 50]])
+    np.testing.assert_allclose(drawn["keeps all bounds"], [[0.3, 40], [0.2, 30], [0.4, 35], [0.25, 50]])
+    np.testing.assert_allclose(drawn["design as it was"], [[0.35, 20]])
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("worst_k", "span_mm")
+    (text,) = ax.texts
+    assert (text.get_text(), text.xy) == ("least k", (0.2, 30.0))
+    turned = plot_pareto(result, (1, 0))
+    np.testing.assert_allclose(turned.collections[1].get_offsets(), [[30, 0.2], [50, 0.25]])
+    # of a small k the step is after the point, of a large span before it: between points nobody is better
+    assert (ax.lines[0].get_drawstyle(), turned.lines[0].get_drawstyle()) == ("steps-post", "steps-pre")
+    with pytest.raises(ValueError, match="one of the goal's 2, counted from 0; got 2"):
+        plot_pareto(result, (0, 2))
+
+
+def test_a_search_is_every_trial_in_turn():
+    ax = plot_search(results.optimization(), 1)
+    drawn = {c.get_label(): c.get_offsets() for c in ax.collections}
+    np.testing.assert_allclose(drawn["keeps all bounds"], [[0, 40], [1, 30], [2, 35], [3, 50]])
+    np.testing.assert_allclose(curves(ax)["best so far"].get_ydata(), [40, 40, 40, 50, 50])  # larger is better
+    assert ax.get_ylabel() == "span_mm"
+    with pytest.raises(ValueError, match="got -1"):
+        plot_search(results.optimization(), -1)
+
+
+def test_shares_add_up_and_a_histogram_counts_the_boards():
+    result = results.tolerances()
+    bars = {bar.get_facecolor(): bar for bar in plot_shares(result).patches}
+    assert sorted(bar.get_width() for bar in bars.values()) == pytest.approx([0, 25, 75])
+    ax = plot_boards(result, "worst_k")
+    assert legend(ax)[0] == "9 boards"
+    # density times width is the part of the boards
+    assert sum(bar.get_width() * bar.get_height() for bar in ax.patches) == pytest.approx(1.0)

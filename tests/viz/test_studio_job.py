@@ -1,0 +1,209 @@
+"""Work beside the page: it tells how it goes on, ends when it is told to, and never outlives whoever began it."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+from support.patience import PATIENCE, alive, until
+from support.studio_tasks import count_to, fail, never_listen, tell_on_and_on, wait_for_the_word
+
+from coilarray.errors import GeometryError
+from coilarray.viz.studio.calculator import Calculator, Step
+from coilarray.viz.studio.job import Job
+
+
+class Watched:
+    """A job with everything that it says."""
+
+    def __init__(self, task, item, **options):
+        self.messages, self.outcome, self.ended, self.told = [], None, threading.Event(), threading.Event()
+        self.job = Job(task, item, self._message, self._end, **options)
+
+    def _message(self, message):
+        self.messages.append(message)
+        self.told.set()
+
+    def _end(self, outcome):
+        self.outcome = outcome
+        self.ended.set()
+
+    def result(self):
+        assert self.ended.wait(PATIENCE)
+        return self.outcome
+
+
+def test_a_job_tells_and_ends():
+    watched = Watched(count_to, 5)
+    outcome = watched.result()
+    assert (outcome.kind, outcome.result) == ("done", 25)
+    assert watched.messages == [(k, 5) for k in range(1, 6)]
+    assert not watched.job.running
+
+
+@pytest.mark.parametrize(
+    ("item", "line"),
+    [
+        ("ours", "the coil must be round; got a square."),
+        ("theirs", "ZeroDivisionError: nothing to divide"),
+        ("gone", "the work ended with exit code 7; is there memory enough?"),
+    ],
+)
+def test_what_goes_wrong_is_one_line(item, line, capfd):
+    outcome = Watched(fail, item).result()
+    assert (outcome.kind, outcome.problem) == ("failed", line)
+    assert ("Traceback" in capfd.readouterr().err) == (item == "theirs")  # ours to mend, not the user's
+
+
+def test_a_task_that_listens_ends_in_order(tmp_path):
+    watched = Watched(wait_for_the_word, str(tmp_path / "rested"), patience=PATIENCE)
+    assert watched.told.wait(PATIENCE)
+    watched.job.stop()
+    watched.job.stop()
+    assert watched.result().kind == "cancelled"
+    assert (tmp_path / "rested").read_text(encoding="utf-8") == "at rest"
+
+
+def test_a_task_that_does_not_listen_is_ended():
+    watched = Watched(never_listen, None)
+    assert watched.told.wait(PATIENCE)
+    watched.job.close()
+    assert watched.result().kind == "cancelled"
+    assert not alive(watched.messages[0])
+
+
+def test_a_task_that_tells_is_cancelled_and_nothing_is_said_after_that():
+    watched = Watched(tell_on_and_on, None, patience=PATIENCE)  # so that it is not ended, but ends
+    assert watched.told.wait(PATIENCE)
+    watched.job.stop()
+    most = len(watched.messages) + 1  # one may have been on its way
+    assert watched.result().kind == "cancelled"
+    assert len(watched.messages) <= most
+    assert not alive(watched.messages[0])
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no SIGKILL here")
+def test_a_job_ends_with_its_studio_even_if_that_is_killed():
+    script = textwrap.dedent(
+        """
+        import time
+        from support.studio_tasks import never_listen
+        from coilarray.viz.studio.job import Job
+
+        if __name__ == "__main__":
+            Job(never_listen, None, lambda pid: print(pid, flush=True), lambda outcome: None)
+            time.sleep(600)
+        """
+    )
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
+    studio = subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True, env=environment)
+    try:
+        pid = int(studio.stdout.readline())
+        assert alive(pid)
+    finally:
+        studio.kill()
+        studio.communicate()
+    until(lambda: not alive(pid))
+
+
+# ------------------------------------------------------------------------ steps
+
+
+def run(ask):
+    """Run steps until there are none left; `ask` gets a calculator and a list to write to."""
+
+    async def main():
+        with ThreadPoolExecutor(1) as threads:
+            calculator, seen = Calculator(threads), []
+            await ask(calculator, seen)
+            while not calculator.idle:
+                await asyncio.sleep(0.005)
+            calculator.close()
+            return seen
+
+    return asyncio.run(main())
+
+
+def step(seen, name, value=None, *, begun=None, gate=None, **options):
+    def compute():
+        if begun is not None:
+            begun.set()
+        assert gate is None or gate.wait(PATIENCE)
+        if isinstance(value, Exception):
+            raise value
+        return value
+
+    return Step(
+        name, compute, lambda result: seen.append((name, result)), lambda line: seen.append((name, line)), **options
+    )
+
+
+def test_steps_come_in_order_and_the_newest_wish_counts():
+    async def ask(calculator, seen):
+        begun, gate = threading.Event(), threading.Event()
+        calculator.ask([step(seen, "first", 1, begun=begun, gate=gate), step(seen, "second", 1)])
+        assert await asyncio.to_thread(begun.wait, PATIENCE)
+        calculator.ask([step(seen, "first", 2), step(seen, "second", 2)])
+        calculator.ask([step(seen, "first", 3), step(seen, "second", 3)])
+        gate.set()
+
+    assert run(ask) == [("first", 1), ("first", 3), ("second", 3)]
+
+
+def test_a_step_that_waits_for_rest_comes_last_and_once():
+    rest, times = 0.3, []
+
+    async def ask(calculator, seen):
+        for k in range(5):
+            # so long that there is no rest between two wishes, however busy the machine is
+            calculator.ask([step(seen, "full", k, rest=1000.0), step(seen, "rough", k)])
+            while ("rough", k) not in seen:
+                await asyncio.sleep(0.005)
+        times.append(time.monotonic())
+        calculator.ask([step(seen, "full", 5, rest=rest)])
+        while not calculator.idle:
+            await asyncio.sleep(0.005)
+        times.append(time.monotonic())
+
+    assert run(ask) == [*(("rough", k) for k in range(5)), ("full", 5)]
+    assert times[1] - times[0] >= rest
+
+
+def test_a_step_that_is_late_is_not_put_off_for_ever():
+    patience, times, wishes = 0.2, [], []
+
+    async def ask(calculator, seen):
+        newest, times[:] = threading.Event(), [time.monotonic()]
+        async with asyncio.timeout(PATIENCE):
+            while not any(name == "scene" for name, _ in seen):
+                # every rough step lasts until the next one is asked for: there is one to be done at any time
+                before, newest, k = newest, threading.Event(), len(wishes)
+                calculator.ask([step(seen, "rough", k, gate=newest), step(seen, "scene", k, patience=patience)])
+                wishes.append(k)
+                before.set()
+                await asyncio.sleep(0.01)
+        times.append(time.monotonic())
+        newest.set()
+
+    scenes = [k for name, k in run(ask) if name == "scene"]
+    assert times[1] - times[0] >= patience
+    assert scenes[-1] == wishes[-1]
+
+
+def test_a_step_that_fails_is_told_and_the_next_one_done(capfd):
+    async def ask(calculator, seen):
+        calculator.ask(
+            [step(seen, "first", GeometryError("a line.")), step(seen, "second", KeyError("x")), step(seen, "third", 3)]
+        )
+
+    assert run(ask) == [("first", "a line."), ("second", "KeyError: 'x'"), ("third", 3)]
+    assert "KeyError" in capfd.readouterr().err

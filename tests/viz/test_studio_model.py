@@ -1,0 +1,426 @@
+"""What the studio computes, without any page: values in, numbers out, held against the library's own functions."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from support.browser import bells, quick_run
+
+from coilarray import couple_design, load_design
+from coilarray.design.model import build_design, parse_design
+from coilarray.electromagnetics.field import magnetic_field
+from coilarray.errors import DesignError, ElastomerError, GeometryError, LocalizeError, NetworkError, OutputError
+from coilarray.geometry import check_rules
+from coilarray.localize.inverse import Location, Mode
+from coilarray.viz.scenes.scene import Scale
+from coilarray.viz.studio.entries import entries_of, number_of, text_of
+from coilarray.viz.studio.legend import legend_of
+from coilarray.viz.studio.numbers import (
+    coil_rows,
+    coupling_cells,
+    inductance_cells,
+    margin_rows,
+    margins_of,
+    numbers_of,
+)
+from coilarray.viz.studio.runs import front_rows, read_runs, run_folders
+from coilarray.viz.studio.shelf import Shelf
+from coilarray.viz.studio.switching import first_settings, kept_settings, state_of, switched, unit_fields
+from coilarray.viz.studio.told import told, told_by_ellipses
+from coilarray.viz.studio.top_view import board_drawing, delta_bars, delta_fills, pins, top_view, touch_drawing
+from coilarray.viz.studio.touch import first_place, sensor_of, touched
+from coilarray.viz.studio.work import MOST_COILS, require_small, work_on
+
+
+@pytest.fixture(scope="module")
+def starter():
+    return load_design("starter")
+
+
+@pytest.fixture(scope="module")
+def sensor(starter):
+    return sensor_of(starter, bells(starter.document, starter.name, lambda done, total: None))
+
+
+# ------------------------------------------------------------------------ entries and changes
+
+
+@pytest.mark.parametrize("name", ["gast2020", "gast_fem", "starter"])
+def test_every_slider_reaches_its_value_and_every_value_can_be_entered(name):
+    design = load_design(name)
+    entries = entries_of(design)
+    assert len({entry.key for entry in entries}) == len(entries) > 15
+    work = work_on(design, name)
+    for entry in entries:
+        assert entry.low <= entry.value <= entry.high
+        assert entry.step > 0
+        again = work.with_entry(entry.key, text_of(entry.value))
+        assert again.design.digest == design.digest  # its own value changes nothing
+    values = design.values
+    assert {entry.key: entry.value for entry in entries if entry.key in values} == {
+        entry.key: pytest.approx(values[entry.key]) for entry in entries if entry.key in values
+    }
+
+
+def test_a_change_is_what_the_library_makes_of_it(starter):
+    work = work_on(starter, "starter")
+    wider = work.with_entry("array.pitch_mm", " 12.5 ")
+    assert (
+        wider.design.digest
+        == build_design({**starter.document, "array": {**starter.document["array"], "pitch_mm": 12.5}}).digest
+    )
+    assert (work.changed, wider.changed) == (False, True)
+    assert work.design is starter  # values, not states
+    assert wider.with_entry("array.pitch_mm", text_of(starter.values["array.pitch_mm"])).design.digest == starter.digest
+
+
+def test_what_was_chosen_is_no_longer_assumed():
+    design = load_design("gast2020")
+    assert "array.pitch_mm" in design.assumed
+    work = work_on(design, "gast2020").with_entry("array.pitch_mm", "13.28")
+    assert set(design.assumed) - set(work.design.assumed) == {"array.pitch_mm"}
+    layer = work_on(design, "gast2020").with_entry("stackup.dielectric_thickness_mm.1", "0.3")
+    assert layer.design.values["stackup.dielectric_thickness_mm"] == [0.215, 0.3, 0.215]
+    assert "stackup.dielectric_thickness_mm" not in layer.design.assumed
+
+
+@pytest.mark.parametrize(
+    ("key", "text", "line"),
+    [
+        ("array.pitch_mm", "wide", "array.pitch_mm must be a number; got 'wide'."),
+        ("array.pitch_mm", "", "array.pitch_mm must be a number; got ''."),
+        ("array.pitch_mm", "nan", "array.pitch_mm must be a finite number; got 'nan'."),
+        ("array.pitch_mm", "0", "array.pitch_mm must be greater than 0; got 0."),
+        ("array.columns", "2.5", "array.columns must be a whole number; got 2.5."),
+        ("array.columns", "1000", f"array.columns must leave at most {MOST_COILS} coils for the studio to follow; got 1000."),  # noqa: E501
+        ("coils.hexagon.turns_per_layer", "12.1", "coils.hexagon: turns must be a multiple of 1/6"),
+        ("elastomer.0.relative_permeability", "0.5", "elastomer.0.relative_permeability must be at least 1; got 0.5."),
+        ("array.spacing", "3", "array has no key 'spacing'"),
+    ],
+)  # fmt: skip
+def test_a_wrong_value_is_one_line_without_the_name_of_the_design(starter, key, text, line):
+    work = work_on(starter, "starter")
+    with pytest.raises(DesignError) as refused:
+        work.with_entry(key, text)
+    assert str(refused.value).startswith(line)
+    assert "\n" not in str(refused.value)
+    assert not work.changed
+
+
+def test_a_design_that_no_page_can_follow_is_refused(starter):
+    many = build_design({**starter.document, "array": {**starter.document["array"], "columns": 70}})
+    with pytest.raises(DesignError, match="at most 64 coils; the array has 70"):
+        work_on(many, "many")
+    fine = replace(starter, array=starter.array)
+    require_small(fine)
+
+
+@given(st.floats(allow_nan=False, allow_infinity=False, width=32))
+def test_numbers_are_read_as_they_are_shown(value):
+    # twelve digits are shown
+    assert number_of("key", text_of(value)) == pytest.approx(value, rel=1e-11, abs=1e-300)
+    assert number_of("key", text_of(value).replace("-", "−")) == number_of("key", text_of(value))
+
+
+@pytest.mark.parametrize("text", ["", "wide", "1,5", "1_0", "0x10"])
+def test_what_is_no_number_is_one_line(text):
+    with pytest.raises(DesignError, match=rf"^key must be a number; got '{text}'\.$"):
+        number_of("key", text)
+
+
+# ------------------------------------------------------------------------ numbers
+
+
+def test_numbers_are_those_of_the_library(starter):
+    found, reference = numbers_of(starter), couple_design(starter)
+    for name in ("inductance", "coupling", "effective_inductance", "frequency", "resistance"):
+        np.testing.assert_array_equal(found.coupling[name].values, reference[name].values)
+    rough = numbers_of(starter, "screen")
+    # what screening promises: inductances to 3e-4, see tests/electromagnetics/test_inductance_screen.py
+    np.testing.assert_allclose(rough.inductance, found.inductance, rtol=0, atol=3e-4 * found.inductance.max())
+    cells = coupling_cells(found)
+    assert [[float(cell.full.partition(" = ")[2]) for cell in row] for row in cells] == found.k.tolist()
+    assert cells[0][1].text == f"{found.k[0, 1]:+.4f}".replace("-", "−")
+    assert cells[0][0].colour == "#FFFFFF"
+    assert inductance_cells(found)[1][1].full == f"L(coil2, coil2) = {found.inductance[1, 1].item()!r} H"
+    assert inductance_cells(found)[0][1].full.startswith("M(coil1, coil2) = ")
+    assert [row[0] for row in coil_rows(found)] == list(starter.array.names)
+
+
+def test_cells_are_read_on_their_colour(starter):
+    for row in (*coupling_cells(numbers_of(starter, "screen")), *inductance_cells(numbers_of(starter, "screen"))):
+        for cell in row:
+            red, green, blue = (int(cell.colour[k : k + 2], 16) / 255 for k in (1, 3, 5))
+            light = 0.2126 * red + 0.7152 * green + 0.0722 * blue
+            assert abs(light - (1.0 if cell.ink == "#FFFFFF" else 0.125)) > 0.25
+
+
+def test_margins_are_the_worst_of_each_rule_and_layer(starter):
+    margins, every = margins_of(starter), check_rules(starter.array, starter.rules)
+    assert margins[0] == every[0]
+    assert {(m.rule, m.layer) for m in margins} == {(m.rule, m.layer) for m in every}
+    for margin in margins:
+        assert margin.margin == min(m.margin for m in every if (m.rule, m.layer) == (margin.rule, margin.layer))
+    rows = margin_rows(margins)
+    assert [row[6] for row in rows] == [margin.kept for margin in margins]
+    assert rows[0][3].endswith(" mm")
+
+
+# ------------------------------------------------------------------------ switches
+
+
+def test_one_measured_coil_sees_what_the_coupling_says(starter):
+    numbers = numbers_of(starter)
+    for name in starter.array.names:
+        settings = {other: "measure" if other == name else "ground" for other in starter.array.names}
+        result = switched(starter, numbers.inductance, settings)
+        reference = numbers.coupling.sel(coil=name)
+        # both within 1e-3 of one frequency, over which L_eff hardly turns
+        assert result.effective_inductance == pytest.approx(float(reference.effective_inductance), rel=1e-6)
+        # Im Y = 0 of R + jωL beside C is at ω² = (1 − 1/Q²)/(LC)
+        Q = 2 * math.pi * float(reference.frequency) * result.effective_inductance / result.effective_resistance
+        assert result.frequency == pytest.approx(float(reference.frequency) * math.sqrt(1 - 1 / Q**2), rel=1e-6)
+        alone = switched(starter, numbers.inductance, {**dict.fromkeys(starter.array.names, "open"), name: "measure"})
+        assert alone.effective_inductance == pytest.approx(float(reference.open_inductance), rel=1e-9)
+
+
+def test_coils_in_series_add_with_their_coupling(starter):
+    L = numbers_of(starter).inductance
+    result = switched(starter, L, {"coil1": "measure", "coil2": "measure", "coil3": "open"})
+    assert result.effective_inductance == pytest.approx(L[:2, :2].sum(), rel=1e-9)
+    np.testing.assert_allclose(np.abs(result.currents), [1.0, 1.0, 0.0], atol=1e-9)
+
+
+def test_settings_name_a_state(starter):
+    names = starter.array.names
+    assert first_settings(names) == {"coil1": "ground", "coil2": "measure", "coil3": "ground"}
+    assert first_settings(["one"]) == {"one": "measure"}
+    kept = kept_settings(("coil1", "coil2", "coil9"), {"coil1": "open", "coil2": "measure", "coil3": "open"})
+    assert kept == {"coil1": "open", "coil2": "measure", "coil9": "ground"}
+    assert kept_settings(("coil9",), {"coil1": "measure"}) == {"coil9": "measure"}
+    state = state_of({"coil1": "measure", "coil2": "measure", "coil3": "open"})
+    assert (state.name, state.exceptions) == ("coil1 + coil2", {"coil3": "open"})
+    with pytest.raises(NetworkError, match="at least one coil must be measured"):
+        state_of({"coil1": "ground"})
+
+
+def test_the_plane_is_the_field_of_all_currents(starter):
+    fields = unit_fields(starter, 3e-3)
+    currents = np.array([1e-3, -2e-3, 0.5e-3])
+    grid = fields.plane(currents)
+    where = np.asarray(grid.points) * 1e-3
+    B = magnetic_field(starter.array.conductors(), where, currents)
+    # single precision of VTK's points
+    np.testing.assert_allclose(grid.point_data["B (T)"], B, rtol=1e-4, atol=1e-4 * np.abs(B).max())
+    np.testing.assert_allclose(grid.point_data["|B| (T)"], np.linalg.norm(B, axis=1), rtol=1e-4)
+    assert fields.height == starter.field_height
+    with pytest.raises(GeometryError, match="widen the spacing"):
+        unit_fields(starter, 1e-6)
+
+
+# ------------------------------------------------------------------------ touching
+
+
+def test_a_touch_reads_the_response_and_is_located_where_it_is(sensor):
+    x, y, depth = first_place(sensor)
+    touch = touched(sensor, x, y, depth)
+    np.testing.assert_array_equal(list(touch.delta.values()), sensor.model.delta([x, y, depth]))
+    best = touch.location.best
+    assert touch.location.verdict == "found"
+    # the search ends where χ² no longer falls, well within what noise does
+    assert (np.abs([best.x - x, best.y - y, best.depth - depth]) < 0.05 * best.deviations).all()
+    beyond = touched(sensor, 1.0, -1.0, 1.0)
+    low, high = sensor.model.lower, sensor.model.upper
+    assert (*beyond.at, beyond.depth) == (high[0], low[1], high[2])
+
+
+def test_the_papers_ellipses_meet_at_the_touch(sensor):
+    touch = touched(sensor, 5e-3, 2e-3, 0.6e-3)
+    assert touch.problem == ""
+    # circles that are no ellipses of Eq. 4 exactly: the polynomials err by some hundredths of a millimetre
+    assert (touch.crossing.x, touch.crossing.y) == pytest.approx((5e-3, 2e-3), abs=0.2e-3)
+    for state, ellipse in touch.ellipses.items():
+        assert float(ellipse.distance(5e-3, 2e-3)) == pytest.approx(0.0, abs=0.2e-3), state
+    assert "meet at x = 5.0" in told_by_ellipses(touch)
+    assert told(touch.location)[0] == "found"
+    assert told(touch.location)[1].startswith("located: x = 5.00 ± ")
+
+
+def test_a_table_of_another_design_and_a_design_without_indenter_are_refused(starter, sensor):
+    other = work_on(starter, "starter").with_entry("array.pitch_mm", "12").design
+    with pytest.raises(LocalizeError, match="another design"):
+        sensor_of(other, bells(starter.document, "starter", lambda done, total: None))
+    bare = {key: table for key, table in starter.document.items() if key not in ("indenter", "indentation", "assumed")}
+    with pytest.raises(ElastomerError, match=r"no \[indenter\] and \[indentation\]"):
+        sensor_of(build_design(bare, "bare"), bells(starter.document, "starter", lambda done, total: None))
+
+
+# ------------------------------------------------------------------------ the drawing from above
+
+
+@given(st.floats(0, 1), st.floats(0, 1))
+def test_a_point_of_the_drawing_is_the_place_that_is_drawn_there(across, down):
+    view = top_view(load_design("starter"))
+    x, y = view.point(*view.place(across, down))
+    # drawn to 1 µm
+    assert (x, y) == pytest.approx((view.left + across * view.width, view.top + down * view.height), abs=1.1e-3)
+
+
+def test_marks_stand_where_things_are(starter, sensor):
+    view = top_view(starter)
+    drawing = board_drawing(starter, view)
+    assert [coil["name"] for coil in drawing["coils"]] == list(starter.array.names)
+    for coil, (x, y) in zip(drawing["coils"], (starter.array.centres * 1e3).tolist(), strict=True):
+        corners = np.array([[float(part) for part in point.split(",")] for point in coil["points"].split()])
+        assert (coil["x"], coil["y"]) == pytest.approx((x, -y))
+        assert (corners.min(axis=0) < [x, -y]).all()
+        assert (corners.max(axis=0) > [x, -y]).all()
+    touch = touched(sensor, 5.5e-3, 4e-3, 0.6e-3)
+    marks = touch_drawing(starter, view, touch)
+    assert (marks["indenter"]["x"], marks["indenter"]["y"]) == view.point(5.5e-3, 4e-3)
+    (best, *_) = marks["pins"]
+    assert (best["x"], best["y"]) == view.point(touch.location.best.x, touch.location.best.y)
+
+
+@given(st.floats(0.5, 3.0), st.floats(1.0, 3.0), st.floats(-3.0, 3.0))
+def test_an_ellipse_holds_95_percent(narrow, ratio, turn):
+    axes = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
+    deviations = 1e-3 * np.array([narrow * ratio, narrow])
+    information = np.zeros((3, 3))
+    information[:2, :2] = axes @ np.diag(1 / deviations**2) @ axes.T
+    information[2, 2] = 1e8
+    (pin,) = pins(top_view(load_design("starter")), Location("found", "", (Mode(1e-3, 2e-3, 1e-3, information, 0.0),)))
+    # 5.991 is the quantile of χ² for two
+    assert (pin["rx"], pin["ry"]) == pytest.approx(tuple(deviations * 1e3 * math.sqrt(5.991)), rel=1e-4)
+    if ratio > 1.01:  # a circle has no direction
+        drawn = math.radians(-pin["turn"])
+        assert abs(math.sin(drawn - turn)) < 1e-3
+
+
+def test_colours_and_bars_of_delta(starter):
+    names = starter.array.names
+    fills = delta_fills(starter, {"coil1": 1e-4, "coil2": -1e-4, "coil3": None})
+    assert set(fills) == set(names)
+    assert len(set(fills.values())) == 3
+    bars = delta_bars([("a", 2e-4), ("b", -1e-4), ("c", None)])
+    assert [(bar["text"], bar["part"]) for bar in bars] == [("+200.0", 50.0), ("−100.0", -25.0), ("–", 0.0)]
+    assert delta_bars([("a", 1e-6)])[0]["part"] == 0.5  # small readings stay small
+
+
+def test_the_legend_tells_units_and_ends():
+    from coilarray.viz.scenes import Part, Scene
+
+    scene = Scene(
+        (Part("plane", None, "B", "#123456", Scale("|B| (T)", "B", "T", 1e-8, 1e-6, logarithmic=True)),),
+        notes=("a note",),
+    )
+    legend = legend_of(scene)
+    assert legend["groups"] == [{"name": "B", "colour": "#123456"}]
+    assert legend["notes"] == ["a note"]
+    (bar,) = legend["bars"]
+    assert (bar["title"], bar["ticks"][0], bar["ticks"][2], bar["ticks"][-1]) == ("B (µT)", "0.01", "0.1", "1")
+
+
+# ------------------------------------------------------------------------ files
+
+
+def test_a_saved_design_is_read_back_and_nothing_else_is_touched(starter, tmp_path):
+    shelf = Shelf(tmp_path)
+    changed = work_on(starter, "starter").with_entry("array.pitch_mm", "12.5")
+    saved = shelf.save(changed, "better.toml")
+    assert [path.name for path in tmp_path.iterdir()] == ["better.toml"]
+    assert (saved.file, saved.changed) == ("better.toml", False)
+    again = shelf.open("better.toml")
+    assert again.design.digest == changed.design.digest
+    assert tomllib.loads((tmp_path / "better.toml").read_text(encoding="utf-8")) == changed.design.document
+    assert shelf.names() == ["better.toml", "gast2020", "gast_fem", "starter"]
+    assert parse_design(again.text()).digest == changed.design.digest
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "../better.toml",
+        "/tmp/better.toml",
+        "better",
+        "",
+        ".toml",
+        "a/b.toml",
+        "-x.toml",
+        "a\0.toml",
+        f"{300 * 'a'}.toml",
+    ],
+)
+def test_only_plain_names_are_written_and_read(starter, tmp_path, name):
+    shelf = Shelf(tmp_path)
+    with pytest.raises(OutputError, match=r"plain, short name that ends in \.toml"):
+        shelf.save(work_on(starter, "starter"), name)
+    with pytest.raises((OutputError, DesignError)):
+        shelf.open(name)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_would_be_lost_is_known_before_it_is(starter, tmp_path):
+    shelf, begun = Shelf(tmp_path), work_on(starter, "starter")
+    changed = begun.with_entry("array.pitch_mm", "12")
+    assert not shelf.would_lose(begun, "mine.toml")  # there is none
+    mine = shelf.save(begun, "mine.toml")
+    assert shelf.would_lose(begun, "mine.toml")  # it was begun with another one
+    assert not shelf.would_lose(mine.with_entry("array.pitch_mm", "13"), "mine.toml")
+    shelf.save(changed, "mine.toml")  # meanwhile, from another page
+    assert shelf.would_lose(mine, "mine.toml")
+    (tmp_path / "mine.toml").write_text("schema = ", encoding="utf-8")
+    assert shelf.would_lose(mine, "mine.toml")
+    with pytest.raises(OutputError, match="plain, short name"):
+        shelf.would_lose(mine, "../mine.toml")
+
+
+def test_a_file_that_is_no_design_is_one_line(tmp_path):
+    (tmp_path / "broken.toml").write_text("schema = ", encoding="utf-8")
+    with pytest.raises(DesignError, match="not valid TOML"):
+        Shelf(tmp_path).open("broken.toml")
+    with pytest.raises(DesignError, match=r"there is no file other\.toml"):
+        Shelf(tmp_path).open("other.toml")
+
+
+# ------------------------------------------------------------------------ runs
+
+
+def test_runs_are_read_as_they_were_written(tmp_path):
+    pytest.importorskip("optuna")
+    result = quick_run(tmp_path / "found")
+    before = sorted(path.name for path in (tmp_path / "found").iterdir())
+    (run,) = read_runs(tmp_path / "found")
+    assert run.objectives == ("board_area_mm2", "span_mm")
+    assert run.maximized == (False, True)
+    assert run.tried == len(result.trials)
+    assert {run.points[k].name for k in run.front} == {trial.name for trial in result.front}
+    best = run.points[run.front[0]]
+    (trial,) = (one for one in result.front if one.name == best.name)
+    assert best.quantities == dict(trial.quantities)
+    assert best.entries == dict(trial.changes)
+    np.testing.assert_array_equal(run.values("span_mm"), [point.quantities["span_mm"] for point in run.points])
+    assert front_rows(run)[0]["name"] == best.name
+    assert sorted(path.name for path in (tmp_path / "found").iterdir()) == before  # reading leaves nothing behind
+    assert run_folders(tmp_path) == ["found"]
+    assert run_folders(tmp_path / "found") == ["."]
+    work = work_on(load_design("starter"), "starter").with_entries(best.entries)
+    assert work.design.values["array.columns"] == trial.changes["array.columns"]
+
+
+def test_what_is_no_study_is_one_line(tmp_path):
+    pytest.importorskip("optuna")
+    with pytest.raises(OutputError, match=r"there is no study\.db"):
+        read_runs(tmp_path)
+    for content in (b"", b"no database" * 500):
+        (tmp_path / "study.db").write_bytes(content)
+        with pytest.raises(OutputError, match="it is no study of an optimisation"):
+            read_runs(tmp_path)
+    assert run_folders(Path("/nowhere")) == []

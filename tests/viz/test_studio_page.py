@@ -1,0 +1,412 @@
+"""The studio in a real browser: what a user does on the page, and that the numbers there are the library's."""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+import pytest
+from support import browser
+from support.browser import (
+    Opened,
+    at_rest,
+    drawn,
+    enter,
+    field,
+    heard,
+    matrix,
+    opened,
+    picture,
+    profile,
+    redrawn,
+    served,
+    wait_until_gone,
+)
+from support.patience import until
+
+from coilarray import couple_design, load_design
+from coilarray.design.vary import vary
+from coilarray.localize.forward import forward_model
+from coilarray.viz import rendering_problem
+from coilarray.viz.studio.numbers import numbers_of
+from coilarray.viz.studio.switching import switched
+
+_problem = browser.missing() or rendering_problem()
+pytestmark = pytest.mark.skipif(_problem is not None, reason=str(_problem))
+
+
+@pytest.fixture(scope="module")
+def chromium():
+    with browser.launched() as launched:
+        yield launched
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("designs")
+
+
+@pytest.fixture(scope="module")
+def studio(folder):
+    with served("starter", "--folder", folder) as started:
+        yield started
+
+
+@pytest.fixture(scope="module")
+def shared(chromium, studio):
+    one = Opened(chromium, studio.url)
+    yield one
+    one.context.close()
+
+
+@pytest.fixture
+def page(shared):
+    """One page for most tests, each of which begins with the design as it is and the first tab."""
+    page = shared.page
+    at_rest(page)
+    page.click("#tab-numbers")
+    if page.inner_text("#file") != "starter" or page.locator("[role=alert]").count():
+        page.evaluate("trame.trigger('open_design', ['starter'])")
+        page.wait_for_function(
+            "document.querySelector('#file').innerText === 'starter' && !document.querySelector('[role=alert]')"
+        )
+    page.wait_for_function("document.querySelectorAll('#matrix td').length === 9")
+    at_rest(page)
+    yield page
+    wrong, shared.wrong[:] = list(shared.wrong), []
+    assert wrong == []
+
+
+def changed(**entries):
+    """The starter design with other entries."""
+    return vary(load_design("starter"), {key.replace("__", "."): value for key, value in entries.items()})
+
+
+def test_a_slider_changes_the_matrix_to_what_the_library_gives(page):
+    page.evaluate("trame.trigger('open_design', ['gast2020'])")
+    page.wait_for_function("document.querySelectorAll('#matrix td').length === 36")
+    at_rest(page)
+    np.testing.assert_array_equal(matrix(page), couple_design(load_design("gast2020")).coupling.values)
+    clipped = "inputs => inputs.filter(one => one.scrollWidth > one.clientWidth).map(one => one.value)"
+    shown = page.locator(".studio-entry input[type=text]:visible")
+    assert (shown.evaluate_all(clipped), "13.28" in shown.evaluate_all("all => all.map(one => one.value)")) == (
+        [],
+        True,
+    )
+    before = drawn(page)
+    picture(page, "first")
+    page.locator("[data-key='array.pitch_mm'] [role=slider]").focus()
+    page.keyboard.press("ArrowRight")
+    page.wait_for_selector("#changed")
+    at_rest(page)
+    pitch = float(field(page, "array.pitch_mm").input_value())
+    assert 13.28 < pitch < 13.5
+    wider = couple_design(vary(load_design("gast2020"), {"array.pitch_mm": pitch}))
+    np.testing.assert_array_equal(matrix(page), wider.coupling.values)
+    redrawn(page, before)
+    page.click("#show-L")
+    page.wait_for_selector("#matrix td[title^=L]")
+    np.testing.assert_array_equal(matrix(page), wider.inductance.values)
+    page.click("#show-k")
+
+
+def test_dragging_a_slider_shows_rough_numbers_then_full_ones(page):
+    box = page.locator("[data-key='array.pitch_mm'] [role=slider]").bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    # they may stand there for a moment only: what was there is written down, and the slider moves until it was
+    page.evaluate(
+        "window.told = []; window.telling = new MutationObserver("
+        "() => told.push(document.querySelector('#accuracy')?.dataset.accuracy));"
+        "telling.observe(document.body, { attributes: true, subtree: true, attributeFilter: ['data-accuracy'] })"
+    )
+    page.mouse.move(x, y)
+    page.mouse.down()
+
+    def rough():
+        for k in range(1, 8):
+            page.mouse.move(x + 3 * k, y)
+        return page.evaluate("told.includes('screen')")
+
+    until(rough)
+    page.evaluate("telling.disconnect()")
+    page.mouse.up()
+    at_rest(page)
+    pitch = float(field(page, "array.pitch_mm").input_value())
+    assert pitch > 11.5
+    np.testing.assert_array_equal(matrix(page), numbers_of(changed(array__pitch_mm=pitch)).k)
+
+
+def test_a_wrong_value_is_told_at_its_field_and_changes_nothing_else(page):
+    before = matrix(page)
+    enter(page, "array.pitch_mm", "wide")
+    line = page.wait_for_selector("[data-key='array.pitch_mm'] [role=alert]")
+    assert line.inner_text() == "array.pitch_mm must be a number; got 'wide'."
+    assert page.locator("[role=alert]").count() == 1
+    assert field(page, "array.columns").input_value() == "3"
+    assert page.query_selector("#changed") is None
+    np.testing.assert_array_equal(matrix(page), before)
+    enter(page, "array.columns", "2.5")
+    page.wait_for_selector("[data-key='array.columns'] [role=alert]")
+    assert page.locator("[role=alert]").count() == 2
+    picture(page, "wrong_values")
+    enter(page, "array.pitch_mm", "12")  # right again; the other one stays wrong, and as it was in the design
+    page.wait_for_selector("[data-key='array.pitch_mm'] [role=alert]", state="detached")
+    page.wait_for_selector("#changed")
+    at_rest(page)
+    assert field(page, "array.columns").input_value() == "2.5"
+    np.testing.assert_array_equal(matrix(page), numbers_of(changed(array__pitch_mm=12)).k)
+
+
+def test_rules_that_break_are_red(page):
+    assert page.wait_for_selector("#rules").inner_text() == "rules kept"
+    enter(page, "coils.hexagon.gap_mm", "0.05")
+    page.wait_for_selector("#rules:has-text('rules broken')")
+    assert "spacing within net" in page.locator("#margins tr.broken").first.inner_text()
+    picture(page, "broken_rules")
+
+
+def test_switches_change_what_the_converter_sees_and_the_field(page):
+    page.click("#tab-switches")
+    page.wait_for_selector("#scene :text('magnitude of B')")
+    before = drawn(page)
+    design = load_design("starter")
+    L = numbers_of(design).inductance
+    settings = dict(zip(design.array.names, ("ground", "measure", "ground"), strict=True))
+    sees = "value => Number(document.querySelector('#switched [data-name=L_eff] td + td')?.title) === value"
+    page.wait_for_function(sees, arg=switched(design, L, settings).effective_inductance)
+    for coil, setting in (("coil1", "measure"), ("coil3", "open")):
+        page.click(f"[data-coil={coil}] button[value={setting}]")
+        settings[coil] = setting
+        page.wait_for_function(sees, arg=switched(design, L, settings).effective_inductance)
+    redrawn(page, before)
+    picture(page, "switches")
+    for coil in ("coil1", "coil2"):
+        page.click(f"[data-coil={coil}] button[value=ground]")
+    assert page.wait_for_selector("#switch-problem").inner_text() == "at least one coil must be measured."
+    page.click("[data-coil=coil2] button[value=measure]")
+    page.wait_for_selector("#switched td")
+
+
+def test_the_indenter_is_dragged_and_located(page):
+    page.click("#tab-touch")
+    page.click("#compute-table")
+    page.wait_for_selector("#indenter")
+    box = page.locator("#top-view").bounding_box()
+    page.mouse.move(box["x"] + 0.4 * box["width"], box["y"] + 0.5 * box["height"])
+    page.mouse.down()
+    across, down = 0.62, 0.45
+    for part in np.linspace(0.0, 1.0, 6):
+        x, y = 0.4 + part * (across - 0.4), 0.5 + part * (down - 0.5)
+        page.mouse.move(box["x"] + x * box["width"], box["y"] + y * box["height"])
+    page.mouse.up()
+    page.wait_for_function(
+        "part => { const v = document.querySelector('#top-view').viewBox.baseVal;"
+        " return Math.abs((document.querySelector('#indenter').cx.baseVal.value - v.x) / v.width - part) < 3e-3 }",
+        arg=across,  # to a pixel or two
+    )
+    heard(page)  # the last move and the end of the drag are one place, told twice
+    place = [float(page.input_value(f"[data-axis={axis}] input")) for axis in ("x", "y", "depth")]
+    design = load_design("starter")
+    model = forward_model(browser.bells(design.document, "starter", lambda done, total: None))
+    shown = [float(page.inner_text(f"[data-delta={name}] span:last-child").replace("−", "-")) for name in model.states]
+    # the place is shown to 0.01 mm, half of which is some 5e-6 on the flank of a bell
+    np.testing.assert_allclose(shown, model.delta(np.array(place) * 1e-3) * 1e6, atol=15.0)
+    located = page.inner_text("#located")
+    assert located.startswith("found\nlocated: x = ")
+    assert float(located.partition("located: x = ")[2].split()[0].replace("−", "-")) == pytest.approx(
+        place[0], abs=0.05
+    )
+    assert "ellipses of " in located
+    page.wait_for_selector("#scene :text('hemisphere')")
+    picture(page, "touch")
+    page.fill("[data-axis=depth] input", "deep")
+    page.press("[data-axis=depth] input", "Enter")
+    assert page.wait_for_selector("#place-error").inner_text() == "depth must be a number; got 'deep'."
+    page.fill("[data-axis=depth] input", "99")
+    page.press("[data-axis=depth] input", "Enter")
+    page.wait_for_selector("#place-error:has-text('mm; got 99.')")
+    page.fill("[data-axis=depth] input", "0.3")
+    page.press("[data-axis=depth] input", "Enter")
+    page.wait_for_selector("#place-error", state="detached")
+    enter(page, "array.pitch_mm", "12")  # another board: the response is no longer its own
+    page.wait_for_selector("#touch-note:has-text('computed anew')")
+    assert page.query_selector("#indenter") is None
+
+
+def test_a_design_is_saved_opened_and_kept_through_a_reload(page, folder):
+    enter(page, "array.pitch_mm", "12.5")
+    page.wait_for_selector("#changed")
+    page.click("#save")
+    page.fill("#save-name", "../outside.toml")
+    page.click("#save-now")
+    assert "plain, short name" in page.wait_for_selector("#file-problem").inner_text()
+    picture(page, "save")
+    page.fill("#save-name", "better.toml")
+    page.click("#save-now")
+    page.wait_for_selector("#file:has-text('better.toml')")
+    page.wait_for_selector("#changed", state="detached")
+    assert load_design(folder / "better.toml").values["array.pitch_mm"] == 12.5
+    (folder / "other.toml").write_text("another's", encoding="utf-8")
+    page.click("#save")
+    page.fill("#save-name", "other.toml")
+    page.click("#save-now")
+    assert "other.toml is there already" in page.wait_for_selector("#file-problem").inner_text()
+    assert (folder / "other.toml").read_text(encoding="utf-8") == "another's"
+    page.click("#save-now:has-text('Replace')")
+    page.wait_for_selector("#file:has-text('other.toml')")
+    assert load_design(folder / "other.toml").values["array.pitch_mm"] == 12.5
+    page.click("#save")
+    page.fill("#save-name", "better.toml")
+    page.click("#save-now")
+    page.click("#save-now:has-text('Replace')")
+    page.wait_for_selector("#file:has-text('better.toml')")
+    field(page, "array.columns").fill("2")
+    field(page, "array.columns").press("Tab")  # to leave a field enters it too
+    page.wait_for_selector("#changed")
+    page.reload()
+    at_rest(page)
+    assert [field(page, key).input_value() for key in ("array.pitch_mm", "array.columns")] == ["12.5", "2"]
+    assert page.inner_text("#file").startswith("better.toml")
+    np.testing.assert_array_equal(matrix(page), numbers_of(changed(array__pitch_mm=12.5, array__columns=2)).k)
+    page.click("#open")
+    page.wait_for_selector("#shelf >> text=better.toml")
+    picture(page, "open")
+    page.click("#shelf >> text=better.toml")
+    page.wait_for_selector("#changed", state="detached")
+    page.wait_for_function("document.querySelectorAll('#matrix td').length === 9")
+    assert field(page, "array.columns").input_value() == "3"
+
+
+def test_two_browsers_do_not_disturb_each_other(page, chromium, studio):
+    with opened(chromium, studio.url) as other:
+        enter(page, "array.pitch_mm", "13")
+        page.wait_for_selector("#changed")
+        enter(other, "array.columns", "2")
+        other.wait_for_selector("#changed")
+        page.click("#tab-switches")
+        at_rest(other)
+        at_rest(page)
+        assert other.locator("#matrix").is_visible()
+        assert [field(page, key).input_value() for key in ("array.pitch_mm", "array.columns")] == ["13", "3"]
+        assert [field(other, key).input_value() for key in ("array.pitch_mm", "array.columns")] == ["11", "2"]
+        page.click("#tab-numbers")
+        np.testing.assert_array_equal(matrix(page), numbers_of(changed(array__pitch_mm=13)).k)
+        np.testing.assert_array_equal(matrix(other), numbers_of(changed(array__columns=2)).k)
+
+
+def test_runs_of_an_optimisation_are_shown_and_taken_over(page, folder):
+    pytest.importorskip("optuna")
+    result = browser.quick_run(folder / "found")
+    page.click("#tab-runs")
+    page.click("#look-for-runs")
+    heard(page)
+    page.click("#run-folder-box .v-field")
+    page.click(".v-overlay >> text=found")
+    page.wait_for_selector("#pareto")
+    assert page.inner_text("#run-told").startswith(f"{len(result.trials)} points tried")
+    assert page.locator("#front tbody tr").count() == len(result.front)
+    picture(page, "runs")
+    name = page.inner_text("#front tbody tr >> nth=0 >> td >> nth=0")
+    (trial,) = (one for one in result.front if one.name == name)
+    page.click("#front button >> nth=0")
+    page.wait_for_selector("#changed")
+    assert int(field(page, "array.columns").input_value()) == trial.changes["array.columns"]
+    pitch = float(field(page, "array.pitch_mm").input_value())
+    assert pitch == pytest.approx(trial.changes["array.pitch_mm"], rel=1e-11)  # shown with twelve digits
+
+
+def test_a_board_is_watched_and_stopped(page, studio):
+    before = set(studio.children())
+    page.click("#tab-board")
+    page.click("#start-board")
+    page.wait_for_selector("#board-told:has-text('located')")
+    assert page.inner_text("#board-line").startswith("[emulator] emulator")
+    assert "4.00 scans/s, 0 lost" in page.inner_text("#board-told")
+    page.wait_for_selector("#scene :text('δ')")
+    if os.environ.get(browser.ARTIFACTS):
+        page.screenshot(path=os.path.join(os.environ[browser.ARTIFACTS], "studio_board.png"))  # it is never at rest
+    (child,) = set(studio.children()) - before
+    box = page.get_attribute("#board-view", "viewBox")
+    enter(page, "array.pitch_mm", "13")  # the board that runs stays what it is
+    page.wait_for_selector("#changed")
+    scan = int(page.get_attribute("#board-line", "data-scan"))
+    page.wait_for_function("scan => Number(document.querySelector('#board-line').dataset.scan) > scan + 1", arg=scan)
+    assert page.get_attribute("#board-view", "viewBox") == box
+    page.click("#stop-board")
+    page.wait_for_selector("#start-board")
+    wait_until_gone([child])
+    assert page.get_attribute("#board-view", "viewBox") != box
+    assert page.inner_text("#board-told") == ""  # it was of another board
+
+
+def test_a_report_is_written_beside_the_page_and_can_be_cancelled(page, studio, folder):
+    page.click("#report")
+    page.wait_for_selector("#job [role=progressbar][aria-valuenow]")
+    enter(page, "array.pitch_mm", "12")  # the page goes on meanwhile
+    page.wait_for_selector("#changed")
+    picture(page, "job")
+    page.click("#cancel")
+    page.wait_for_selector("#job", state="detached")
+    assert not (folder / "starter-report").exists()
+    (folder / browser.QUICK).touch()
+    page.click("#report")
+    page.wait_for_selector("#report-link")
+    assert (folder / "starter-report" / "report.html").is_file()
+    answer = page.request.get(studio.url + page.get_attribute("#report-link", "href"))
+    assert "A report." in answer.text()
+
+
+def test_the_scene_is_turned_and_its_groups_are_hidden(page):
+    first = drawn(page)
+    box = page.locator("#scene img").first.bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    page.mouse.move(x, y)
+    page.mouse.down()
+    for k in range(6):
+        page.mouse.move(x + 12 * k, y + 6 * k)
+    page.mouse.up()
+    turned = redrawn(page, first)
+    page.click("#scene button:has-text('copper L1')")
+    page.wait_for_selector("#scene button.off:has-text('copper L1')")
+    redrawn(page, turned)
+    picture(page, "turned")
+    page.click("#scene button:has-text('copper L1')")
+    page.click("#scene button:has-text('oblique')")
+
+
+# ------------------------------------------------------------------------ the program
+
+
+def test_the_program_wants_its_token_and_ends_when_the_page_is_closed(chromium, tmp_path):
+    arguments = ("starter", "--linger", "0.5", "--host", "127.0.0.1")
+    said = {"COILARRAY_CACHE": str(tmp_path / "cache"), "COILARRAY_NO_RENDERING": "1"}
+    with served(*arguments, program=True, cwd=tmp_path, **said) as started:
+        context = profile(chromium)
+        refused = context.new_page()
+        assert refused.goto(started.url.partition("?")[0]).status == 403
+        assert "the address lacks its token" in refused.inner_text("body")
+        context.close()
+        with opened(chromium, started.url) as page:
+            page.click("#tab-touch")
+            page.click("#compute-table")
+            page.wait_for_selector("#job")
+            children = started.children()
+            assert children
+        assert started.wait() == 0
+        wait_until_gone([started.process.pid, *children])
+
+
+@pytest.mark.skipif(os.name != "posix", reason="no Ctrl-C to be sent here")
+def test_ctrl_c_ends_it_with_a_page_open_and_nothing_to_render(chromium, tmp_path):
+    with served("starter", program=True, cwd=tmp_path, COILARRAY_NO_RENDERING="1") as started:
+        context = profile(chromium)
+        page = context.new_page()
+        page.goto(started.url)
+        page.wait_for_selector("#scene-problem:has-text('COILARRAY_NO_RENDERING')")
+        at_rest(page)
+        np.testing.assert_array_equal(matrix(page), numbers_of(load_design("starter")).k)
+        picture(page, "no_rendering")
+        said = started.end()
+        context.close()
+        assert started.process.returncode == 0
+        assert said.splitlines()[-1] == "coilarray: the studio has ended"

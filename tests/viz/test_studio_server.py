@@ -1,0 +1,364 @@
+"""Who may come in to the studio and where it listens, without a browser; and what the command hands to it."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import socket
+import sys
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import pytest
+import xarray as xr
+from support.browser import missing_studio, served
+from support.command_line import runner
+from support.patience import PATIENCE, until
+
+from coilarray import load_design
+from coilarray.cli import main as program
+from coilarray.cli import studio as command
+from coilarray.design import bundled
+from coilarray.errors import OutputError
+from coilarray.viz.studio.server import LOOPBACK, Address, bind, new_token
+from coilarray.viz.studio.services import BoardRequest, Services, compute_table
+
+_problem = missing_studio()
+needs_studio = pytest.mark.skipif(_problem is not None, reason=str(_problem))
+
+if "studio" not in {one.name for one in program.app.registered_commands}:
+    program.app.command("studio")(command.studio)
+run, refused = runner("studio")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    made = tmp_path_factory.mktemp("designs")
+    (made / "secret.txt").write_text("secret", encoding="utf-8")
+    (made / "report.html").write_text("<p>a report", encoding="utf-8")
+    return made
+
+
+@pytest.fixture(scope="module")
+def alone(folder):
+    with served("starter", "--folder", folder, COILARRAY_NO_RENDERING="1") as started:
+        yield started.url
+
+
+@pytest.fixture(scope="module")
+def shared(folder):
+    with served("starter", "--folder", folder, "--host", "127.0.0.1", COILARRAY_NO_RENDERING="1") as started:
+        yield started.url
+
+
+def ask(url, path="/", method="GET", **headers):
+    """Status, headers and text of an answer."""
+    place = urlsplit(url)
+    connection = http.client.HTTPConnection(place.hostname, place.port, timeout=PATIENCE)
+    try:
+        connection.request(method, path, headers={name.replace("_", "-"): value for name, value in headers.items()})
+        answer = connection.getresponse()
+        return answer.status, dict(answer.getheaders()), answer.read().decode("utf-8", "replace")
+    finally:
+        connection.close()
+
+
+# ------------------------------------------------------------------------ served to this computer alone
+
+
+@needs_studio
+def test_the_page_and_all_that_it_loads_come_from_here(alone):
+    status, headers, text = ask(alone)
+    assert status == 200
+    assert "<title>coilarray studio</title>" in text
+    policy = headers["Content-Security-Policy"]
+    assert policy.startswith("default-src 'self';")
+    assert "http:" not in policy
+    assert "https:" not in policy
+    # a socket to this server and no other: who is at its end says which scripts the page runs
+    host = urlsplit(alone).netloc
+    assert policy.endswith(f"; connect-src 'self' ws://{host} wss://{host}")
+    assert "frame-ancestors 'none'" in policy
+    assert "Set-Cookie" not in headers
+    status, _, text = ask(alone, "/open/sometab", "POST")
+    session = json.loads(text)
+    assert status == 200
+    assert session["sessionURL"].startswith("ws://USE_HOST/ws/")
+    key = session["sessionURL"].rpartition("/")[2]
+    assert key == key.lower()  # the client makes all letters small
+    assert ask(alone, "/vue.global.js")[0] == 200
+    assert ask(alone, f"/ws/{'0' * 32}")[0] == 404
+
+
+@needs_studio
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"Host": "evil.example"},  # a name that was pointed to this computer
+        {"Host": "evil.example:80"},
+        {"Origin": "http://evil.example"},  # a script of another page
+        {"Origin": "null"},
+    ],
+)
+def test_other_pages_and_names_are_refused(alone, headers):
+    for path, method in (("/", "GET"), ("/open/tab", "POST"), ("/ws/x", "GET"), ("/vue.global.js", "GET")):
+        status, _, text = ask(alone, path, method, **headers)
+        assert status == 403
+        assert text.startswith("coilarray studio: ")
+
+
+@needs_studio
+def test_localhost_is_this_computer_too(alone):
+    port = urlsplit(alone).port
+    assert ask(alone, Host=f"localhost:{port}", Origin=f"http://localhost:{port}")[0] == 200
+
+
+@needs_studio
+def test_a_name_that_is_none_gets_no_socket(shared):
+    address, _, query = shared.partition("?")
+    for name in ("a b", "a;script-src *", "*", "[::1"):
+        _, headers, _ = ask(address, f"/?{query}", Host=name)
+        assert headers["Content-Security-Policy"].endswith("; connect-src 'self'")
+
+
+@needs_studio
+def test_too_many_pages_are_refused_in_words(folder):
+    with served("starter", "--folder", folder, COILARRAY_NO_RENDERING="1") as started:
+        answers = [ask(started.url, f"/open/tab{k}", "POST") for k in range(13)]
+        assert [status for status, _, _ in answers] == [200] * 12 + [503]
+        assert json.loads(answers[-1][2]) == {"error": "the studio serves at most 12 pages at once"}
+        status, _, text = ask(started.url)
+        assert status == 503
+        assert text.startswith("coilarray studio: the studio serves at most 12 pages at once; close one")
+
+
+@needs_studio
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/files/secret.txt",
+        "/files/../secret.txt",
+        "/files/%2e%2e/%2e%2e/etc/passwd",
+        "/files//etc/passwd",
+        "/../../etc/passwd",
+        "/%2e%2e/%2e%2e/%2e%2e/etc/passwd",
+        "/assets/..%2f..%2f..%2f..%2fetc%2fpasswd",
+        "/nothing.js",
+        "/files/a%00.html",
+    ],
+)
+def test_nothing_else_of_the_disk_is_served(alone, path):
+    status, _, text = ask(alone, path)
+    assert status in (400, 404)
+    assert "secret" not in text
+    assert "root:" not in text
+
+
+@needs_studio
+def test_a_report_in_the_folder_is_served(alone):
+    status, headers, text = ask(alone, "/files/report.html")
+    assert (status, text) == (200, "<p>a report")
+    assert headers["X-Content-Type-Options"] == "nosniff"
+
+
+# ------------------------------------------------------------------------ served to others
+
+
+@needs_studio
+def test_without_the_token_nothing_is_served(shared):
+    address, _, query = shared.partition("?")
+    token = query.removeprefix("token=")
+    assert len(token) >= 32
+    for path in (
+        "/",
+        "/index.html",
+        "/vue.global.js",
+        "/files/report.html",
+        "/?token=",
+        f"/?token={token[:-1]}",
+        "/?token=ä",
+    ):
+        status, headers, text = ask(address, path.replace("ä", "%C3%A4"))
+        assert status == 403
+        assert "Set-Cookie" not in headers
+        assert "the address lacks its token" in text
+    assert ask(address, "/open/tab", "POST")[0] == 403
+    status, headers, _ = ask(address, f"/?{query}")
+    assert status == 200
+    cookie = headers["Set-Cookie"]
+    assert "HttpOnly" in cookie
+    assert "SameSite=Strict" in cookie
+    assert ask(address, "/vue.global.js", Cookie=cookie.partition(";")[0])[0] == 200
+    assert ask(address, "/vue.global.js", Cookie=cookie.partition("=")[0] + "=wrong")[0] == 403
+    assert ask(address, f"/?{query}", Origin="http://evil.example")[0] == 403
+
+
+def test_tokens_are_never_the_same():
+    assert len({new_token() for _ in range(100)}) == 100
+
+
+# ------------------------------------------------------------------------ where it listens
+
+
+def test_a_port_that_is_in_use_is_one_line(capsys):
+    with socket.socket() as taken:
+        taken.bind((LOOPBACK, 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        with pytest.raises(OutputError, match=f"^port {port} is in use; give another one with --port"):
+            bind(Address(LOOPBACK, port))
+        if _problem is None:
+            assert f"port {port} is in use" in refused(capsys, "starter", "--port", port, "--no-browser")
+
+
+@pytest.mark.parametrize(
+    ("address", "line"),
+    [
+        (Address(LOOPBACK, 70_000), "--port must be 0 to 65535; got 70000."),
+        (Address(LOOPBACK, -1), "--port must be 0 to 65535; got -1."),
+        (
+            Address("no.such.host.invalid", 0),
+            "--host must be a name or number of this computer; got 'no.such.host.invalid'",
+        ),
+        (Address("192.0.2.1", 0), "cannot listen on 192.0.2.1, port 0: "),  # kept for documents, RFC 5737
+    ],
+)
+def test_what_it_cannot_listen_on_is_one_line(address, line):
+    with pytest.raises(OutputError) as failed:
+        bind(address)
+    assert str(failed.value).startswith(line)
+    assert "\n" not in str(failed.value)
+
+
+def test_a_free_port_is_taken():
+    with bind(Address(LOOPBACK, 0)) as listening:
+        assert listening.getsockname()[0] == LOOPBACK
+        assert listening.getsockname()[1] > 0
+
+
+# ------------------------------------------------------------------------ the command
+
+
+@needs_studio
+@pytest.mark.parametrize(
+    ("arguments", "line"),
+    [
+        (("nowhere.toml",), "there is no design file nowhere.toml"),
+        (("--linger", "-1"), "--linger must be 0 to 86400; got -1."),
+        (("--folder", "/nowhere"), "--folder must be a folder; got /nowhere."),
+        (("--port", "99999"), "--port must be 0 to 65535; got 99999."),
+    ],
+)
+def test_wrong_options_are_one_line(capsys, arguments, line):
+    assert line in refused(capsys, *arguments, "--no-browser")
+
+
+def test_a_missing_extra_is_one_line(capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "trame.app", None)
+    assert "pages of the studio need trame" in refused(capsys, "--no-browser")
+
+
+@needs_studio
+def test_the_browser_is_opened_with_the_address(capsys, monkeypatch, tmp_path):
+    seen, opened = {}, []
+
+    def serve(work, shelf, services, address, listening, *, linger, ready):
+        seen.update(work=work, shelf=shelf, services=services, address=address, linger=linger)
+        ready("http://127.0.0.1:1/")
+
+    monkeypatch.setattr("coilarray.viz.studio.server.serve", serve)
+    monkeypatch.setattr("webbrowser.open", opened.append)
+    (tmp_path / "mine.toml").write_text(bundled.read("starter"), encoding="utf-8")
+    code, out, err = run(capsys, tmp_path / "mine.toml", "--port", "0", "--board", "/dev/ttyX", "--linger", "3")
+    assert (code, out) == (0, "studio: http://127.0.0.1:1/ (Ctrl-C ends it)\n")
+    assert err == "coilarray: the studio has ended\n"
+    until(lambda: opened)  # in a thread
+    assert opened == ["http://127.0.0.1:1/"]
+    assert seen["work"].file == "mine.toml"
+    assert seen["shelf"].folder == tmp_path.resolve()
+    assert (seen["address"].host, seen["address"].token, seen["linger"]) == (LOOPBACK, "", 3.0)
+    assert seen["services"].port == "/dev/ttyX"
+    code, _, _ = run(capsys, "starter", "--port", "0", "--no-browser", "--host", "0.0.0.0", "--folder", tmp_path)
+    assert code == 0
+    assert len(seen["address"].token) >= 32
+    assert len(opened) == 1
+
+
+# ------------------------------------------------------------------------ what it hands in
+
+
+def test_a_report_is_that_of_the_report_command(monkeypatch, tmp_path):
+    calls = []
+
+    class Made:
+        page = tmp_path / "report.html"
+
+    def write(design, where, progress):
+        calls.append((design.digest, where))
+        progress(1, 8)
+        return Made
+
+    monkeypatch.setattr("coilarray.report.write_report", write)
+    design, steps = load_design("starter"), []
+    page = command.write_report(design.document, design.name, tmp_path, lambda *step: steps.append(step))
+    assert (page, calls, steps) == (tmp_path / "report.html", [(design.digest, tmp_path)], [(1, 8)])
+
+
+def test_a_response_is_computed_once(monkeypatch, tmp_path):
+    monkeypatch.setenv("COILARRAY_CACHE", str(tmp_path))
+    made = []
+
+    def table_for(design, *, network=None, progress=None):
+        made.append((design.digest, network))
+        return xr.Dataset({"delta": ("state", [1.0])}, attrs={"design_hash": design.digest})
+
+    monkeypatch.setattr("coilarray.localize.forward.table_for", table_for)
+    monkeypatch.setattr("coilarray.hardware.scan.board_network.board_network", lambda design, folder: "network")
+    design = load_design("starter")
+    for _ in range(2):
+        found = command.kept_response(design.document, design.name, lambda done, total: None)
+        assert found.attrs["design_hash"] == design.digest
+    assert made == [(design.digest, "network")]
+    monkeypatch.setattr("coilarray.localize.forward.table_for", lambda design, progress: design.name)
+    assert compute_table(design.document, "name", lambda done, total: None) == "starter"
+    assert Services().response_table is compute_table
+
+
+def test_the_emulated_board_is_watched_until_it_is_stopped(monkeypatch, tmp_path):
+    monkeypatch.setenv("COILARRAY_CACHE", str(tmp_path))
+    # without an indentation there is no response to be computed, which takes half a minute
+    document = dict(load_design("gast2020").document)
+    for table in ("indenter", "indentation"):
+        del document[table]
+    document["assumed"] = {key: why for key, why in document["assumed"].items() if not key.startswith("indent")}
+    frames = []
+    command.watch_board(BoardRequest(document, "gast2020", "emulator"), frames.append, lambda: len(frames) >= 4)
+    assert len(frames) == 4
+    assert all(frame.emulated and frame.line.startswith("[emulator] emulator: ") for frame in frames)
+    assert [frame.waiting for frame in frames] == [9, 8, 7, 6]
+    assert [frame.sequence for frame in frames] == sorted(frame.sequence for frame in frames)
+    assert list(frames[0].delta) == [f"coil{k}" for k in range(1, 7)]
+    assert set(frames[0].delta.values()) == {None}  # the baseline is not there yet
+
+
+def test_the_emulated_finger_goes_round_where_the_map_is():
+    setup = load_design("gast2020").indentation
+    path = command._round(setup, 5.0)
+    times = [time for time, *_ in path]
+    assert times == sorted(times)
+    assert times[0] == 5.0
+    assert path[0][3] == 0.0
+    for _, x, y, depth in path[1:]:
+        assert setup.x[0] <= x <= setup.x[-1]
+        assert setup.y[0] <= y <= setup.y[-1]
+        assert depth == max(setup.depths)
+
+
+def test_the_folder_is_that_of_the_design_unless_another_is_named(monkeypatch, tmp_path):
+    (tmp_path / "designs").mkdir()
+    (tmp_path / "designs" / "mine.toml").touch()
+    monkeypatch.chdir(tmp_path)
+    assert command._folder("designs/mine.toml", None) == (tmp_path / "designs").resolve()
+    assert command._folder("designs/mine.toml", Path()) == tmp_path.resolve()
+    assert command._folder("starter", None) == tmp_path.resolve()
+    assert command._folder(None, None) == tmp_path.resolve()

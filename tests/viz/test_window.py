@@ -1,0 +1,151 @@
+"""Windows: on a virtual screen they open, their switches work, and they close; nothing is left behind."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+
+import pytest
+import pyvista
+from support.patience import PATIENCE
+
+from coilarray.viz.offscreen import rendering_problem
+from coilarray.viz.scenes import Part, Scene, Text, draw
+from coilarray.viz.scenes.draw import text_name
+from coilarray.viz.scenes.window import add_switches
+
+XVFB = shutil.which("Xvfb")
+SEEN = """
+import pyvista
+from coilarray.viz.scenes import show
+from test_window import scene
+
+shown = pyvista.Plotter.show
+
+def at_once(plotter):
+    # what the user would see, then a click on the second switch, then the window is closed
+    shown(plotter, interactive=False, auto_close=False)
+    before = plotter.screenshot(return_img=True)
+    interactor = plotter.iren.interactor
+    interactor.SetEventInformation(30, plotter.window_size[1] - 20 - 29 - 10, 0, 0)
+    for event in ("MouseMoveEvent", "LeftButtonPressEvent", "LeftButtonReleaseEvent"):
+        interactor.InvokeEvent(event)
+    after = plotter.screenshot(return_img=True)
+    red = [((one[..., 0] > 150) & (one[..., 1] < 80)).sum() for one in (before, after)]
+    print(plotter.render_window.GetClassName(), *red)
+    plotter.close()
+
+pyvista.Plotter.show = at_once
+show(scene())
+"""
+
+
+def scene():
+    plate = pyvista.Box((0, 20, 0, 10, 0, 1))
+    red = pyvista.Box((0, 10, 0, 10, 1, 2))
+    parts = (Part("plate", plate, "plate", "#00aa00"), Part("red", red, "red", "#dd0000", lit=False))
+    return Scene(parts, (Text("word", (0, 0, 0), group="red"), Text("always", (20, 0, 0))))
+
+
+@pytest.fixture
+def screen():
+    """Environment of a virtual screen."""
+    if XVFB is None:
+        pytest.skip("Xvfb is not installed")
+    read, write = os.pipe()
+    server = subprocess.Popen(
+        # -noreset: else it begins anew, deaf for a moment, whenever its last window is closed
+        [XVFB, "-displayfd", str(write), "-screen", "0", "1400x900x24", "-nolisten", "tcp", "-noreset"],
+        pass_fds=[write],
+        stderr=subprocess.DEVNULL,
+    )
+    os.close(write)
+    with os.fdopen(read) as pipe:
+        number = pipe.readline().strip()
+    environment = {k: v for k, v in os.environ.items() if k not in ("WAYLAND_DISPLAY", "VTK_DEFAULT_OPENGL_WINDOW")}
+    here = os.path.dirname(__file__)
+    paths = [here, os.path.dirname(here), environment.get("PYTHONPATH", "")]
+    yield {**environment, "DISPLAY": f":{number}", "PYTHONPATH": os.pathsep.join(filter(None, paths))}
+    server.terminate()
+    server.wait(timeout=PATIENCE)
+
+
+def test_a_window_opens_with_switches_that_work(screen):
+    child = subprocess.run(
+        [sys.executable, "-c", SEEN], env=screen, capture_output=True, text=True, timeout=5 * PATIENCE, check=False
+    )
+    assert child.returncode == 0, child.stderr
+    window, before, after = child.stdout.split()
+    assert window == "vtkXOpenGLRenderWindow"
+    assert int(before) > 10_000
+    assert int(after) < 1000  # the frame of the switch, which is red still
+
+
+WAITING = """
+import sys
+import pyvista
+from coilarray.cli.main import main
+
+shown = pyvista.Plotter.show
+
+def told(plotter):
+    print("open", flush=True)
+    shown(plotter)
+
+pyvista.Plotter.show = told
+sys.exit(main(["view", "starter", "--show", "board"]))
+"""
+
+
+def test_the_command_shows_a_window_until_it_is_closed(screen):
+    child = subprocess.Popen(
+        [sys.executable, "-c", WAITING], env=screen, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        assert child.stdout.readline() == "open\n"
+        with pytest.raises(subprocess.TimeoutExpired):  # it waits for the user
+            child.wait(timeout=2)
+    finally:
+        child.terminate()
+        _, errors = child.communicate(timeout=PATIENCE)
+    assert errors == ""
+
+
+def test_a_screen_that_has_gone_since_is_told_and_not_waited_for(screen):
+    code = """
+import os
+from coilarray.errors import MissingDependencyError
+from coilarray.viz.scenes.window import check_window, show
+from test_window import scene
+check_window()
+os.environ["DISPLAY"] = ":4095"
+try:
+    show(scene())
+except MissingDependencyError as error:
+    print(error)
+"""
+    child = subprocess.run(
+        [sys.executable, "-c", code], env=screen, capture_output=True, text=True, timeout=5 * PATIENCE, check=True
+    )
+    assert "DISPLAY=:4095 does not answer" in child.stdout
+
+
+@pytest.mark.skipif(rendering_problem() is not None, reason="no 3-D rendering")
+def test_a_switch_hides_meshes_and_words_of_its_group():
+    plotter = pyvista.Plotter(off_screen=True, window_size=(400, 300))
+    draw(scene(), plotter, panel=(0.2, 0.2))
+    assert not [name for name in plotter.actors if name.startswith("legend")]
+    switches = add_switches(scene(), plotter)
+    assert list(switches) == ["plate", "red"]
+    words = {group: f"{text_name(group, 17.0, False)}-labels" for group in ("red", "")}
+    assert set(words.values()) <= set(plotter.actors)
+    switches["red"](False)
+    assert not plotter.actors["red"].GetVisibility()
+    assert not plotter.actors[words["red"]].GetVisibility()
+    assert plotter.actors["plate"].GetVisibility()
+    assert plotter.actors[words[""]].GetVisibility()
+    switches["red"](True)
+    assert plotter.actors["red"].GetVisibility()
+    plotter.close()

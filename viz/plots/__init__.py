@@ -1,0 +1,1 @@
+"""Flat plots with matplotlib."""

@@ -1,0 +1,268 @@
+"""Flat figures of a comparison of two responses: what remains between them, reading against reading, and x0 of both."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.collections import QuadMesh
+from matplotlib.figure import Figure
+
+from coilarray.viz.palette import BLUE, COILS, DIVERGING, GREY, VERMILLION, cycled
+from coilarray.viz.plots.axis_units import MILLI_DELTA, MM, AxisUnit, axis_unit, true_minus
+from coilarray.viz.plots.style import (
+    colour_bar,
+    faint_grid,
+    figure_size,
+    finish_map,
+    largest,
+    legend_beside,
+    new_axes,
+    styled,
+)
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+FloatArray = npt.NDArray[np.float64]
+
+MOST_STATES = 6
+"""States that `comparison_figure` shows at most."""
+
+_SIGMAS = 2.0  # of the band around x0
+_STAGES: dict[Literal["before", "after"], str] = {"before": "as simulated", "after": "scaled and shifted"}
+_SOURCES = ("measured", "simulated")
+_WIDTHS = (1.0, 1.0, 0.6)  # of two maps and x0 beside each other
+_ROW = 13.0  # inches
+
+
+@styled
+def plot_residual(
+    comparison: xr.Dataset,
+    state: str,
+    depth: int = 0,
+    stage: Literal["before", "after"] = "after",
+    ax: Axes | None = None,
+    outlines: Sequence[npt.ArrayLike] = (),
+) -> Axes:
+    """Draw measured less simulated δ of one state over the position of the indenter, with the outlines of the coils.
+
+    Colours are symmetric about zero and those of both stages of a state; grey where nothing was compared.
+
+    Parameters
+    ----------
+    comparison : xarray.Dataset
+        As `coilarray.localize.comparison.compare_responses` returns it; at least two x and two y.
+    state : str
+        Which state.
+    depth : int
+        Position of the depth in the dataset.
+    stage : {"before", "after"}
+        Simulated map as it is, or scaled and shifted onto the measured one.
+    ax : Axes, optional
+        Where to draw; in mm.
+    outlines : sequence of array_like, each of shape (m, 2)
+        Corners of the coils in m from the same origin as x and y, first point not repeated.
+
+    Raises
+    ------
+    ValueError
+        A state that the dataset does not have, or a map of a single row.
+
+    Examples
+    --------
+    >>> import xarray as xr
+    >>> dims, residual = ("depth", "y", "x", "state"), [[[[1e-5], [2e-5]], [[-3e-5], [0.0]]]]
+    >>> comparison = xr.Dataset(
+    ...     {"residual_before": (dims, residual), "residual_after": (dims, residual)},
+    ...     {"depth": [1e-3], "y": [0.0, 2e-3], "x": [0.0, 2e-3], "state": ["coil1"]},
+    ... )
+    >>> ax = plot_residual(comparison, "coil1")
+    >>> ax.get_title(loc="left"), ax.child_axes[0].get_ylabel()
+    ('Measured less simulated coil1, scaled and shifted', 'δ (10⁻⁶)')
+    """
+    of = _of(comparison, state, depth)
+    if min(of.sizes["x"], of.sizes["y"]) < 2:
+        raise ValueError(f"a map must have at least two x and two y; got {of.sizes['x']} and {of.sizes['y']}.")
+    ax = ax or new_axes(*figure_size(float(np.ptp(of.x.values)), float(np.ptp(of.y.values))))
+    shown = _unit_of_residuals(of)
+    colour_bar(ax, _draw_residual(ax, of, stage, shown, outlines), shown.label("δ"))
+    ax.set_title(f"Measured less simulated {state}, {_STAGES[stage]}")
+    return ax
+
+
+@styled
+def plot_readings(comparison: xr.Dataset, depth: int = 0, ax: Axes | None = None) -> Axes:
+    """Draw measured over simulated δ of every state, a dot a position, with the line of equality.
+
+    Parameters
+    ----------
+    comparison : xarray.Dataset
+        As in `plot_residual`.
+    depth : int
+        Position of the depth in the dataset.
+    ax : Axes, optional
+        Where to draw; 10⁻³ over 10⁻³.
+
+    Examples
+    --------
+    >>> import xarray as xr
+    >>> delta = (("source", "depth", "y", "x", "state"), [[[[[2e-4], [8e-4]]]], [[[[1e-4], [4e-4]]]]])
+    >>> scale = {"scale": (("depth", "state"), [[2.0]]), "scale_std": (("depth", "state"), [[0.1]])}
+    >>> axes = {"source": ["measured", "simulated"], "depth": [1e-3], "y": [0.0], "x": [0.0, 5e-3], "state": ["coil1"]}
+    >>> ax = plot_readings(xr.Dataset({"delta": delta, **scale}, axes))
+    >>> ax.lines[0].get_label(), ax.get_xlabel()
+    ('coil1, scale 2.000 ± 0.100', 'simulated δ (10⁻³)')
+    """
+    at = comparison.isel(depth=depth)
+    ax = ax or new_axes(5.0, 4.5)
+    names = at.state.values.tolist()
+    ends = []
+    for k, (name, colour) in enumerate(cycled(COILS, names).items()):
+        measured, simulated = (MILLI_DELTA.of(at.delta.sel(state=name, source=source)).ravel() for source in _SOURCES)
+        ax.plot(
+            simulated,
+            measured,
+            linestyle="",
+            marker="os^Dv*"[(k // len(COILS)) % 6],
+            markersize=3.0,
+            markerfacecolor="none",
+            color=colour,
+            label=true_minus(f"{name}, scale {float(at.scale[k]):.3f} ± {float(at.scale_std[k]):.3f}"),
+        )
+        ends.append(simulated[np.isfinite(simulated)])
+    all_ends = np.concatenate(ends)
+    if all_ends.size:
+        span = np.array([all_ends.min(), all_ends.max()])
+        ax.plot(span, span, color=GREY, linewidth=0.8, zorder=0)
+    faint_grid(ax)
+    ax.set_xlabel(MILLI_DELTA.label("simulated δ"))
+    ax.set_ylabel(MILLI_DELTA.label("measured δ"))
+    ax.set_title(f"Readings, {_depth_text(comparison, depth)} deep")
+    legend_beside(ax, math.ceil(len(names) / 16))
+    return ax
+
+
+@styled
+def plot_centres(comparison: xr.Dataset, state: str, depth: int = 0, ax: Axes | None = None) -> Axes:
+    """Draw x0 of the ellipses of one state over δ, measured and simulated; a band of two standard deviations.
+
+    Parameters
+    ----------
+    comparison, state, depth
+        As in `plot_residual`.
+    ax : Axes, optional
+        Where to draw; mm over 10⁻³.
+
+    Raises
+    ------
+    ValueError
+        A state that the dataset does not have.
+
+    Examples
+    --------
+    >>> import xarray as xr
+    >>> x0 = (("source", "depth", "state", "level"), [[[[0.0, 1e-4]]], [[[1e-4, 2e-4]]]])
+    >>> axes = {"source": ["measured", "simulated"], "depth": [1e-3], "state": ["coil1"], "level": [1e-4, 2e-4]}
+    >>> ax = plot_centres(xr.Dataset({"x0": x0, "x0_std": x0}, axes), "coil1")
+    >>> [line.get_label() for line in ax.lines], ax.get_ylabel()
+    (['measured', 'simulated'], '$x_0$ (mm)')
+    """
+    of = _of(comparison, state, depth)
+    ax = ax or new_axes(5.0, 3.5)
+    level = MILLI_DELTA.of(of.level)
+    looks = dict(zip(_SOURCES, ((VERMILLION, "o-"), (BLUE, "s--")), strict=True))
+    drawn = False
+    for source, (colour, look) in looks.items():
+        x0, deviation = (MM.of(of[name].sel(source=source)) for name in ("x0", "x0_std"))
+        if np.isfinite(x0).any():
+            drawn = True
+            ax.plot(level, x0, look, color=colour, markersize=3.0, markerfacecolor="none", linewidth=1.0, label=source)
+            band = (x0 - _SIGMAS * deviation, x0 + _SIGMAS * deviation)
+            ax.fill_between(level, *band, color=colour, alpha=0.2, linewidth=0)
+    if "coil_x" in of.coords and state in of.coil.values:
+        centre = float(MM.of(of.coil_x.sel(coil=state)))
+        ax.axhline(centre, color=GREY, linewidth=0.8, linestyle=":", label="centre of the coil")
+    faint_grid(ax)
+    ax.set_xlabel(MILLI_DELTA.label("δ"))
+    ax.set_ylabel(MM.label("$x_0$"))
+    ax.set_title(f"$x_0$ of {state}")
+    if drawn:
+        legend_beside(ax)
+    else:
+        ax.text(0.5, 0.5, "no ellipses", ha="center", va="center", transform=ax.transAxes)
+    return ax
+
+
+@styled
+def comparison_figure(comparison: xr.Dataset, depth: int = -1, outlines: Sequence[npt.ArrayLike] = ()) -> Figure:
+    """Draw a row for each state: what remains before and after scale and shift, and x0 of both.
+
+    A response along a single line, or at a single position, is drawn as `plot_readings` alone. Of more than
+    `MOST_STATES` states the first are shown.
+
+    Parameters
+    ----------
+    comparison, outlines
+        As in `plot_residual`, with any number of x and y.
+    depth : int
+        Position of the depth in the dataset; the deepest by default.
+    """
+    if min(comparison.sizes["x"], comparison.sizes["y"]) < 2:
+        figure = Figure(figsize=(7.0, 4.5))
+        plot_readings(comparison, depth, figure.add_subplot())
+        return figure
+    names = comparison.state.values.tolist()[:MOST_STATES]
+    aspect = float(np.ptp(comparison.y.values) / np.ptp(comparison.x.values))
+    height = max(1.9, _ROW / sum(_WIDTHS) * aspect + 0.9)
+    figure = Figure(figsize=(_ROW, height * len(names) + 0.5))
+    axes = figure.subplots(len(names), 3, squeeze=False, width_ratios=_WIDTHS)
+    for (left, right, curve), state in zip(axes, names, strict=True):
+        of = _of(comparison, state, depth)
+        shown = _unit_of_residuals(of)
+        for ax, stage in zip((left, right), _STAGES, strict=True):
+            mesh = _draw_residual(ax, of, stage, shown, outlines)
+            ax.set_title(f"{state}, {_STAGES[stage]}")
+        figure.colorbar(mesh, ax=[left, right], label=shown.label("δ"), fraction=0.03, pad=0.01)
+        right.set_ylabel("")
+        plot_centres(comparison, state, depth, curve)
+    note = f" ({len(names)} of {comparison.sizes['state']} states)" if len(names) < comparison.sizes["state"] else ""
+    title = f"Measured less simulated δ, {_depth_text(comparison, depth)} deep{note}"
+    figure.suptitle(title, x=0.01, ha="left", fontsize="large")
+    return figure
+
+
+def _of(comparison: xr.Dataset, state: str, depth: int) -> xr.Dataset:
+    names = comparison.state.values.tolist()
+    if state not in names:
+        raise ValueError(f"state must be one of {', '.join(names)}; got {state!r}.")
+    return comparison.isel(depth=depth).sel(state=state)
+
+
+def _residuals(of: xr.Dataset) -> FloatArray:
+    """Return what remains of one state before and after scale and shift, shape (2, y, x)."""
+    return np.stack([of[f"residual_{stage}"].transpose("y", "x").values for stage in _STAGES])
+
+
+def _unit_of_residuals(of: xr.Dataset) -> AxisUnit:
+    return axis_unit(_residuals(of), "1")
+
+
+def _draw_residual(
+    ax: Axes, of: xr.Dataset, stage: Literal["before", "after"], shown: AxisUnit, outlines: Sequence[npt.ArrayLike]
+) -> QuadMesh:
+    """Fill axes in mm with what remains (y, x), the coils' outlines above it."""
+    both = shown.of(_residuals(of))
+    limit = largest(both)
+    values = np.ma.masked_invalid(both[list(_STAGES).index(stage)])
+    mesh = ax.pcolormesh(MM.of(of.x), MM.of(of.y), values, cmap=DIVERGING, vmin=-limit, vmax=limit)
+    finish_map(ax, outlines)
+    return mesh
+
+
+def _depth_text(comparison: xr.Dataset, depth: int) -> str:
+    return f"{float(MM.of(comparison.depth[depth])):g} mm"

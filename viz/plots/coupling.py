@@ -1,0 +1,267 @@
+"""Figures of a coupling: the matrices of k and L, what the neighbours do to each coil, and the currents in them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.colors import Normalize
+
+from coilarray.viz.palette import BLUE, DIVERGING, PALE, SEQUENTIAL, UNKNOWN, VERMILLION
+from coilarray.viz.plots.axis_units import PLAIN, axis_unit, number_text, true_minus
+from coilarray.viz.plots.style import colour_bar, faint_grid, largest, legend_above, new_axes, styled
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+FloatArray = npt.NDArray[np.float64]
+
+_DARK = 0.179  # relative luminance on which black and white contrast alike, 4.6: √(1.05 · 0.05) − 0.05, WCAG 2.1
+
+
+@styled
+def plot_coupling(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
+    """Draw the coupling coefficients k of all pairs as a heat map with its numbers; the diagonal, 1, is left out.
+
+    Parameters
+    ----------
+    coupling : xarray.Dataset
+        As `coilarray.couple_design` or `coilarray.couple` returns it.
+    ax : Axes, optional
+        Where to draw; colours symmetric about zero.
+
+    Examples
+    --------
+    >>> from coilarray import couple
+    >>> pair = couple(["a", "b"], [[20e-6, -1e-6], [-1e-6, 20e-6]], 5.0, 330e-12)
+    >>> [text.get_text() for text in plot_coupling(pair).texts]
+    ['−0.050', '−0.050']
+    """
+    return plot_matrix(
+        coupling.coupling.values,
+        coupling.coil.values.tolist(),
+        title="Coupling coefficient k = M/√(L L)",
+        quantity="k",
+        scale="diverging",
+        mask_diagonal=True,
+        ax=ax,
+    )
+
+
+@styled
+def plot_inductance(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
+    """Draw the inductance matrix as a heat map with its numbers: L on the diagonal, M of the pairs off it.
+
+    Parameters
+    ----------
+    coupling : xarray.Dataset
+        As in `plot_coupling`.
+    ax : Axes, optional
+        Where to draw; the prefix is chosen from the largest value.
+
+    Examples
+    --------
+    >>> from coilarray import couple
+    >>> pair = couple(["a", "b"], [[20e-6, -1e-6], [-1e-6, 20e-6]], 5.0, 330e-12)
+    >>> [text.get_text() for text in plot_inductance(pair).texts]
+    ['20.000', '−1.000', '−1.000', '20.000']
+    """
+    return plot_matrix(
+        coupling.inductance.values,
+        coupling.coil.values.tolist(),
+        title="Inductance",
+        quantity="L, M",
+        unit="H",
+        scale="diverging",
+        ax=ax,
+    )
+
+
+@styled
+def plot_matrix(
+    values: npt.ArrayLike,
+    names: Sequence[str],
+    *,
+    title: str,
+    quantity: str = "",
+    unit: str = "",
+    scale: Literal["sequential", "diverging"] = "sequential",
+    digits: int = 3,
+    mask_diagonal: bool = False,
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw a square matrix as a heat map with its numbers in the cells.
+
+    Parameters
+    ----------
+    values : array_like, shape (coils, coils)
+        In SI.
+    names : sequence of str
+        Names of the coils.
+    title : str
+        What is shown.
+    quantity : str
+        For the colour bar.
+    unit : str
+        SI unit of `values` without a prefix, such as ``"H"``; the prefix is chosen from the largest value shown.
+        Empty for a pure number, which gets none.
+    scale : {"sequential", "diverging"}
+        Diverging: colours symmetric about zero, for values of both signs.
+    digits : int
+        Digits after the point.
+    mask_diagonal : bool
+        True leaves the diagonal out, so that the colours spread over the neighbours.
+    ax : Axes, optional
+        Where to draw.
+
+    Raises
+    ------
+    ValueError
+        A matrix whose shape does not fit the names, or a scale that there is not.
+
+    Examples
+    --------
+    >>> ax = plot_matrix([[2e-6, 0.0], [0.0, 3e-6]], ["a", "b"], title="L", unit="H", digits=1)
+    >>> [text.get_text() for text in ax.texts]
+    ['2.0', '0.0', '0.0', '3.0']
+    """
+    matrix = np.asarray(values, dtype=np.float64)
+    if matrix.shape != (len(names), len(names)):
+        raise ValueError(f"a matrix of {len(names)} coils must have shape {(len(names),) * 2}; got {matrix.shape}.")
+    hidden = np.eye(len(names), dtype=np.bool_) if mask_diagonal else np.zeros_like(matrix, dtype=np.bool_)
+    shown = axis_unit(matrix[~hidden], unit) if unit else PLAIN
+    numbers = np.ma.array(shown.of(matrix), mask=hidden)
+    texts = [[number_text(number, digits) for number in row] for row in numbers.data.tolist()]
+    label = shown.label(quantity) if quantity else shown.symbol
+    return _heat_map(numbers, texts, names, title, label, scale, ax)
+
+
+@styled
+def plot_effective_inductance(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
+    """Draw each coil's inductance with all others open and as terminated as two dots, and the change in per cent.
+
+    Dots, not bars: their axis need not start at zero, and it says where it starts.
+
+    Parameters
+    ----------
+    coupling : xarray.Dataset
+        As in `plot_coupling`.
+    ax : Axes, optional
+        Where to draw.
+
+    Examples
+    --------
+    >>> from coilarray import couple
+    >>> pair = couple(["a", "b"], [[20e-6, -2e-6], [-2e-6, 20e-6]], 0.0, 330e-12)
+    >>> [text.get_text() for text in plot_effective_inductance(pair).texts]
+    ['−1.00 %', '−1.00 %']
+    """
+    names = coupling.coil.values.tolist()
+    before, after = coupling.open_inductance.values, coupling.effective_inductance.values
+    shown = axis_unit(np.concatenate((before, after)), "H")
+    ax = ax or new_axes(6.0, 1.3 + 0.35 * len(names))
+    rows = np.arange(len(names))
+    grounded = (coupling.termination.values == "short").all()
+    ax.hlines(rows, shown.of(before), shown.of(after), color=PALE, linewidth=3, zorder=1)
+    ax.scatter(shown.of(before), rows, s=45, color=BLUE, label="others open", zorder=2)
+    ax.scatter(
+        shown.of(after), rows, s=45, color=VERMILLION, marker="D", zorder=2,
+        label="others grounded" if grounded else "others as terminated",
+    )  # fmt: skip
+    lower, change = shown.of(np.minimum(before, after)), 100 * coupling.inductance_change.values
+    for row, low, percent in zip(rows.tolist(), lower.tolist(), change.tolist(), strict=True):
+        ax.annotate(
+            true_minus(f"{percent:+.2f} %"),
+            (low, row),
+            xytext=(-9, 0),
+            textcoords="offset points",
+            ha="right",
+            va="center",
+        )
+    ax.set_yticks(rows, names)
+    ax.set_ylim(len(names) - 0.5, -0.5)
+    ax.margins(x=0.25)
+    faint_grid(ax, "x")
+    ax.set_xlabel(f"{shown.label('inductance')}; the axis does not start at zero")
+    ax.set_title("Effective inductance")
+    legend_above(ax, 2)
+    return ax
+
+
+@styled
+def plot_currents(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
+    """Draw the currents that one active coil drives in the others: magnitude as colour, and phase written below it.
+
+    Parameters
+    ----------
+    coupling : xarray.Dataset
+        As in `plot_coupling`.
+    ax : Axes, optional
+        Where to draw: a column an active coil, a row a passive one, per ampere in the active coil. The diagonal, 1, is
+        left out.
+
+    Examples
+    --------
+    >>> from coilarray import couple
+    >>> pair = couple(["a", "b"], [[20e-6, -1e-6], [-1e-6, 20e-6]], 0.0, 330e-12)
+    >>> plot_currents(pair).texts[0].get_text().split()
+    ['50', '0°']
+    """
+    names = coupling.coil.values.tolist()
+    currents = (coupling.current_real + 1j * coupling.current_imag).transpose("other", "coil").values
+    hidden = np.eye(len(names), dtype=np.bool_)
+    shown = axis_unit(np.abs(currents[~hidden]), "A")
+    numbers = np.ma.array(shown.of(np.abs(currents)), mask=hidden)
+    texts = [
+        [f"{magnitude:.3g}\n{number_text(phase, 0)}°" for magnitude, phase in zip(*row, strict=True)]
+        for row in zip(numbers.data.tolist(), np.degrees(np.angle(currents)).tolist(), strict=True)
+    ]
+    label = f"current ({shown.symbol} per A)"
+    ax = _heat_map(numbers, texts, names, "Currents in the passive coils", label, "sequential", ax)
+    ax.set_xlabel("active coil")
+    ax.set_ylabel("passive coil")
+    return ax
+
+
+def _heat_map(
+    numbers: np.ma.MaskedArray[tuple[int, int], np.dtype[np.float64]],
+    texts: Sequence[Sequence[str]],
+    names: Sequence[str],
+    title: str,
+    label: str,
+    scale: Literal["sequential", "diverging"],
+    ax: Axes | None,
+) -> Axes:
+    """Draw a matrix with names along its edges, a colour bar and a text in every cell; masked cells stay grey."""
+    ax = ax or new_axes(2.2 + 0.62 * len(names), 1.4 + 0.55 * len(names))
+    shown = numbers.compressed() if numbers.count() else np.array([0.0, 1.0])  # a single coil has no neighbours
+    if scale == "diverging":
+        limit = largest(shown)
+        colours, norm = DIVERGING, Normalize(-limit, limit)
+    elif scale == "sequential":
+        colours, norm = SEQUENTIAL, Normalize(float(shown.min()), float(shown.max()))
+    else:
+        raise ValueError(f"scale must be 'sequential' or 'diverging'; got {scale!r}.")
+    image = ax.imshow(numbers, cmap=colours, norm=norm)
+    ax.set_facecolor(UNKNOWN)
+    ax.set_xticks(range(len(names)), names)
+    ax.set_yticks(range(len(names)), names)
+    ax.tick_params(length=0)
+    ax.spines[:].set_visible(False)
+    ax.set_title(title)
+    colour_bar(ax, image, label)
+    _write_cells(ax, texts, image.to_rgba(numbers), np.ma.getmaskarray(numbers))
+    return ax
+
+
+def _write_cells(ax: Axes, texts: Sequence[Sequence[str]], colours: FloatArray, mask: npt.NDArray[np.bool_]) -> None:
+    """Write a text into every cell that is not masked, black on light colours and white on dark ones."""
+    size = min(9.0, 60.0 / max(len(texts), 1))
+    linear = np.where(colours <= 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)  # sRGB
+    luminance = linear[..., :3] @ (0.2126, 0.7152, 0.0722)
+    for i, j in np.argwhere(~mask).tolist():
+        colour = "black" if luminance[i, j] > _DARK else "white"
+        ax.text(j, i, texts[i][j], ha="center", va="center", fontsize=size, color=colour)

@@ -1,0 +1,181 @@
+"""Flat figures of an indentation: force over depth, and the dent in section."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Polygon
+
+from coilarray.geometry.indenter import Indenter
+from coilarray.viz.datasets import at_depth, indenter_outline
+from coilarray.viz.palette import BLUE, INK, LAMINATE, SHEETS, VERMILLION, cycled
+from coilarray.viz.plots.axis_units import MM, axis_unit
+from coilarray.viz.plots.style import faint_grid, figure_size, new_axes, styled
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+FloatArray = npt.NDArray[np.float64]
+
+_WIDTH = 2.5  # thicknesses of the stack shown on each side of the indenter: the raised ring lies within two
+_ABOVE, _BELOW = 0.45, 0.06  # thicknesses of the stack shown above its top and of the board
+_FORCE_HEIGHT = 3.4  # inches
+
+
+@styled
+def plot_force_depth(indentation: xr.Dataset, ax: Axes | None = None) -> Axes:
+    """Draw the force over the depth, and the contact radius on an axis of its own at the right.
+
+    Parameters
+    ----------
+    indentation : xarray.Dataset
+        As `coilarray.elastomer.indent` returns it.
+    ax : Axes, optional
+        Where to draw; mm across.
+
+    Examples
+    --------
+    >>> from coilarray import indent, load_design
+    >>> design = load_design("gast2020")
+    >>> indenter = design.indentation.indenter
+    >>> result = indent(design.sheets, indenter, [0.5e-3, 1e-3])
+    >>> ax = plot_force_depth(result)
+    >>> ax.get_xlabel(), ax.get_ylabel()
+    ('depth (mm)', 'force (mN)')
+    """
+    ax = ax or new_axes(6.0, _FORCE_HEIGHT)
+    depth = MM.of(indentation.depth)
+    shown = axis_unit(indentation.force, str(indentation.force.attrs["units"]))
+    (force,) = ax.plot(depth, shown.of(indentation.force), color=BLUE, marker="o", markersize=4, label="force")
+    right = ax.twinx()
+    right.spines["right"].set_visible(True)
+    (radius,) = right.plot(
+        depth,
+        MM.of(indentation.contact_radius),
+        color=VERMILLION,
+        linestyle="--",
+        marker="D",
+        markersize=4,
+        label=_contact_name(indentation),
+    )
+    for axis in (ax, right):
+        axis.set_ylim(bottom=0.0)
+    ax.set_xlim(left=0.0)
+    faint_grid(ax)
+    ax.set_xlabel(MM.label("depth"))
+    ax.set_ylabel(shown.label("force"))
+    right.set_ylabel(MM.label(_contact_name(indentation)))
+    ax.set_title(f"Force over depth, base {indentation.attrs['base']}")
+    ax.legend(handles=[force, radius], loc="upper left")
+    return ax
+
+
+@styled
+def plot_dent(indentation: xr.Dataset, indenter: Indenter, depth: int = -1, ax: Axes | None = None) -> Axes:
+    """Draw the deformed sheets under the indenter in section, mirrored about its axis, with the flat ones dashed.
+
+    Parameters
+    ----------
+    indentation : xarray.Dataset
+        As `coilarray.elastomer.indent` returns it.
+    indenter : Indenter
+        The body that made the dent.
+    depth : int
+        Position of the depth in the dataset; the deepest by default.
+    ax : Axes, optional
+        Where to draw; mm with equal scales.
+
+    Raises
+    ------
+    ValueError
+        A depth that the dataset does not have.
+
+    Examples
+    --------
+    >>> from coilarray import indent, load_design
+    >>> design = load_design("gast2020")
+    >>> indenter = design.indentation.indenter
+    >>> result = indent(design.sheets, indenter, [0.5e-3, 1e-3])
+    >>> plot_dent(result, indenter).get_title(loc="left")
+    '1 mm deep: 326 mN, contact radius 1.39 mm'
+    """
+    at = at_depth(indentation, depth)
+    height = MM.of(at.height)
+    top = float(height[-1])
+    half, ceiling = _half_width(indentation) * MM.factor, (1 + _ABOVE) * top
+    ax = ax or new_axes(*_dent_size(indentation))
+    names = at.interface.values.tolist()[1:]
+    lines = [_mirrored(at, k) for k in range(len(height))]
+    for k, (name, colour) in enumerate(cycled(SHEETS, names).items()):
+        section = np.vstack((lines[k], lines[k + 1][::-1]))
+        ax.add_patch(Polygon(section, facecolor=colour, alpha=0.5, edgecolor="none", label=name))
+        ax.plot(*lines[k + 1].T, color=colour, linewidth=1.4)
+        ax.hlines(height[k + 1], -half, half, color=colour, linewidth=0.8, linestyles="--")
+    tip = top - float(at.depth) * MM.factor
+    r, z = (MM.of(values) for values in indenter_outline(indenter, (ceiling - tip) / MM.factor))
+    body = np.vstack((np.column_stack((-r[::-1], z[::-1] + tip)), np.column_stack((r, z + tip))))
+    ax.add_patch(Polygon(body, facecolor="#C8C8C8", edgecolor=INK, linewidth=1.0, label=indenter.name))
+    ax.axhspan(-_BELOW * top, 0.0, color=LAMINATE, linewidth=0, label="board")
+    ax.set_xlim(-half, half)
+    ax.set_ylim(-_BELOW * top, ceiling)
+    ax.set_aspect("equal")
+    ax.set_xlabel(MM.label("r" if at.attrs["symmetry"] == "axial" else "x"))
+    ax.set_ylabel(MM.label("z"))
+    ax.set_title(_dent_title(at), pad=22)  # points: room for the legend
+    ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=6, borderpad=0, borderaxespad=0.4, handlelength=1.0)
+    return ax
+
+
+@styled
+def indentation_figure(indentation: xr.Dataset, indenter: Indenter) -> Figure:
+    """Draw the deepest dent, and below it the force over the depth where there are several depths.
+
+    Parameters
+    ----------
+    indentation, indenter
+        As in `plot_dent`.
+    """
+    width, height = _dent_size(indentation)
+    heights = [height] if indentation.sizes["depth"] == 1 else [height, _FORCE_HEIGHT]
+    figure = Figure(figsize=(width, sum(heights)))
+    axes = figure.subplots(len(heights), squeeze=False, height_ratios=heights).ravel()
+    plot_dent(indentation, indenter, ax=axes[0])
+    for ax in axes[1:]:
+        plot_force_depth(indentation, ax=ax)
+    return figure
+
+
+def _half_width(indentation: xr.Dataset) -> float:
+    """Give what a section shows on each side of the indenter, in m."""
+    widest = float((indentation.r + indentation.displacement_r).max())
+    return min(_WIDTH * float(indentation.height[-1]), widest)
+
+
+def _dent_size(indentation: xr.Dataset) -> tuple[float, float]:
+    """Size in inches of a figure of the dent."""
+    width, height = figure_size(2 * _half_width(indentation), (1 + _ABOVE + _BELOW) * float(indentation.height[-1]))
+    return width, height + 0.4  # for title and legend in two rows
+
+
+def _contact_name(indentation: xr.Dataset) -> str:
+    return "contact radius" if indentation.attrs["symmetry"] == "axial" else "half width of contact"
+
+
+def _mirrored(at: xr.Dataset, k: int) -> FloatArray:
+    """Deformed interface k on both sides of the axis, shape (2 n − 1, 2), in mm."""
+    one = at.isel(interface=k)
+    across = MM.of(one.r + one.displacement_r)
+    along = MM.of(one.height + one.displacement_z)
+    return np.column_stack((np.r_[-across[:0:-1], across], np.r_[along[:0:-1], along]))
+
+
+def _dent_title(at: xr.Dataset) -> str:
+    force = axis_unit(at.force, str(at.force.attrs["units"]))
+    return (
+        f"{float(at.depth) * MM.factor:g} mm deep: {float(force.of(at.force)):.3g} {force.symbol}, "
+        f"{_contact_name(at)} {float(at.contact_radius) * MM.factor:.3g} mm"
+    )

@@ -1,0 +1,479 @@
+"""Flat figures of the localization: ellipses and their parameters, errors of x, distortion of x0, and bounds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+from matplotlib.patches import Ellipse as EllipsePatch
+
+from coilarray.localize.ellipse import Ellipse
+from coilarray.localize.ellipse_model import EllipseModel, EllipsePosition
+from coilarray.viz.palette import (
+    BLUE,
+    COILS,
+    DIVERGING,
+    GREEN,
+    GREY,
+    INK,
+    SEQUENTIAL,
+    SKY,
+    VERMILLION,
+    CurveLook,
+    curve_look,
+)
+from coilarray.viz.plots.axis_units import MILLI_DELTA, MM, logarithmic_ticks, true_minus
+from coilarray.viz.plots.style import (
+    colour_bar,
+    faint_grid,
+    figure_size,
+    finish_map,
+    largest,
+    legend_above,
+    legend_beside,
+    new_axes,
+    plan_axes,
+    styled,
+)
+
+FloatArray = npt.NDArray[np.float64]
+
+_PARAMETERS = {"A": (BLUE, "o", "-"), "B": (VERMILLION, "s", "--"), "x0": (GREEN, "^", ":")}
+_NAMES = {"A": "A", "B": "B", "x0": r"$x_0$"}
+_SHARE = 0.1  # of the largest cause: single neighbours below it are drawn without a name
+_HIGHEST = 10.0  # inches of maps one below the other
+_DECADES = 3.0  # of standard deviations that a map shows
+_SIGMAS = {"sigma_x": "x", "sigma_y": "y", "sigma_h": "depth"}
+
+
+@styled
+def plot_ellipse_parameters(
+    fits: xr.Dataset,
+    model: EllipseModel,
+    state: str,
+    ax: Axes | None = None,
+    published: EllipseModel | None = None,
+) -> Axes:
+    """Draw A, B and x0 of a coil over δ, markers for the fitted ellipses and lines for the polynomials.
+
+    Like Fig. 5b of Gast & Zimmermann (2020).
+
+    Parameters
+    ----------
+    fits : xarray.Dataset
+        As `coilarray.localize.ellipse.fit_ellipses` returns it.
+    model : EllipseModel
+        Of these fits.
+    state : str
+        Which coil.
+    ax : Axes, optional
+        Where to draw; mm over 10⁻³.
+    published : EllipseModel, optional
+        Drawn in grey, where it has the coil.
+
+    Raises
+    ------
+    ValueError
+        A state that fits or model do not have.
+
+    Examples
+    --------
+    >>> from coilarray.localize.ellipse import fit_ellipses
+    >>> from coilarray.localize.ellipse_model import ellipse_model
+    >>> from coilarray.localize.published import published_map
+    >>> fits = fit_ellipses(published_map(), states=["coil1", "coil2"])
+    >>> plot_ellipse_parameters(fits, ellipse_model(fits), "coil1").get_ylabel()
+    'A, B, $x_0$ (mm)'
+    """
+    names = fits.state.values.tolist()
+    if state not in names or state not in model.names:
+        raise ValueError(f"state must be one of {', '.join(names)}; got {state!r}.")
+    ax = ax or new_axes(6.0, 4.0)
+    of, coil = fits.sel(state=state), model[state]
+    for key, (colour, marker, line) in _PARAMETERS.items():
+        ax.plot(
+            MILLI_DELTA.of(of.delta),
+            MM.of(of[key]),
+            linestyle="",
+            marker=marker,
+            markersize=3.5,
+            markerfacecolor="none",
+            color=colour,
+        )
+        at = np.linspace(np.nanmin(of.delta.values), np.nanmax(of.delta.values), 200)
+        ax.plot(MILLI_DELTA.of(at), MM.of(np.polyval(getattr(coil, key), at)), line, color=colour, label=_NAMES[key])
+    if published is not None and state in published.names:
+        known = published[state]
+        at = np.linspace(1e-4, min(known.highest, float(at[-1])), 200)
+        for key, (_, _, line) in _PARAMETERS.items():
+            label = "Table A1" if key == "A" else None
+            curve = MM.of(np.polyval(getattr(known, key), at))
+            ax.plot(MILLI_DELTA.of(at), curve, line, color=GREY, linewidth=1.0, label=label)
+    ax.axhline(0.0, color=GREY, linewidth=0.8, zorder=0)
+    ax.set_xlim(left=0.0)
+    faint_grid(ax)
+    ax.set_xlabel(MILLI_DELTA.label("δ"))
+    ax.set_ylabel(MM.label("A, B, $x_0$"))
+    ax.set_title(f"Ellipses of {state}")
+    ax.legend(loc="best")
+    return ax
+
+
+@styled
+def ellipse_parameter_figure(fits: xr.Dataset, model: EllipseModel, published: EllipseModel | None = None) -> Figure:
+    """Draw `plot_ellipse_parameters` of every coil of a model, one panel a coil.
+
+    Parameters
+    ----------
+    fits, model, published
+        As in `plot_ellipse_parameters`.
+    """
+    columns = min(len(model.coils), 3)
+    rows = math.ceil(len(model.coils) / columns)
+    figure = Figure(figsize=(3.4 * columns + 0.6, 3.2 * rows))
+    cells = figure.subplots(rows, columns, squeeze=False).ravel().tolist()
+    for k, (ax, name) in enumerate(zip(cells, model.names, strict=False)):
+        plot_ellipse_parameters(fits, model, name, ax, published)
+        if k % columns:
+            ax.set_ylabel("")
+    for ax in cells[len(model.coils) :]:
+        ax.remove()
+    return figure
+
+
+@styled
+def plot_ellipses(
+    ellipses: Mapping[str, Ellipse],
+    position: EllipsePosition | None = None,
+    real: tuple[float, float] | None = None,
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw the ellipses of coils by their names, and where they meet, like Fig. 6 of Gast & Zimmermann (2020).
+
+    Parameters
+    ----------
+    ellipses : mapping of str to Ellipse
+        By the coils' names, one or more.
+    position : EllipsePosition, optional
+        Where two of them meet: dots at y and −y, and a line at x.
+    real : tuple of float, optional
+        Real x and y in m, a cross.
+    ax : Axes, optional
+        Where to draw; in mm.
+
+    Raises
+    ------
+    ValueError
+        No ellipse.
+
+    Examples
+    --------
+    >>> from coilarray.localize.ellipse_model import intersect
+    >>> from coilarray.localize.published import published_model
+    >>> model, deltas = published_model(), {"coil1": 8.09e-4, "coil2": 6.47e-4}
+    >>> place = intersect(model, deltas, "coil1", "coil2")
+    >>> ax = plot_ellipses({name: model[name].ellipse(delta) for name, delta in deltas.items()}, place)
+    >>> [text.get_text() for text in ax.get_legend().get_texts()]
+    ['coil1', 'coil2', 'x = −8.75 mm, two points']
+    """
+    if not ellipses:
+        raise ValueError("ellipses must hold one or more; got none.")
+    shapes = list(ellipses.values())
+    left, right, top = MM.of(
+        (min(e.x0 - e.A for e in shapes), max(e.x0 + e.A for e in shapes), max(e.B for e in shapes))
+    ).tolist()
+    width, height = figure_size(right - left, 2 * top)
+    ax = ax or new_axes(width, height + 0.5)
+    for k, (name, ellipse) in enumerate(ellipses.items()):
+        x0, width, height = MM.of((ellipse.x0, 2 * ellipse.A, 2 * ellipse.B)).tolist()
+        look = curve_look(k)
+        curve = EllipsePatch((x0, 0.0), width, height, label=name)
+        curve.set(facecolor="none", edgecolor=look["color"], linewidth=1.6, linestyle=look["linestyle"])
+        ax.add_patch(curve)
+        ax.plot(x0, 0.0, "+", color=look["color"])
+    if position is not None:
+        x, y = MM.of((position.x, position.y)).tolist()
+        ax.axvline(x, color=GREY, linewidth=0.8, linestyle=":", zorder=0)
+        ax.plot([x, x], [y, -y], "o", color=INK, markersize=5, label=true_minus(f"x = {x:.2f} mm, {position.case}"))
+    if real is not None:
+        ax.plot(*MM.of(real), "x", color=VERMILLION, markersize=7, label="real position")
+    rim = 0.05 * max(right - left, 2 * top)
+    ax.set_xlim(left - rim, right + rim)
+    ax.set_ylim(-top - rim, top + rim)
+    plan_axes(ax)
+    legend_above(ax, 2, "left")
+    return ax
+
+
+@styled
+def plot_x_error(error: xr.DataArray, ax: Axes | None = None, outlines: Sequence[npt.ArrayLike] = ()) -> Axes:
+    """Draw the error of a determined x over the position, like Fig. 7 of Gast & Zimmermann (2020).
+
+    Colours are symmetric about zero; grey where there is no position.
+
+    Parameters
+    ----------
+    error : xarray.DataArray
+        Determined less real x in m, with the dimensions y and x and their coordinates in m; NaN where there is none.
+    ax : Axes, optional
+        Where to draw; in mm.
+    outlines : sequence of array_like, each of shape (m, 2)
+        Corners of the coils in m, first point not repeated.
+
+    Raises
+    ------
+    ValueError
+        Fewer than two x or y, or no position with an error.
+
+    Examples
+    --------
+    >>> error = xr.DataArray([[0.0, 1e-4], [-3e-4, 0.0]], {"y": [0.0, 2e-3], "x": [0.0, 2e-3]}, ("y", "x"))
+    >>> plot_x_error(error).get_title(loc="left")
+    'Error of x, at most 0.30 mm'
+    """
+    values = MM.of(error.transpose("y", "x"))
+    if min(values.shape) < 2 or not np.isfinite(values).any():
+        raise ValueError(f"an error must have at least two x and two y and one value; got shape {values.shape}.")
+    limit = largest(values)
+    ax = _map_axes(error, ax)
+    image = ax.pcolormesh(
+        MM.of(error.x), MM.of(error.y), np.ma.masked_invalid(values), cmap=DIVERGING, vmin=-limit, vmax=limit
+    )
+    colour_bar(ax, image, MM.label("error of x"))
+    finish_map(ax, outlines)
+    ax.set_title(f"Error of x, at most {limit:.2f} mm")
+    return ax
+
+
+@styled
+def plot_distortion(distortion: xr.Dataset, state: str, ax: Axes | None = None) -> Axes:
+    """Draw x0 of a coil over δ as predicted with the neighbours grounded and open, as calibrated, and as published.
+
+    Parameters
+    ----------
+    distortion : xarray.Dataset
+        As `coilarray.localize.distortion.distortion` returns it; ``calibrated_x0`` (calibration, state, delta) is drawn
+        too.
+    state : str
+        Which coil.
+    ax : Axes, optional
+        Where to draw; mm over 10⁻³.
+
+    Raises
+    ------
+    ValueError
+        A state that the dataset does not have.
+
+    Examples
+    --------
+    >>> result = xr.Dataset(
+    ...     {
+    ...         "x0": (("neighbours", "state", "delta"), [[[1e-4, 0.0]], [[0.0, 0.0]]]),
+    ...         "published_x0": (("state", "delta"), [[5e-4, 2e-4]]),
+    ...         "centre": ("state", [0.0]),
+    ...     },
+    ...     {"neighbours": ["grounded", "open"], "state": ["coil2"], "delta": [1e-4, 1e-3]},
+    ... )
+    >>> [line.get_label() for line in plot_distortion(result, "coil2").lines]
+    ['neighbours grounded', 'neighbours open', 'Table A1', 'centre of the coil']
+    """
+    of = _of_state(distortion, state)
+    ax = ax or new_axes(6.5, 4.0)
+    at = MILLI_DELTA.of(of.delta)
+    curves = [("neighbours grounded", of.x0.sel(neighbours="grounded"), BLUE, "-")]
+    curves.append(("neighbours open", of.x0.sel(neighbours="open"), SKY, "--"))
+    if "calibrated_x0" in of:
+        for k, name in enumerate(of.calibration.values.tolist()):
+            curves.append((f"calibrated, {name}", of.calibrated_x0.sel(calibration=name), COILS[2 + k % 3], "-."))
+    curves.append(("Table A1", of.published_x0, INK, "-"))
+    for label, x0, colour, line in curves:
+        if np.isfinite(x0.values).any():
+            ax.plot(at, MM.of(x0), line, color=colour, label=label)
+    ax.axhline(float(MM.of(of.centre)), color=GREY, linewidth=0.8, linestyle=":", label="centre of the coil")
+    _finish_curves(ax, f"$x_0$ of {state}", MM.label("$x_0$"))
+    return ax
+
+
+@styled
+def plot_causes(distortion: xr.Dataset, state: str, ax: Axes | None = None) -> Axes:
+    """Draw what x0 of a coil loses without each cause over δ, the largest first in the legend.
+
+    Single neighbours are thin; those below a tenth of the largest cause have no name.
+
+    Parameters
+    ----------
+    distortion, state
+        As in `plot_distortion`.
+    ax : Axes, optional
+        Where to draw; mm over 10⁻³.
+
+    Raises
+    ------
+    ValueError
+        A state that the dataset does not have.
+
+    Examples
+    --------
+    >>> result = xr.Dataset(
+    ...     {
+    ...         "effect": (("cause", "state", "delta"), [[[2e-4, 2e-4]], [[5e-4, 5e-4]]]),
+    ...         "rms": (("cause", "state"), [[2e-4], [5e-4]]),
+    ...     },
+    ...     {"cause": ["window", "all neighbours"], "state": ["coil2"], "delta": [1e-4, 1e-3]},
+    ... )
+    >>> [text.get_text() for text in plot_causes(result, "coil2").get_legend().get_texts()]
+    ['all neighbours, 0.50', 'window, 0.20']
+    """
+    of = _of_state(distortion, state)
+    ax = ax or new_axes(6.5, 4.0)
+    at = MILLI_DELTA.of(of.delta)
+    rms = {cause: float(of.rms.sel(cause=cause)) for cause in of.cause.values.tolist()}
+    rms = {cause: value for cause, value in rms.items() if math.isfinite(value)}
+    largest = max(rms.values(), default=0.0)
+    ranked = sorted(rms, key=lambda cause: -rms[cause])
+    looks = {cause: curve_look(k) for k, cause in enumerate(sorted(rms))}  # of a cause the same in every panel
+    for cause in ranked:
+        single = cause.startswith("neighbour ")
+        named = not single or rms[cause] >= _SHARE * largest
+        look = looks[cause] if named else CurveLook(color=GREY, linestyle="-")
+        ax.plot(
+            at,
+            MM.of(of.effect.sel(cause=cause)),
+            linewidth=0.9 if single else 1.6,
+            label=f"{cause}, {rms[cause] * MM.factor:.2f}" if named else None,
+            **look,
+        )
+    ax.axhline(0.0, color=GREY, linewidth=0.8, zorder=0)
+    _finish_curves(ax, f"Causes for {state}, rms in mm", MM.label("share in $x_0$"))
+    return ax
+
+
+@styled
+def distortion_figure(distortion: xr.Dataset) -> Figure:
+    """Draw `plot_distortion` and `plot_causes` of every coil, one row a coil.
+
+    Parameters
+    ----------
+    distortion : xarray.Dataset
+        As in `plot_distortion`.
+    """
+    states = distortion.state.values.tolist()
+    figure = Figure(figsize=(12.5, 3.7 * len(states)))
+    axes = figure.subplots(len(states), 2, squeeze=False)
+    for (left, right), state in zip(axes, states, strict=True):
+        plot_distortion(distortion, state, left)
+        plot_causes(distortion, state, right)
+    return figure
+
+
+@styled
+def plot_identifiability(
+    bounds: xr.Dataset,
+    quantity: str = "sigma_x",
+    ax: Axes | None = None,
+    outlines: Sequence[npt.ArrayLike] = (),
+) -> Axes:
+    """Draw the Cramér–Rao bound of x, y or depth over the board on a logarithmic scale; grey where it is infinite.
+
+    Parameters
+    ----------
+    bounds : xarray.Dataset
+        As `coilarray.localize.identifiability.identifiability` returns it.
+    quantity : str
+        ``sigma_x``, ``sigma_y`` or ``sigma_h``.
+    ax : Axes, optional
+        Where to draw; in mm.
+    outlines : sequence of array_like, each of shape (m, 2)
+        Corners of the coils in m, first point not repeated.
+
+    Raises
+    ------
+    ValueError
+        A quantity that the dataset does not have, fewer than two x or y, or no finite value.
+
+    Examples
+    --------
+    >>> sigma = xr.DataArray([[1e-5, 2e-5], [5e-5, np.inf]], {"y": [0.0, 2e-3], "x": [0.0, 2e-3]}, ("y", "x"))
+    >>> bounds = xr.Dataset({"sigma_x": sigma}, attrs={"depth": 1e-3, "noise": 1e-5})
+    >>> plot_identifiability(bounds).child_axes[0].get_ylabel()
+    'σ of x (mm)'
+    """
+    there = [name for name in _SIGMAS if name in bounds]
+    if quantity not in there:
+        raise ValueError(f"quantity must be one of {', '.join(there)}; got {quantity!r}.")
+    values = MM.of(bounds[quantity].transpose("y", "x"))
+    if min(values.shape) < 2 or not np.isfinite(values).any():
+        raise ValueError(f"a bound must have at least two x and two y and one finite value; got shape {values.shape}.")
+    finite = values[np.isfinite(values)]
+    low = max(float(finite.min()), np.finfo(float).tiny)
+    high = min(max(float(finite.max()), low * 1.01), low * 10**_DECADES)
+    ax = _map_axes(bounds, ax)
+    image = ax.pcolormesh(
+        MM.of(bounds.x),
+        MM.of(bounds.y),
+        np.ma.masked_invalid(values),
+        cmap=f"{SEQUENTIAL}_r",
+        norm=LogNorm(low, high),
+    )
+    bar = colour_bar(ax, image, MM.label(f"σ of {_SIGMAS[quantity]}"))
+    logarithmic_ticks(bar.ax.yaxis, math.log10(high / low))
+    finish_map(ax, outlines)
+    depth = f"{bounds.attrs['depth'] * MM.factor:g} mm deep"
+    ax.set_title(f"Least standard deviation of {_SIGMAS[quantity]}, {depth}, {_noise_text(bounds)}")
+    return ax
+
+
+@styled
+def identifiability_figure(bounds: xr.Dataset, outlines: Sequence[npt.ArrayLike] = ()) -> Figure:
+    """Draw `plot_identifiability` of x, y and, where it is unknown, the depth, one below the other.
+
+    Parameters
+    ----------
+    bounds, outlines
+        As in `plot_identifiability`.
+    """
+    there = [name for name in _SIGMAS if name in bounds and np.isfinite(bounds[name].values).any()]
+    if not there:
+        raise ValueError("the bounds have no finite standard deviation.")
+    width, height = _map_size(bounds)
+    shrink = min(1.0, _HIGHEST / (height * len(there)))
+    figure = Figure(figsize=(width * shrink, height * shrink * len(there)), layout="compressed")
+    for ax, name in zip(figure.subplots(len(there), 1, squeeze=False).ravel(), there, strict=True):
+        plot_identifiability(bounds, name, ax, outlines)
+    return figure
+
+
+def _of_state(distortion: xr.Dataset, state: str) -> xr.Dataset:
+    names = distortion.state.values.tolist()
+    if state not in names:
+        raise ValueError(f"state must be one of {', '.join(names)}; got {state!r}.")
+    return distortion.sel(state=state)
+
+
+def _finish_curves(ax: Axes, title: str, label: str) -> None:
+    faint_grid(ax)
+    ax.set_xlabel(MILLI_DELTA.label("δ"))
+    ax.set_ylabel(label)
+    ax.set_title(title)
+    legend_beside(ax)
+
+
+def _map_size(data: xr.Dataset | xr.DataArray) -> tuple[float, float]:
+    width, height = figure_size(float(np.ptp(data.x.values)), float(np.ptp(data.y.values)))
+    return width + 0.4, height
+
+
+def _map_axes(data: xr.Dataset | xr.DataArray, ax: Axes | None) -> Axes:
+    return ax or new_axes(*_map_size(data))
+
+
+def _noise_text(bounds: xr.Dataset) -> str:
+    noise = np.atleast_1d(bounds.attrs["noise"])
+    low, high = float(noise.min()), float(noise.max())
+    return f"noise {low:.2g} in δ" if low == high else f"noise {low:.2g} to {high:.2g} in δ"

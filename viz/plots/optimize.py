@@ -1,0 +1,393 @@
+"""Pictures of a search: how it came on, what mattered, its Pareto front, and boards side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Literal, Protocol
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from coilarray.geometry.array import CoilArray
+from coilarray.viz.palette import BLUE, GREEN, INK, PALE, SHADE, VERMILLION
+from coilarray.viz.plots.axis_units import MM
+from coilarray.viz.plots.board import plot_board
+from coilarray.viz.plots.style import faint_grid, figure_size, legend_above, new_axes, styled
+
+
+class _Objective(Protocol):
+    """What is drawn of `coilarray.studies.optimize.goal.Objective`."""
+
+    @property
+    def quantity(self) -> str: ...
+    @property
+    def target(self) -> float | None: ...
+    @property
+    def maximized(self) -> bool: ...
+
+
+class _Goal(Protocol):
+    @property
+    def objectives(self) -> Sequence[_Objective]: ...
+
+
+class _Trial(Protocol):
+    """What is drawn of `coilarray.studies.optimize.Trial`."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def kind(self) -> str: ...
+    @property
+    def scores(self) -> Sequence[float]: ...
+    @property
+    def feasible(self) -> bool: ...
+
+
+class SearchResult(Protocol):
+    """What is drawn of `optimize.Optimization`, which pictures may not import: it knows of boards to read."""
+
+    @property
+    def goal(self) -> _Goal:
+        """What was wanted."""
+
+    @property
+    def start(self) -> _Trial:
+        """The design as it was."""
+
+    @property
+    def trials(self) -> Sequence[_Trial]:
+        """All of them, in turn."""
+
+    @property
+    def front(self) -> Sequence[_Trial]:
+        """The best of them."""
+
+
+@styled
+def plot_search(result: SearchResult, objective: int = 0, ax: Axes | None = None) -> Axes:
+    """Draw how a search came on: one score of every trial in turn, as `plot_convergence` does.
+
+    Parameters
+    ----------
+    result : coilarray.studies.optimize.Optimization
+        As `coilarray.studies.optimize.optimize_design` returns it.
+    objective : int
+        Which of the goal's objectives.
+    ax : Axes, optional
+        Where to draw.
+
+    Raises
+    ------
+    ValueError
+        An objective that the goal does not have.
+
+    Examples
+    --------
+    >>> from coilarray import load_design
+    >>> from coilarray.studies.optimize import Optimization, Trial, front_of, load_goal
+    >>> design, goal = load_design("gast2020"), load_goal("worst_k_and_position")
+    >>> scores = [(0.05, 0.3), (0.04, 0.4), (0.06, 0.5)]
+    >>> trials = tuple(Trial("search", k, {}, {}, both, {}) for k, both in enumerate(scores))
+    >>> result = Optimization(design, goal, (), trials[0], True, trials, front_of(trials, goal), 0, "")
+    >>> ax = plot_search(result)
+    >>> ax.get_ylabel(), ax.lines[0].get_label(), ax.lines[0].get_ydata().tolist()
+    ('worst_k', 'best so far', [0.05, 0.04, 0.04])
+    """
+    _check_objectives(result, objective)
+    wanted = result.goal.objectives[objective]
+    return plot_convergence(
+        [trial.scores[objective] if trial.scores else np.nan for trial in result.trials],
+        [trial.feasible for trial in result.trials],
+        label=_label(result, objective),
+        maximized=wanted.maximized,
+        polished_from=next((k for k, trial in enumerate(result.trials) if trial.kind == "polish"), None),
+        start=result.start.scores[objective] if result.start.scores else None,
+        log=wanted.target is not None,
+        ax=ax,
+    )
+
+
+@styled
+def plot_pareto(
+    result: SearchResult,
+    objectives: tuple[int, int] = (0, 1),
+    ax: Axes | None = None,
+    named: Mapping[str, str] | None = None,
+) -> Axes:
+    """Draw two scores of all trials against each other, the Pareto front and the design as it was.
+
+    Parameters
+    ----------
+    result : coilarray.studies.optimize.Optimization
+        As `coilarray.studies.optimize.optimize_design` returns it.
+    objectives : tuple of int
+        Which of the goal's objectives, across and up.
+    ax : Axes, optional
+        Where to draw; of a goal with two objectives the front is a staircase.
+    named : mapping of str to str, optional
+        Texts beside trials, by the trials' names.
+
+    Raises
+    ------
+    ValueError
+        An objective that the goal does not have, or no trial with scores.
+
+    Examples
+    --------
+    >>> from coilarray import load_design
+    >>> from coilarray.studies.optimize import Optimization, Trial, front_of, load_goal
+    >>> design, goal = load_design("gast2020"), load_goal("worst_k_and_position")
+    >>> scores = [(0.05, 0.3), (0.04, 0.4), (0.06, 0.5)]
+    >>> trials = tuple(Trial("search", k, {}, {}, both, {}) for k, both in enumerate(scores))
+    >>> result = Optimization(design, goal, (), trials[0], True, trials, front_of(trials, goal), 0, "")
+    >>> front = plot_pareto(result).collections[1]
+    >>> front.get_label(), front.get_offsets().tolist()
+    ('Pareto front', [[0.04, 0.4], [0.05, 0.3]])
+    """
+    _check_objectives(result, *objectives)
+    possible = [trial for trial in result.trials if trial.scores]
+    if not possible:
+        raise ValueError("a Pareto front needs a trial with scores; got none.")
+    i, j = objectives
+    place = {trial.name: k for k, trial in enumerate(possible)}
+    ahead: Literal["pre", "post"] = "pre" if result.goal.objectives[i].maximized else "post"
+    return plot_front(
+        [(trial.scores[i], trial.scores[j]) for trial in possible],
+        [trial.feasible for trial in possible],
+        [place[trial.name] for trial in result.front],
+        labels=(_label(result, i), _label(result, j)),
+        start=(result.start.scores[i], result.start.scores[j]) if result.start.scores else None,
+        named={place[name]: text for name, text in (named or {}).items()},
+        stairs=ahead if len(result.goal.objectives) == 2 else None,
+        ax=ax,
+    )
+
+
+@styled
+def plot_convergence(
+    scores: npt.ArrayLike,
+    feasible: npt.ArrayLike,
+    *,
+    label: str,
+    maximized: bool = False,
+    polished_from: int | None = None,
+    start: float | None = None,
+    log: bool = False,
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw the score of every trial in turn, and the best feasible one so far as a line.
+
+    Parameters
+    ----------
+    scores : array_like, shape (n,)
+        NaN where a point could not be.
+    feasible : array_like of bool, shape (n,)
+        Which keep all bounds.
+    label : str
+        For the vertical axis, with the unit.
+    maximized : bool
+        True where larger is better.
+    polished_from : int, optional
+        Index of the first trial of the local solver.
+    start : float, optional
+        Score of the design as it was, drawn as a dashed line.
+    log : bool
+        A logarithmic axis where all scores are above zero.
+    ax : Axes, optional
+        Where to draw.
+
+    Raises
+    ------
+    ValueError
+        Shapes that do not fit.
+
+    Examples
+    --------
+    >>> ax = plot_convergence([0.3, 0.2, 0.4], [True, True, True], label="worst_k")
+    >>> ax.lines[0].get_ydata().tolist()
+    [0.3, 0.2, 0.2]
+    """
+    values, kept = np.asarray(scores, dtype=np.float64), np.asarray(feasible, dtype=np.bool_)
+    if values.ndim != 1 or values.shape != kept.shape:
+        raise ValueError(f"scores and feasible must be rows of one length; got {values.shape} and {kept.shape}.")
+    ax = ax or new_axes(7.0, 3.6)
+    number = np.arange(values.size)
+    kept = kept & np.isfinite(values)
+    ax.scatter(number[~kept], values[~kept], s=12, color=PALE, marker="x", linewidth=0.9, label="breaks a bound")
+    ax.scatter(number[kept], values[kept], s=14, color=BLUE, alpha=0.7, linewidth=0, label="keeps all bounds")
+    if kept.any():
+        worst = -np.inf if maximized else np.inf
+        best = (np.maximum if maximized else np.minimum).accumulate(np.where(kept, values, worst))
+        shown = np.isfinite(best)
+        ax.step(number[shown], best[shown], where="post", color=VERMILLION, label="best so far")
+        _focus(ax, values[kept] if start is None else np.append(values[kept], start), log)
+    if start is not None:
+        ax.axhline(start, color=INK, linestyle="--", linewidth=1.0, label="design as it was")
+    if polished_from is not None:
+        ax.axvspan(polished_from - 0.5, values.size - 0.5, color=SHADE, zorder=0, label="local solver")
+    ax.set_xlim(-0.5, max(values.size - 0.5, 0.5))
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    ax.set_xlabel("trial")
+    ax.set_ylabel(label)
+    faint_grid(ax, "y")
+    legend_above(ax, 5)
+    return ax
+
+
+@styled
+def plot_importance(parts: Mapping[str, float], *, title: str, ax: Axes | None = None) -> Axes:
+    """Draw the part that every variable has, the largest on top.
+
+    Parameters
+    ----------
+    parts : mapping of str to float
+        From 0 to 1 by the name of the variable; one at least.
+    title : str
+        What they decide.
+    ax : Axes, optional
+        Where to draw.
+
+    Examples
+    --------
+    >>> ax = plot_importance({"array.pitch_mm": 0.75, "array.columns": 0.25}, title="worst_k")
+    >>> [text.get_text() for text in ax.texts]
+    ['75 %', '25 %']
+    """
+    ax = ax or new_axes(6.0, 0.9 + 0.32 * len(parts))
+    rows = np.arange(len(parts))
+    ax.barh(rows, [100 * part for part in parts.values()], color=GREEN, height=0.6)
+    for row, part in zip(rows.tolist(), parts.values(), strict=True):
+        ax.annotate(f"{100 * part:.0f} %", (100 * part, row), xytext=(4, 0), textcoords="offset points", va="center")
+    ax.set_yticks(rows, list(parts))
+    ax.set_ylim(len(parts) - 0.5, -0.5)
+    ax.set_xlim(0, 110)
+    ax.set_xlabel("importance (%)")
+    ax.set_title(title)
+    return ax
+
+
+@styled
+def plot_front(
+    points: npt.ArrayLike,
+    feasible: npt.ArrayLike,
+    front: Sequence[int],
+    *,
+    labels: tuple[str, str],
+    start: tuple[float, float] | None = None,
+    named: Mapping[int, str] | None = None,
+    stairs: Literal["pre", "post"] | None = None,
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw two scores of all trials against each other, the Pareto front and the design as it was.
+
+    Parameters
+    ----------
+    points : array_like, shape (n, 2)
+        The scores.
+    feasible : array_like of bool, shape (n,)
+        Which keep all bounds; the others are left out.
+    front : sequence of int
+        Indices of the points on the front.
+    labels : tuple of str
+        Of both axes, with units.
+    start : tuple of float, optional
+        Scores of the design as it was.
+    named : mapping of int to str, optional
+        Names to write beside points.
+    stairs : {"pre", "post"}, optional
+        Bounds what the front has reached: ``"post"`` where the first score is to be small, ``"pre"`` where large. None
+        draws no line, as for two scores of more.
+    ax : Axes, optional
+        Where to draw.
+
+    Raises
+    ------
+    ValueError
+        Shapes that do not fit.
+
+    Examples
+    --------
+    >>> ax = plot_front([(1, 3), (2, 1), (3, 3)], [True, True, True], [0, 1], labels=("a", "b"))
+    >>> ax.collections[1].get_offsets().tolist()
+    [[1.0, 3.0], [2.0, 1.0]]
+    """
+    values, kept = np.asarray(points, dtype=np.float64), np.asarray(feasible, dtype=np.bool_)
+    if values.ndim != 2 or values.shape[1] != 2 or values.shape[:1] != kept.shape:
+        raise ValueError(f"points must have shape (n, 2) and feasible (n,); got {values.shape} and {kept.shape}.")
+    ax = ax or new_axes(6.5, 4.6)
+    ax.scatter(values[kept, 0], values[kept, 1], s=14, color=PALE, linewidth=0, label="keeps all bounds")
+    edge = values[sorted(front, key=lambda k: tuple(values[k].tolist()))]
+    if len(edge):
+        if stairs is not None:
+            ax.step(edge[:, 0], edge[:, 1], where=stairs, color=VERMILLION, linewidth=0.8, alpha=0.6)
+        ax.scatter(edge[:, 0], edge[:, 1], s=30, color=VERMILLION, label="Pareto front", zorder=3)
+        _focus_both(ax, edge if start is None else np.vstack([edge, start]), values[kept])
+    if start is not None:
+        ax.scatter(start[0], start[1], s=130, color=INK, marker="*", label="design as it was", zorder=4)
+    for k, name in (named or {}).items():
+        ax.annotate(name, values[k].tolist(), xytext=(6, 6), textcoords="offset points", weight="bold")
+    ax.set_xlabel(labels[0])
+    ax.set_ylabel(labels[1])
+    faint_grid(ax)
+    legend_above(ax, 3)
+    return ax
+
+
+@styled
+def boards_figure(boards: Mapping[str, CoilArray]) -> Figure:
+    """Draw boards one above the other, all at one scale.
+
+    Parameters
+    ----------
+    boards : mapping of str to CoilArray
+        By their titles; one at least.
+    """
+    edges = np.array([array.bounds for array in boards.values()])
+    (x_min, y_min), (x_max, y_max) = edges[:, :2].min(axis=0), edges[:, 2:].max(axis=0)
+    width, height = figure_size(x_max - x_min, y_max - y_min)
+    figure = Figure(figsize=(width, height * len(boards)))
+    rim = 0.02 * (x_max - x_min + y_max - y_min)
+    for k, (title, array) in enumerate(boards.items()):
+        ax = plot_board(array, figure.add_subplot(len(boards), 1, k + 1))
+        ax.set_xlim(*MM.of((x_min - rim, x_max + rim)))
+        ax.set_ylim(*MM.of((y_min - rim, y_max + rim)))
+        ax.set_title(title)
+    return figure
+
+
+def _check_objectives(result: SearchResult, *asked: int) -> None:
+    count = len(result.goal.objectives)
+    for objective in asked:
+        if not 0 <= objective < count:
+            raise ValueError(f"an objective must be one of the goal's {count}, counted from 0; got {objective}.")
+
+
+def _label(result: SearchResult, k: int) -> str:
+    """Name a score by its quantity, whose name says the unit."""
+    objective = result.goal.objectives[k]
+    return objective.quantity if objective.target is None else f"|{objective.quantity} − {objective.target:g}|"
+
+
+def _focus(ax: Axes, values: npt.NDArray[np.float64], log: bool) -> None:
+    """Show all that keeps the bounds; what breaks them may lie far outside."""
+    if log and values.min() > 0:
+        ax.set_yscale("log")
+        ax.set_ylim(values.min() / 1.5, values.max() * 1.5)
+        return
+    room = 0.06 * (float(np.ptp(values)) or abs(float(values[0])) or 1.0)
+    ax.set_ylim(values.min() - room, values.max() + room)
+
+
+def _focus_both(ax: Axes, wanted: npt.NDArray[np.float64], others: npt.NDArray[np.float64]) -> None:
+    """Show the front and the start with as much room again; far-off points would make them a dot."""
+    low, high = wanted.min(axis=0), wanted.max(axis=0)
+    room = np.where(high > low, high - low, np.abs(high) + 1e-12)
+    near = np.clip(others, low - 0.15 * room, high + 1.0 * room)
+    low, high = np.minimum(low, near.min(axis=0)), np.maximum(high, near.max(axis=0))
+    rim = 0.05 * np.where(high > low, high - low, 1.0)
+    ax.set_xlim(low[0] - rim[0], high[0] + rim[0])
+    ax.set_ylim(low[1] - rim[1], high[1] + rim[1])

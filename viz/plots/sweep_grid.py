@@ -1,0 +1,364 @@
+"""Figures of sweeps over entries of a design: lines, coupling with its zeros, maps, and dots of samples."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from scipy.interpolate import PchipInterpolator
+
+from coilarray.viz.palette import BLUE, COILS, GREY, INK, SEQUENTIAL, UNKNOWN, VERMILLION, curve_look
+from coilarray.viz.plots.axis_units import true_minus
+from coilarray.viz.plots.style import colour_bar, faint_grid, legend_beside, new_axes, styled
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+FloatArray = npt.NDArray[np.float64]
+
+MOST_PANELS = 24
+"""Panels that `sweep_figure` shows at most."""
+
+_PANEL = (4.2, 3.0)  # inches
+_LEGEND = 2.0  # inches
+_COLUMNS = 3
+_MOST_INSIDE = 4  # pairs of coils whose legend has room beside their curves
+_TEXT = 14  # characters of a text in one line beside a tick
+_ONE_ZERO = 1e-9  # of the range: a zero at a sample may be found from both of its sides
+
+
+@styled
+def plot_coupling_sweep(sweep: xr.Dataset, ax: Axes | None = None) -> Axes:
+    """Draw the coupling coefficients of pairs over one entry of a design, such as the pitch, with their zeros.
+
+    Parameters
+    ----------
+    sweep : xarray.Dataset
+        As `coilarray.studies.sweep.run_sweep` returns it, over one entry with numbers; every quantity ``k[coil,coil]``
+        of it is drawn.
+    ax : Axes, optional
+        Where to draw. Circles are where a pair does not couple, as `zero_crossings` finds it, the legend says where; a
+        dashed line is the design's own value.
+
+    Raises
+    ------
+    ValueError
+        A sweep that is not over one entry with numbers, or has no k.
+
+    Examples
+    --------
+    >>> import xarray as xr
+    >>> pitch = ("array.pitch_mm", [12.0, 14.0, 16.0, 18.0], {"units": "mm"})
+    >>> k = ("array.pitch_mm", [0.04, 0.01, -0.01, -0.02])
+    >>> ax = plot_coupling_sweep(xr.Dataset({"k[coil1,coil2]": k}, {"array.pitch_mm": pitch}))
+    >>> [text.get_text() for text in ax.get_legend().get_texts()]
+    ['k[coil1,coil2] = 0 at 14.9 mm']
+    """
+    entries = _entries(sweep)
+    pairs = [str(name) for name in sweep.data_vars if _is_coupling(str(name))]
+    if "sample" in sweep.dims or len(entries) != 1 or _is_text(sweep[entries[0]]) or not pairs:
+        raise ValueError(
+            "a sweep of the coupling must be over one entry with numbers and have k of a pair; this one is over "
+            f"{', '.join(entries)} and has {', '.join(map(str, sweep.data_vars))}."
+        )
+    along = sweep.sortby(entries[0])
+    x, unit = along[entries[0]].values.astype(np.float64), _unit(sweep[entries[0]])
+    ax = ax or new_axes(6.5, 3.6)
+    ax.axhline(0.0, color=GREY, linewidth=0.8)
+    for place, name in enumerate(pairs):
+        values = along[name].values
+        zeros = zero_crossings(x, values)
+        found = f" = 0 at {', '.join(f'{zero:#.3g}' for zero in zeros)} {unit}".rstrip() if zeros.size else ""
+        look = curve_look(place)
+        ax.plot(x, values, marker=".", markersize=4, label=f"{name}{true_minus(found)}", **look)
+        ax.plot(zeros, np.zeros_like(zeros), "o", markersize=7, markerfacecolor="white", markeredgecolor=look["color"])
+    _name_axis(ax.xaxis, sweep[entries[0]])
+    _mark(ax, sweep[entries[0]])
+    faint_grid(ax)
+    ax.set_ylabel("coupling coefficient k")
+    if len(pairs) > _MOST_INSIDE:
+        legend_beside(ax, math.ceil(len(pairs) / 16))
+    else:
+        ax.legend(loc="best")  # said, or it warns of a machine that is slow
+    return ax
+
+
+def zero_crossings(x: npt.ArrayLike, values: npt.ArrayLike) -> FloatArray:
+    """Find where sampled values change their sign, by monotone cubics between the samples.
+
+    Parameters
+    ----------
+    x : array_like, shape (n,)
+        Rising.
+    values : array_like, shape (n,)
+        NaN where there is none; no zero is looked for beside it.
+
+    Returns
+    -------
+    ndarray, shape (zeros,)
+        Rising. Between two samples of one sign there is none; a sample that is zero counts.
+
+    Examples
+    --------
+    >>> zero_crossings([0.0, 1.0, 2.0, 3.0], [2.0, 1.0, -1.0, -2.0]).tolist()
+    [1.5]
+    """
+    at, y = np.asarray(x, dtype=np.float64), np.asarray(values, dtype=np.float64)
+    zeros: list[float] = []
+    for run in np.split(np.arange(y.size), np.flatnonzero(np.diff(np.isfinite(y))) + 1):
+        if run.size > 1 and np.isfinite(y[run[0]]):
+            zeros += PchipInterpolator(at[run], y[run]).roots(extrapolate=False).tolist()
+    found: list[float] = []
+    for zero in zeros:
+        # a stretch of zeros is given as NaN
+        if math.isfinite(zero) and not (found and zero - found[-1] <= _ONE_ZERO * (at[-1] - at[0])):
+            found.append(zero)
+    return np.array(found)
+
+
+@styled
+def plot_sweep_points(sweep: xr.Dataset, quantity: str, entry: str, ax: Axes | None = None) -> Axes:
+    """Draw a quantity of a sweep over one of its entries, a dot a point.
+
+    Parameters
+    ----------
+    sweep : xarray.Dataset
+        As `coilarray.studies.sweep.run_sweep` returns it, a grid or samples.
+    quantity, entry : str
+        Names of a variable and of a coordinate.
+    ax : Axes, optional
+        Where to draw; a dashed line is the design's own value.
+
+    Examples
+    --------
+    >>> import xarray as xr
+    >>> sweep = xr.Dataset({"worst_k": ("sample", [0.1, 0.2])}, {"array.pitch_mm": ("sample", [14.0, 12.0])})
+    >>> plot_sweep_points(sweep, "worst_k", "array.pitch_mm").lines[0].get_xdata().tolist()
+    [14.0, 12.0]
+    """
+    ax = ax or new_axes(*_PANEL)
+    at = sweep[entry].broadcast_like(sweep[quantity]).transpose(*sweep[quantity].dims)
+    ax.plot(_numbers(sweep[entry], at.values.ravel()), sweep[quantity].values.ravel(), ".", color=BLUE, markersize=4)
+    _finish(ax, sweep, quantity, entry)
+    return ax
+
+
+@styled
+def plot_sweep_lines(sweep: xr.Dataset, quantity: str, ax: Axes | None = None) -> Axes:
+    """Draw a quantity of a sweep over its one entry; of two, one line for each text of the one that has texts.
+
+    Parameters
+    ----------
+    sweep : xarray.Dataset
+        As `coilarray.studies.sweep.run_sweep` returns it, a grid over one entry, or over two of which one has texts.
+    quantity : str
+        Name of a variable; a point without it is a gap.
+    ax : Axes, optional
+        Where to draw; a dashed line is the design's own value.
+
+    Raises
+    ------
+    ValueError
+        A sweep over other entries.
+
+    Examples
+    --------
+    >>> import xarray as xr
+    >>> k = ("array.pitch_mm", [0.2, 0.1])
+    >>> sweep = xr.Dataset({"worst_k": k}, {"array.pitch_mm": ("array.pitch_mm", [12.0, 14.0], {"units": "mm"})})
+    >>> plot_sweep_lines(sweep, "worst_k").get_xlabel()
+    'array.pitch_mm (mm)'
+    """
+    entries = _entries(sweep)
+    along, apart = _line_entries(sweep, entries)
+    if not along:
+        raise ValueError(f"lines need one entry, or two of which one has texts; got {', '.join(entries)}.")
+    ax = ax or new_axes(*_PANEL)
+    x = _numbers(sweep[along], sweep[along].values)
+    if not apart:
+        ax.plot(x, sweep[quantity].values, "o-", color=BLUE, markersize=4)
+    else:
+        for k, text in enumerate(sweep[apart].values.tolist()):
+            values = sweep[quantity].isel({apart: k}).values
+            ax.plot(x, values, marker="o", markersize=4, label=text, **curve_look(k))
+        ax.legend(title=apart, loc="best")  # as above
+    _finish(ax, sweep, quantity, along)
+    return ax
+
+
+@styled
+def plot_sweep_map(sweep: xr.Dataset, quantity: str, ax: Axes | None = None) -> Axes:
+    """Draw a quantity of a sweep over two entries as colours; grey where there is no result.
+
+    Parameters
+    ----------
+    sweep : xarray.Dataset
+        As `coilarray.studies.sweep.run_sweep` returns it, a grid over two entries.
+    quantity : str
+        Name of a variable.
+    ax : Axes, optional
+        Where to draw; a cross is the design's own place.
+
+    Raises
+    ------
+    ValueError
+        A sweep over fewer or more entries.
+
+    Examples
+    --------
+    >>> import xarray as xr
+    >>> sweep = xr.Dataset({"worst_k": (("a", "b"), [[1.0, 2.0], [3.0, 4.0]])}, {"a": [0.0, 1.0], "b": [0.0, 1.0]})
+    >>> plot_sweep_map(sweep, "worst_k").collections[0].get_array().tolist()  # a across, b up
+    [[1.0, 3.0], [2.0, 4.0]]
+    """
+    entries = _entries(sweep)
+    if "sample" in sweep.dims or len(entries) != 2:
+        raise ValueError(f"a map needs a grid over two entries; got {', '.join(entries)}.")
+    ax = ax or new_axes(*_PANEL)
+    x, y = (_numbers(sweep[entry], sweep[entry].values) for entry in entries)
+    values = np.ma.masked_invalid(sweep[quantity].transpose(*entries).values)[np.ix_(np.argsort(x), np.argsort(y))]
+    ax.set_facecolor(UNKNOWN)
+    mesh = ax.pcolormesh(np.sort(x), np.sort(y), values.T, shading="nearest", cmap=SEQUENTIAL, rasterized=True)
+    for axis, entry in zip((ax.xaxis, ax.yaxis), entries, strict=True):
+        _name_axis(axis, sweep[entry])
+    across, up = (_own(sweep[entry]) for entry in entries)
+    if across is not None and up is not None:
+        ax.plot([across], [up], "x", color=VERMILLION)
+    colour_bar(ax, mesh, _label(sweep[quantity]))
+    return ax
+
+
+@styled
+def sweep_figure(result: xr.Dataset) -> Figure:
+    """Draw the quantities of a sweep.
+
+    Parameters
+    ----------
+    result : xarray.Dataset
+        As `coilarray.studies.sweep.run_sweep` returns it.
+
+    Returns
+    -------
+    Figure
+        One panel a quantity: a line over the one entry of a grid, lines or a map over two. Of a grid over more entries,
+        and of samples, one panel for each quantity and entry, with a dot a point. Coupling coefficients of pairs over
+        one entry with numbers share a panel, drawn by `plot_coupling_sweep`. A dashed line or a cross is the design's
+        own value; what has no result is left out, or grey on a map.
+
+    Raises
+    ------
+    ValueError
+        No quantity, or more than `MOST_PANELS` panels.
+
+    Examples
+    --------
+    >>> import xarray as xr
+    >>> sweep = xr.Dataset({"worst_k": ("array.pitch_mm", [0.2, 0.1])}, {"array.pitch_mm": [12.0, 14.0]})
+    >>> [ax.get_ylabel() for ax in sweep_figure(sweep).axes]
+    ['worst_k']
+    """
+    names = [str(name) for name in result.data_vars if name != "reason"]
+    entries = _entries(result)
+    dotted = "sample" in result.dims or len(entries) > 2
+    single = not dotted and len(entries) == 1 and not _is_text(result[entries[0]])
+    pairs = [name for name in names if single and _is_coupling(name)]
+    others = [name for name in names if name not in pairs]
+    panels = [(pairs[0], "")] if pairs else []
+    panels += [(name, entry) for name in others for entry in (entries if dotted else [""])]
+    if not 1 <= len(panels) <= MOST_PANELS:
+        raise ValueError(f"a figure of a sweep must have 1 to {MOST_PANELS} panels; it would have {len(panels)}.")
+    columns = min(len(entries) if dotted else _COLUMNS, len(panels))
+    rows = math.ceil(len(panels) / columns)
+    beside = _LEGEND if len(pairs) > _MOST_INSIDE else 0.0
+    figure = Figure(figsize=(_PANEL[0] * columns + beside, _PANEL[1] * rows))
+    for k, (name, entry) in enumerate(panels):
+        ax = figure.add_subplot(rows, columns, k + 1)
+        if name in pairs:
+            plot_coupling_sweep(result, ax)
+        elif dotted:
+            plot_sweep_points(result, name, entry, ax)
+        elif _line_entries(result, entries)[0]:
+            plot_sweep_lines(result, name, ax)
+        else:
+            plot_sweep_map(result, name, ax)
+    return figure
+
+
+def _entries(sweep: xr.Dataset) -> list[str]:
+    return [str(name) for name in sweep.coords if name != "sample"]
+
+
+def _is_coupling(name: str) -> bool:
+    return name.startswith("k[")
+
+
+def _line_entries(sweep: xr.Dataset, entries: Sequence[str]) -> tuple[str, str]:
+    """Return the entry along lines and the one of texts that tells them apart; empty where there is none."""
+    if "sample" in sweep.dims:
+        return "", ""
+    if len(entries) == 1:
+        return entries[0], ""
+    texts = [entry for entry in entries if _is_text(sweep[entry]) and sweep.sizes[entry] <= len(COILS)]
+    if len(entries) != 2 or not texts:
+        return "", ""
+    return next(entry for entry in entries if entry != texts[-1]), texts[-1]
+
+
+def _numbers(coordinate: xr.DataArray, values: npt.NDArray[np.generic]) -> FloatArray:
+    """Return where values stand on an axis: texts are numbered in the order in which they first come."""
+    if not _is_text(coordinate):
+        return values.astype(np.float64)
+    texts = list(dict.fromkeys(coordinate.values.tolist()))
+    return np.array([float(texts.index(value)) for value in values.tolist()])
+
+
+def _finish(ax: Axes, sweep: xr.Dataset, quantity: str, entry: str) -> None:
+    _name_axis(ax.xaxis, sweep[entry])
+    _mark(ax, sweep[entry])
+    faint_grid(ax)
+    ax.set_ylabel(_label(sweep[quantity]))
+
+
+def _name_axis(axis: Axis, coordinate: xr.DataArray) -> None:
+    axis.set_label_text(_label(coordinate))
+    if _is_text(coordinate):
+        texts = list(dict.fromkeys(coordinate.values.tolist()))
+        axis.set_ticks(range(len(texts)), [textwrap.fill(text, _TEXT) for text in texts])
+    elif coordinate.dtype.kind in "iu":
+        axis.set_major_locator(MaxNLocator(integer=True))
+
+
+def _mark(ax: Axes, coordinate: xr.DataArray) -> None:
+    own = _own(coordinate)
+    if own is not None:
+        ax.axvline(own, color=INK, linestyle="--", linewidth=0.9, zorder=0)
+
+
+def _own(coordinate: xr.DataArray) -> float | None:
+    """Return the design's own value of an entry; None for a text, and where it is beyond what was swept."""
+    own = coordinate.attrs.get("design_value")
+    if _is_text(coordinate) or own is None:
+        return None
+    return float(own) if coordinate.min() <= own <= coordinate.max() else None
+
+
+def _is_text(coordinate: xr.DataArray) -> bool:
+    return coordinate.dtype.kind not in "iuf"
+
+
+def _label(array: xr.DataArray) -> str:
+    """Name and unit of an entry or quantity, which are in the units of their names, prefixes included."""
+    return f"{array.name} ({unit})" if (unit := _unit(array)) else str(array.name)
+
+
+def _unit(array: xr.DataArray) -> str:
+    unit = str(array.attrs.get("units", "1"))
+    return "" if unit == "1" else unit

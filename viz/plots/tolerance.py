@@ -1,0 +1,174 @@
+"""Flat figures of a tolerance analysis: what contributes to every spread, and how the drawn boards scatter."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from coilarray.viz.palette import BLUE, INK, KINDS, UNKNOWN, VERMILLION
+from coilarray.viz.plots.style import new_axes, styled
+
+_MOST_HISTOGRAMS = 6
+_COLUMNS = 3
+_LEAST_SHARE = 0.02
+
+
+@styled
+def tolerance_figure(result: xr.Dataset, outputs: Sequence[str] | None = None) -> Figure:
+    """Draw the shares of the contributors and, with samples, the histograms of the first outputs.
+
+    Parameters
+    ----------
+    result : xarray.Dataset
+        As `coilarray.studies.tolerance.analyse` returns it.
+    outputs : sequence of str, optional
+        Which outputs; all by default. The first six have a histogram.
+
+    Returns
+    -------
+    Figure
+
+    Raises
+    ------
+    ValueError
+        An output that is not there, or none.
+    """
+    names = list(outputs) if outputs is not None else result.output.values.tolist()
+    for name in names:
+        if name not in result.output.values:
+            raise ValueError(f"the analysis has no output {name!r}; there are {', '.join(result.output.values)}.")
+    if not names:
+        raise ValueError("at least one output must be drawn; got none.")
+    shown = names[:_MOST_HISTOGRAMS] if "value" in result else []
+    rows = -(-len(shown) // _COLUMNS)
+    width, bars = _shares_size(len(names))
+    figure = Figure(figsize=(width, bars + 2.2 * rows))
+    grid = figure.add_gridspec(1 + rows, _COLUMNS, height_ratios=[bars] + [2.2] * rows)
+    plot_shares(result.sel(output=names), figure.add_subplot(grid[0, :]))
+    for k, name in enumerate(shown):
+        plot_boards(result, name, figure.add_subplot(grid[1 + k // _COLUMNS, k % _COLUMNS]))
+    return figure
+
+
+@styled
+def plot_shares(result: xr.Dataset, ax: Axes | None = None) -> Axes:
+    """Stack the shares of every kind of error in the variance of each output; board parts plain, layers hatched.
+
+    Parameters
+    ----------
+    result : xarray.Dataset
+        As `coilarray.studies.tolerance.analyse` returns it.
+    ax : Axes, optional
+        Where to draw.
+
+    Examples
+    --------
+    >>> kinds = {"table": ("contributor", ["etch", "copper"]), "part": ("contributor", ["board", "board"])}
+    >>> result = xr.Dataset(
+    ...     {"share": (("contributor", "output"), [[0.75], [0.25]]), "linear_deviation": ("output", [1e-3])},
+    ...     {"output": ["worst_k"], "contributor": ["etch, board", "copper, board"]} | kinds,
+    ... )
+    >>> [float(bar.get_width()) for bar in plot_shares(result).patches]
+    [75.0, 25.0, 0.0]
+    """
+    names = result.output.values.tolist()
+    ax = ax or new_axes(*_shares_size(len(names)))
+    places = np.arange(len(names))
+    left = np.zeros(len(names))
+    kinds = list(dict.fromkeys(zip(result.table.values.tolist(), result.part.values.tolist(), strict=True)))
+    tables = list(dict.fromkeys(table for table, _ in kinds))
+    for table, part in kinds:
+        there = (result.table.values == table) & (result.part.values == part)
+        share = result.share.values[there].sum(axis=0)
+        if share.max() < _LEAST_SHARE:
+            continue
+        k = tables.index(table)
+        ax.barh(
+            places,
+            share * 100,
+            left=left,
+            height=0.75,
+            color=KINDS[k % len(KINDS)],
+            hatch="" if part == "board" else "////",
+            edgecolor="white",
+            linewidth=0.4,
+            label=f"{table}, {'board' if part == 'board' else 'layers'}",
+        )
+        left += share * 100
+    spread = result.linear_deviation.values > 0
+    ax.barh(places, np.where(spread, 100 - left, 0.0), left=left, height=0.75, color=UNKNOWN, label="others")
+    ax.set_yticks(places, names)
+    ax.invert_yaxis()
+    ax.set_xlim(0, 100)
+    ax.set_xlabel("share of the linearised variance (%)")
+    ax.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), fontsize="small")
+    return ax
+
+
+@styled
+def plot_boards(result: xr.Dataset, output: str, ax: Axes | None = None) -> Axes:
+    """Draw the histogram of one output over the drawn boards, the linearised spread, and the limits.
+
+    Parameters
+    ----------
+    result : xarray.Dataset
+        As `coilarray.studies.tolerance.analyse` returns it, with samples.
+    output : str
+        Which one.
+    ax : Axes, optional
+        Where to draw.
+
+    Examples
+    --------
+    >>> result = xr.Dataset(
+    ...     {
+    ...         "value": (("sample", "output"), [[0.04], [0.05], [0.06]]),
+    ...         "nominal": ("output", [0.05]),
+    ...         "linear_deviation": ("output", [0.01]),
+    ...     },
+    ...     {"output": ["worst_k"]},
+    ... )
+    >>> ax = plot_boards(result, "worst_k")
+    >>> ax.get_xlabel(), ax.get_legend().get_texts()[0].get_text()
+    ('worst_k', '3 boards')
+    """
+    ax = ax or new_axes(4.0, 3.0)
+    at = result.sel(output=output)
+    values: npt.NDArray[np.float64] = at.value.values[np.isfinite(at.value.values)]
+    nominal, deviation = float(at.nominal), float(at.linear_deviation)
+    ax.hist(values, bins="sturges", density=True, color=BLUE, alpha=0.6, label=f"{values.size} boards")
+    low = min(float(values.min()), nominal - 3 * deviation)
+    high = max(float(values.max()), nominal + 3 * deviation)
+    if deviation > 0:
+        x = np.linspace(low, high, 200)
+        normal = np.exp(-(((x - nominal) / deviation) ** 2) / 2) / (deviation * np.sqrt(2 * np.pi))
+        ax.plot(x, normal, color=INK, label="linear")
+    if "limited" in result:
+        of_output = result.limited.values == output
+        limits = np.r_[result.at_least.values[of_output], result.at_most.values[of_output]]
+        for k, limit in enumerate(limits[np.isfinite(limits)].tolist()):
+            ax.axvline(limit, color=VERMILLION, linestyle="--", label="" if k else "limit")  # once in the legend
+    ax.set_xlabel(output)
+    ax.set_yticks([])
+    ax.locator_params(axis="x", nbins=4)
+    # above the axes, where lines of limits do not cross it
+    ax.legend(
+        loc="lower center",
+        bbox_to_anchor=(0.5, 1.0),
+        ncols=3,
+        borderaxespad=0.2,
+        fontsize="small",
+        columnspacing=0.8,
+        handlelength=1.2,
+    )
+    return ax
+
+
+def _shares_size(outputs: int) -> tuple[float, float]:
+    """Size in inches of a figure of the shares."""
+    return 9.0, 0.9 + 0.24 * outputs
