@@ -1,6 +1,6 @@
 """Geometry without physics: spirals, coils, stack-ups, arrays, copper, rules and solids."""
 
-from coilarray.geometry.array import CoilArray, Placement, lattice
+from coilarray.geometry.array import CoilArray, Placement, lattice, lattice_array
 from coilarray.geometry.coil import Coil, Leads, PlatedHole, path_coil, spiral_coil
 from coilarray.geometry.conductor import Conductor
 from coilarray.geometry.connectivity import (
@@ -10,9 +10,8 @@ from coilarray.geometry.connectivity import (
     board_layers,
     check_nets,
     connected_pieces,
-    require_nets,
 )
-from coilarray.geometry.copper import CopperFeature, Drill, board_outline, copper_features, drills, layer_copper
+from coilarray.geometry.copper import CopperFeature, Drill, board_outline, copper_by_layer, copper_features, drills
 from coilarray.geometry.indenter import Cone, CylinderEdge, FlatPunch, Hemisphere, Indenter, Paraboloid
 from coilarray.geometry.rules import FabRules, Margin, check_rules, require_kept, require_rules
 from coilarray.geometry.sheet import Sheet
@@ -49,13 +48,13 @@ __all__ = [
     "check_nets",
     "check_rules",
     "connected_pieces",
+    "copper_by_layer",
     "copper_features",
     "drills",
     "lattice",
-    "layer_copper",
+    "lattice_array",
     "path_coil",
     "require_kept",
-    "require_nets",
     "require_rules",
     "solids",
     "spiral_coil",

@@ -206,7 +206,7 @@ def lattice(
     Returns
     -------
     points : ndarray, shape (rows · columns, 2)
-        In m, centred on the origin, row by row.
+        Lattice points in m, centred on the origin, row by row.
     indices : ndarray of int, shape (rows · columns, 2)
         Lattice coordinates (i, j). For the hexagonal lattice they are axial: the six neighbours are ±(1, 0),
         ±(0, 1) and ±(1, −1), so that (i − j) mod 3 differs between all neighbours.
@@ -235,3 +235,73 @@ def lattice(
     points -= 0.5 * (points.min(axis=0) + points.max(axis=0))
     c, s = math.cos(direction), math.sin(direction)
     return points @ np.array([[c, s], [-s, c]]), np.column_stack((i, row))
+
+
+def lattice_array(
+    stackup: Stackup,
+    coil: Coil,
+    layers: Sequence[Sequence[str]],
+    pitch: float,
+    columns: int,
+    rows: int = 1,
+    *,
+    kind: Literal["linear", "square", "hexagonal"] = "linear",
+    direction: float = 0.0,
+    rotation: float = 0.0,
+    layer_shift_per_row: int | None = None,
+    names: Sequence[str] | None = None,
+    board_margin: float = 2e-3,
+    through_holes: bool = True,
+) -> CoilArray:
+    """Place equal coils on a regular lattice.
+
+    Parameters
+    ----------
+    stackup : Stackup
+        Layers of the board.
+    coil : Coil
+        Shape of every coil.
+    layers : sequence of sequence of str
+        Sets of copper layers that the coils of a row take in turn: neighbours that overlap must not share copper.
+    pitch, columns, rows, kind, direction
+        As in `lattice`.
+    rotation : float
+        Counter-clockwise turn of every coil in rad.
+    layer_shift_per_row : int, optional
+        Steps in `layers` from row to row. By default −1 on hexagonal lattices, 2 on others with four sets, and 1
+        elsewhere: with three, four and two sets, coils next to each other then have different layers.
+    names : sequence of str, optional
+        Names of the coils, row by row; coil1, coil2, … by default.
+    board_margin, through_holes
+        As in `CoilArray`.
+
+    Raises
+    ------
+    GeometryError
+        As `lattice` and `CoilArray`; no set of layers, or a number of names that is not that of the coils.
+
+    Examples
+    --------
+    >>> from coilarray.geometry import PlatedHole, Spiral, Stackup, spiral_coil
+    >>> coil = spiral_coil(Spiral(6, 8e-3, 10, 0.15e-3, 0.15e-3), 2, PlatedHole(0.25e-3, 0.5e-3))
+    >>> board = Stackup.uniform(("L1", "L2", "L3", "L4"))
+    >>> array = lattice_array(board, coil, [("L1", "L2"), ("L3", "L4")], 11e-3, 3)
+    >>> [(place.name, round(place.x * 1e3, 6), place.layers[0]) for place in array.placements]
+    [('coil1', -11.0, 'L1'), ('coil2', 0.0, 'L3'), ('coil3', 11.0, 'L1')]
+    """
+    points, indices = lattice(kind, pitch, columns, rows, direction=direction)
+    given = [f"coil{k + 1}" for k in range(len(points))] if names is None else names
+    if len(given) != len(points):
+        raise GeometryError(f"names must be {len(points)}, one a coil; got {len(given)}.")
+    if not layers:
+        raise GeometryError("layers must have at least one set of copper layers; got none.")
+    # (i − j) mod 3 differs between all neighbours of a hexagonal lattice, (i + j) mod 2 between those of a square
+    # one, and (i + 2j) mod 4 between its diagonal neighbours too
+    shift = layer_shift_per_row
+    if shift is None:
+        shift = -1 if kind == "hexagonal" else 2 if len(layers) == 4 else 1
+    placements = tuple(
+        Placement(name, coil, tuple(layers[(i + shift * j) % len(layers)]), x, y, rotation)
+        for name, (x, y), (i, j) in zip(given, points.tolist(), indices.tolist(), strict=True)
+    )
+    return CoilArray(stackup, placements, board_margin, through_holes)

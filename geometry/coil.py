@@ -51,11 +51,6 @@ class PlatedHole:
             )
 
     @property
-    def annular_ring(self) -> float:
-        """Width of the copper ring around the hole in m."""
-        return (self.pad - self.drill) / 2
-
-    @property
     def barrel_area(self) -> float:
         """Conducting cross-section of the barrel in m²."""
         return math.pi * self.plating * (self.drill - self.plating)
@@ -300,7 +295,7 @@ def path_coil(
     lines : sequence of array_like, each of shape (n, 2)
         x, y in m; each begins where the one before ended.
     trace_width : float or sequence of array_like, each of shape (n − 1,)
-        In m: one for all, or the width of every segment of each line.
+        Width in m: one for all, or the width of every segment of each line.
     gap : float
         Distance of the turns, edge to edge, in m.
     via : PlatedHole
@@ -454,7 +449,7 @@ def _fan(
     Returns
     -------
     ndarray, shape (m, 2)
-        In m.
+        Points in m.
     """
     m = len(pads)
     outwards = end / float(np.hypot(*end))

@@ -25,7 +25,7 @@ class Conductor:
     Parameters
     ----------
     vertices : array_like, shape (n + 1, 3)
-        In m, in the direction of the current, up to 1e30; neighbours must differ, by 1e-30 at least.
+        Points of the path in m, in the direction of the current, up to 1e30; neighbours must differ, by 1e-30 at least.
     widths, thicknesses : array_like, shape (n,) or scalar
         Cross-section in m that sets the inductance; both zero or both positive.
     areas : array_like, shape (n,) or scalar, optional

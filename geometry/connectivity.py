@@ -14,7 +14,6 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from shapely.geometry.base import BaseGeometry
 
-from coilarray.errors import GeometryError
 from coilarray.geometry.array import CoilArray, Placement
 from coilarray.geometry.copper import Drill, disc, drills, trace_outline
 from coilarray.geometry.readers.board_copper import BoardCopper
@@ -114,7 +113,7 @@ def connected_pieces(
     Returns
     -------
     tuple of dict of str to shapely geometry
-        Of each piece its united copper on every layer where it has some.
+        United copper of each piece on every layer where it has some.
 
     Examples
     --------
@@ -163,7 +162,7 @@ def board_layers(board: BoardCopper) -> tuple[dict[str, list[BaseGeometry]], lis
     Returns
     -------
     layers : dict of str to list of shapely geometry
-        In m, every layer of the stack-up.
+        Outlines of the copper in m, for every layer of the stack-up.
     holes : list of Barrel
     """
     layers: dict[str, list[BaseGeometry]] = {layer: [] for layer in board.stackup.names}
@@ -293,14 +292,6 @@ def _misnamed(
             has = "no net" if net is None else f"the net {net}"
             text = f"{what} of {name} has {has} at {_mm((at.x, at.y))}"
             yield NetFault("net", (name,), layer, at.x, at.y, text)
-
-
-def require_nets(check: NetCheck) -> None:
-    """Raise GeometryError with the first fault of a net check and the number of the others."""
-    if check.faults:
-        others = len(check.faults) - 1
-        more = f" ({others} more {'fault' if others == 1 else 'faults'})" if others else ""
-        raise GeometryError(f"{check.faults[0].text}{more}.")
 
 
 @dataclass(frozen=True, eq=False)

@@ -148,30 +148,12 @@ def copper_by_layer(array: CoilArray) -> dict[str, dict[str, BaseGeometry]]:
 
     Returns
     -------
-    dict of str to dict
-        What `layer_copper` returns, of each layer of the stack-up from top to bottom.
+    dict of str to dict of str to Polygon or MultiPolygon
+        By layer, from top to bottom: copper of each net in m, in the order of the coils; nets without copper on the
+        layer are left out.
     """
     features = copper_features(array)
     return {layer: _united(features, layer, array.names) for layer in array.stackup.names}
-
-
-def layer_copper(array: CoilArray, layer: str) -> dict[str, BaseGeometry]:
-    """Unite the copper of every net on one layer.
-
-    Parameters
-    ----------
-    array : CoilArray
-        The board.
-    layer : str
-        Name of the copper layer; GeometryError where there is none.
-
-    Returns
-    -------
-    dict of str to Polygon or MultiPolygon
-        In m, in the order of the coils; nets without copper on the layer are left out.
-    """
-    array.stackup.index(layer)
-    return _united(copper_features(array), layer, array.names)
 
 
 def _united(features: Iterable[CopperFeature], layer: str, nets: Iterable[str]) -> dict[str, BaseGeometry]:
@@ -200,7 +182,7 @@ def uniform_runs(line: FloatArray, widths: FloatArray) -> list[tuple[FloatArray,
     line : ndarray, shape (n, 2)
         Centre line in m.
     widths : ndarray, shape (n − 1,)
-        Of every segment in m.
+        Width of every segment in m.
 
     Returns
     -------
@@ -219,7 +201,7 @@ def trace_outline(line: FloatArray, widths: npt.ArrayLike) -> shapely.Polygon:
     line : ndarray, shape (n, 2)
         Centre line in m.
     widths : array_like, shape (n − 1,) or scalar
-        Of every segment in m.
+        Width of every segment in m.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Rigid bodies that are pressed into the elastomer: what each looks like from below.
+"""Rigid indenters: what each looks like from below.
 
 The tip is at r = 0 and points downwards; `profile` is the height of the surface above the tip. Axial bodies are bodies
 of revolution and r is the distance from the axis; plane ones are infinitely long along y and r is |x|.
@@ -21,41 +21,48 @@ Symmetry = Literal["axial", "plane"]
 """``"axial"``: a body of revolution; ``"plane"``: infinitely long along y."""
 
 
-def _require_length(what: str, value: float) -> None:
-    """Refuse a length that is not positive and finite."""
-    if not (math.isfinite(value) and value > 0):
-        raise GeometryError(f"{what} must be positive and finite; got {value} m.")
+@dataclass(frozen=True)
+class _Body:
+    """What all indenters with a radius share; each says its `profile` and `radius_at`."""
+
+    radius: float
+    name: ClassVar[str]
+    symmetry: ClassVar[Symmetry] = "axial"
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.radius) and self.radius > 0):
+            raise GeometryError(f"radius of a {self.name} must be positive and finite; got {self.radius} m.")
+
+    @property
+    def reach(self) -> float:
+        """Largest radius (of a plane body: |x|) in m at which the body can touch; inf where it has no end."""
+        return self.radius
 
 
-def _round_profile(radius: float, r: npt.ArrayLike) -> FloatArray:
-    """Height of a circle of `radius` above its lowest point, R − √(R² − r²); inf beyond it."""
-    distance = np.asarray(r, dtype=float)
-    inside = distance <= radius
-    square = np.where(inside, distance, 0.0) ** 2
-    height = square / (radius + np.sqrt(radius**2 - square))  # the same as R − √(R² − r²), without cancellation
-    return np.where(inside, height, np.inf)
+class _Round(_Body):
+    """A body with a circular section."""
 
+    def profile(self, r: npt.ArrayLike) -> FloatArray:
+        """Height above the tip in m at the distances `r` in m, R − √(R² − r²); inf beyond R."""
+        distance = np.asarray(r, dtype=float)
+        inside = distance <= self.radius
+        square = np.where(inside, distance, 0.0) ** 2
+        height = square / (self.radius + np.sqrt(self.radius**2 - square))  # R − √(R² − r²) without cancellation
+        return np.where(inside, height, np.inf)
 
-def _round_radius_at(radius: float, height: float) -> float:
-    """Half the chord of a circle at a height above its lowest point, at most its radius."""
-    if height >= radius:
-        return radius
-    return math.sqrt(height * (2 * radius - height))
+    def radius_at(self, height: float) -> float:
+        """Radius in m (of a plane body: half the width) of the cut at a height in m above the tip, at most R."""
+        return self.radius if height >= self.radius else math.sqrt(height * (2 * self.radius - height))
 
 
 @dataclass(frozen=True)
-class Hemisphere:
+class Hemisphere(_Round):
     """The lower half of a ball, as on the tip of a rod of the same radius.
 
     Parameters
     ----------
     radius : float
-        In m.
-
-    Raises
-    ------
-    GeometryError
-        A radius that is not positive and finite.
+        Radius in m, positive and finite; GeometryError otherwise.
 
     Examples
     --------
@@ -64,40 +71,17 @@ class Hemisphere:
     array([0.    , 0.0005, 0.0025,    inf])
     """
 
-    radius: float
     name: ClassVar[str] = "hemisphere"
-    symmetry: ClassVar[Symmetry] = "axial"
-
-    def __post_init__(self) -> None:
-        _require_length("radius of a hemisphere", self.radius)
-
-    @property
-    def reach(self) -> float:
-        """Largest radius in m at which it can touch."""
-        return self.radius
-
-    def profile(self, r: npt.ArrayLike) -> FloatArray:
-        """Height above the tip in m at the radii `r` in m, R − √(R² − r²); inf beyond the reach."""
-        return _round_profile(self.radius, r)
-
-    def radius_at(self, height: float) -> float:
-        """Radius in m of the cut at a height in m above the tip, at most the reach."""
-        return _round_radius_at(self.radius, height)
 
 
 @dataclass(frozen=True)
-class Paraboloid:
+class Paraboloid(_Body):
     """A paraboloid of revolution: what a ball looks like from near its tip.
 
     Parameters
     ----------
     radius : float
-        Radius of curvature at the tip in m.
-
-    Raises
-    ------
-    GeometryError
-        A radius that is not positive and finite.
+        Radius of curvature at the tip in m, positive and finite; GeometryError otherwise.
 
     Examples
     --------
@@ -105,16 +89,11 @@ class Paraboloid:
     array([0.    , 0.0002])
     """
 
-    radius: float
     name: ClassVar[str] = "paraboloid"
-    symmetry: ClassVar[Symmetry] = "axial"
-
-    def __post_init__(self) -> None:
-        _require_length("radius of a paraboloid", self.radius)
 
     @property
     def reach(self) -> float:
-        """Largest radius in m at which it can touch: it has no end."""
+        """Infinite: a paraboloid has no end."""
         return math.inf
 
     def profile(self, r: npt.ArrayLike) -> FloatArray:
@@ -127,18 +106,13 @@ class Paraboloid:
 
 
 @dataclass(frozen=True)
-class FlatPunch:
+class FlatPunch(_Body):
     """The flat end of a rod.
 
     Parameters
     ----------
     radius : float
-        Of the rod in m.
-
-    Raises
-    ------
-    GeometryError
-        A radius that is not positive and finite.
+        Radius of the rod in m, positive and finite; GeometryError otherwise.
 
     Examples
     --------
@@ -146,17 +120,7 @@ class FlatPunch:
     array([ 0.,  0., inf])
     """
 
-    radius: float
     name: ClassVar[str] = "flat punch"
-    symmetry: ClassVar[Symmetry] = "axial"
-
-    def __post_init__(self) -> None:
-        _require_length("radius of a flat punch", self.radius)
-
-    @property
-    def reach(self) -> float:
-        """Largest radius in m at which it can touch."""
-        return self.radius
 
     def profile(self, r: npt.ArrayLike) -> FloatArray:
         """Height above the tip in m at the radii `r` in m: 0 under the punch, inf beyond it."""
@@ -174,14 +138,14 @@ class Cone:
     Parameters
     ----------
     half_angle : float
-        Between the axis and the surface in rad; near π/2 the cone is blunt.
+        Angle between the axis and the surface in rad, between 0 and π/2; near π/2 the cone is blunt.
     radius : float, optional
-        Where the cone ends, in m; without it the cone has no end.
+        Radius in m at which the cone ends, positive; without it the cone has no end.
 
     Raises
     ------
     GeometryError
-        An angle that is not between 0 and π/2, or a radius that is not positive.
+        An angle or a radius that is not allowed.
 
     Examples
     --------
@@ -202,32 +166,27 @@ class Cone:
 
     @property
     def reach(self) -> float:
-        """Largest radius in m at which it can touch."""
+        """Largest radius in m at which the cone can touch."""
         return self.radius
 
     def profile(self, r: npt.ArrayLike) -> FloatArray:
-        """Height above the tip in m at the radii `r` in m, r/tan(half angle); inf beyond the reach."""
+        """Height above the tip in m at the radii `r` in m, r/tan(half angle); inf beyond the end."""
         distance = np.asarray(r, dtype=float)
         return np.where(distance <= self.radius, distance / math.tan(self.half_angle), np.inf)
 
     def radius_at(self, height: float) -> float:
-        """Radius in m of the cut at a height in m above the tip, at most the reach."""
+        """Radius in m of the cut at a height in m above the tip, at most `radius`."""
         return min(height * math.tan(self.half_angle), self.radius)
 
 
 @dataclass(frozen=True)
-class CylinderEdge:
+class CylinderEdge(_Round):
     """An infinitely long cylinder that lies on the sample along y: plane strain.
 
     Parameters
     ----------
     radius : float
-        In m.
-
-    Raises
-    ------
-    GeometryError
-        A radius that is not positive and finite.
+        Radius in m, positive and finite; GeometryError otherwise.
 
     Examples
     --------
@@ -235,25 +194,8 @@ class CylinderEdge:
     'plane'
     """
 
-    radius: float
     name: ClassVar[str] = "cylinder edge"
     symmetry: ClassVar[Symmetry] = "plane"
-
-    def __post_init__(self) -> None:
-        _require_length("radius of a cylinder edge", self.radius)
-
-    @property
-    def reach(self) -> float:
-        """Largest |x| in m at which it can touch."""
-        return self.radius
-
-    def profile(self, r: npt.ArrayLike) -> FloatArray:
-        """Height above the tip in m at r = |x| in m, R − √(R² − x²); inf beyond the reach."""
-        return _round_profile(self.radius, r)
-
-    def radius_at(self, height: float) -> float:
-        """Half width in m of the cut at a height in m above the tip, at most the reach."""
-        return _round_radius_at(self.radius, height)
 
 
 Indenter = Hemisphere | Paraboloid | FlatPunch | Cone | CylinderEdge

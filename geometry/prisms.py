@@ -42,7 +42,7 @@ def board_prisms(array: CoilArray) -> dict[str, Prism]:
     Returns
     -------
     dict of str to Prism
-        By the keys that `coilarray.geometry.solids` tells.
+        Prisms by the keys of `coilarray.geometry.solids`.
 
     Examples
     --------
@@ -79,12 +79,12 @@ def sheet_prisms(array: CoilArray, sheets: Sequence[Sheet]) -> dict[str, Prism]:
     array : CoilArray
         The board; each sheet covers all of it.
     sheets : sequence of Sheet
-        From the board upwards; names all different.
+        Sheets from the board upwards; names all different.
 
     Returns
     -------
     dict of str to Prism
-        By ``sheet/<name>``.
+        Prisms by ``sheet/<name>``.
 
     Raises
     ------

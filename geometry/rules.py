@@ -111,7 +111,7 @@ class Margin:
     x, y : float or None
         The place on the board in m; None for what has no place.
     unit : str
-        Of the three numbers: "m", or empty for a ratio or a count.
+        Unit of the three numbers: "m", or empty for a ratio or a count.
     """
 
     rule: str
@@ -209,7 +209,7 @@ def require_kept(margins: Iterable[Margin]) -> None:
     Parameters
     ----------
     margins : iterable of Margin
-        In the order of `check_rules`.
+        Margins in the order of `check_rules`.
 
     Raises
     ------
@@ -418,11 +418,11 @@ def _nearest_beyond(
     Parameters
     ----------
     apart : ndarray, shape (n, 2)
-        From the end of segment i to the beginning of segment j in m.
+        Vectors from the end of segment i to the beginning of segment j in m.
     along_i, along_j : ndarray, shape (n, 2)
         Unit vectors.
     length_i, length_j : ndarray, shape (n,)
-        In m.
+        Lengths of the segments in m.
     way : ndarray, shape (n,)
         Least a + b in m.
 
@@ -431,7 +431,7 @@ def _nearest_beyond(
     a, b : ndarray, shape (n,)
         The place on i, back from its end, and on j, onwards from its beginning, in m.
     distance : ndarray, shape (n,)
-        In m; inf where the segments are too short for `way`.
+        Distances in m; inf where the segments are too short for `way`.
 
     Notes
     -----

@@ -15,15 +15,15 @@ class Sheet:
     Parameters
     ----------
     name : str
-        For example ``"base"`` or ``"magnetic"``.
+        Name of the sheet, for example ``"base"`` or ``"magnetic"``.
     thickness : float
-        In m.
+        Thickness in m.
     relative_permeability : float
         1 for a plain elastomer, above 1 for a filled one.
     youngs_modulus : float or None
-        In Pa; None where it is not known, and then the sheet cannot be indented.
+        Young's modulus in Pa; None where it is not known, and then the sheet cannot be indented.
     poissons_ratio : float
-        From 0 to 0.5; 0.5 is incompressible.
+        Poisson's ratio from 0 to 0.5; 0.5 is incompressible.
 
     Raises
     ------

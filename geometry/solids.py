@@ -25,12 +25,12 @@ def solids(array: CoilArray, sheets: Sequence[Sheet] = ()) -> dict[str, trimesh.
     array : CoilArray
         The board.
     sheets : sequence of Sheet
-        From the board upwards; each covers the whole board. Names all different.
+        Sheets from the board upwards, each as large as the board; names all different.
 
     Returns
     -------
     dict of str to trimesh.Trimesh
-        In m, z = 0 at the top face of the top copper. The keys:
+        Meshes in m, z = 0 at the top face of the top copper. The keys:
 
         - ``copper/<layer>/<coil>``: trace and pads as one, with the holes cut out, as thick as the layer.
         - ``barrel/<coil>/<n>``: hollow cylinder in the coil's n-th hole (n from 0, in the order of `drills`; a pad

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from coilarray.errors import GeometryError
@@ -62,6 +63,33 @@ class Stackup:
         for epsilon in self.epsilon_r:
             if not (math.isfinite(epsilon) and epsilon >= 1):
                 raise GeometryError(f"a relative permittivity must be at least 1; got {epsilon}.")
+
+    @classmethod
+    def uniform(
+        cls, names: Sequence[str], *, thickness: float = 1.6e-3, copper: float = 35e-6, epsilon_r: float = 4.5
+    ) -> Stackup:
+        """Make a stack-up of equal layers.
+
+        Parameters
+        ----------
+        names : sequence of str
+            Names of the copper layers, top to bottom.
+        thickness : float
+            Thickness of the whole board in m, copper included; the dielectrics share equally what the copper leaves.
+        copper : float
+            Thickness of every copper layer in m.
+        epsilon_r : float
+            Relative permittivity of the dielectrics; 4.5 is that of FR-4.
+
+        Examples
+        --------
+        >>> board = Stackup.uniform(("top", "bottom"))
+        >>> [round(thickness * 1e3, 6) for thickness in board.dielectric_thickness]
+        [1.53]
+        """
+        gaps = len(names) - 1
+        dielectric = (thickness - len(names) * copper) / gaps if gaps else 0.0
+        return cls(tuple(names), (copper,) * len(names), (dielectric,) * gaps, (epsilon_r,) * gaps)
 
     @property
     def thickness(self) -> float:

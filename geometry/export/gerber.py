@@ -50,9 +50,9 @@ def write_gerbers(
     path : Path
         Ends in ``.zip``. Written whole or not at all.
     name : str
-        Of the project; the names of the files begin with it.
+        Name of the project; the names of the files begin with it.
     revision : str
-        Of the project.
+        Revision of the project.
     check : callable, optional
         Called with the path of the finished zip before it is in its place; what it raises leaves all as it was.
 

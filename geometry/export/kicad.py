@@ -62,7 +62,7 @@ def write_kicad(
         The folder. It is made whole or not at all; in one that exists already, the files of the project are replaced,
         all or none, and all others stay.
     name : str
-        Of the project: letters, digits, ``_ . + -``, the last one not first.
+        Name of the project: letters, digits, ``_ . + -``, the last one not first.
     rules : FabRules
         Limits of KiCad's own check.
     title : str
@@ -129,7 +129,7 @@ def board_text(array: CoilArray, name: str, title: str) -> str:
     array : CoilArray
         The board.
     name, title : str
-        Of the project.
+        Name and title of the project.
     """
     layers = copper_names(array.stackup)
     paper, drawing = _sheet(array, name, layers)

@@ -124,7 +124,7 @@ def segments(placement: Placement, drawing: Drawing) -> Iterator[tuple[IntArray,
     placement : Placement
         The coil.
     drawing : Drawing
-        Of the file.
+        Drawing of the board file.
 
     Yields
     ------

@@ -66,7 +66,7 @@ def library_table_text(name: str) -> str:
     Parameters
     ----------
     name : str
-        Of the project and of its library.
+        Name of the project and of its library.
     """
     folder = quoted(f"${{KIPRJMOD}}/{name}.pretty")
     library = node(

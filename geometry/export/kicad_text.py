@@ -113,7 +113,7 @@ class Drawing:
     root : str
         What the identifiers of the file's pieces begin with.
     layers : dict of str to str
-        From the stack-up's copper layers to KiCad's.
+        Names of the stack-up's copper layers in KiCad.
     x0, y0 : int
         Origin of the design on the sheet, whose y axis points down, in nm.
     """
@@ -155,7 +155,7 @@ def copper_names(stackup: Stackup) -> dict[str, str]:
     Returns
     -------
     dict of str to str
-        From the stack-up's names, top to bottom.
+        KiCad's name of each layer of the stack-up, top to bottom.
 
     Raises
     ------

@@ -49,9 +49,9 @@ def write_step(array: CoilArray, path: Path, *, name: str, sheets: Sequence[Shee
     path : Path
         Ends in ``.step`` or ``.stp``. Written whole or not at all.
     name : str
-        Of the assembly.
+        Name of the assembly.
     sheets : sequence of Sheet
-        From the board upwards; names all different.
+        Sheets from the board upwards; names all different.
 
     Raises
     ------
@@ -105,7 +105,7 @@ def _owners(corners: FloatArray, circles: FloatArray) -> npt.NDArray[np.intp]:
     Parameters
     ----------
     corners : ndarray, shape (n, 2)
-        In m, the first not repeated; edge k begins at corner k.
+        Corners in m, the first not repeated; edge k begins at corner k.
     circles : ndarray, shape (m, 3)
         Centre and radius in m.
 

@@ -36,7 +36,7 @@ def write_svg(array: CoilArray, path: Path, *, title: str = "") -> None:
     path : Path
         Ends in ``.svg``. Written whole or not at all.
     title : str
-        Of the drawing.
+        Title of the drawing.
 
     Raises
     ------

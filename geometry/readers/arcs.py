@@ -22,15 +22,15 @@ def arc_points(start: Point, middle: Point, end: Point, error: float = CHORD_ERR
     Parameters
     ----------
     start, middle, end : tuple of float
-        In m; `middle` may lie anywhere between the ends. Where all three lie on a line the arc is that line. Where
-        start and end are one point the arc is the whole circle, with `middle` opposite.
+        Points in m; `middle` may lie anywhere between the ends. Where all three lie on a line the arc is that line.
+        Where start and end are one point the arc is the whole circle, with `middle` opposite.
     error : float
         Largest distance in m of the pieces from the arc.
 
     Returns
     -------
     ndarray, shape (n >= 2, 2)
-        In m; the first and last are `start` and `end` themselves.
+        Points of the arc in m; the first and last are `start` and `end` themselves.
 
     Notes
     -----

@@ -15,8 +15,7 @@ from shapely.geometry.base import BaseGeometry
 
 from coilarray.errors import BoardError
 from coilarray.geometry.readers.board_copper import BoardCopper, CopperArea, Hole, SurfacePad, Track
-from coilarray.geometry.readers.gerber_files import DataFile, find_files
-from coilarray.geometry.readers.gerber_job import job_stackup
+from coilarray.geometry.readers.gerber_files import DataFile, find_files, job_stackup
 from coilarray.geometry.readers.gerber_parse import (
     Clear,
     DrilledHole,
@@ -44,8 +43,8 @@ def read_gerbers(path: Path, stackup: Stackup | None = None) -> BoardCopper:
     Returns
     -------
     BoardCopper
-        In the frame of the files. Nets come from the attribute .N, else they are None. `assumed` says what neither
-        a job file nor `stackup` does.
+        Copper in the frame of the files. Nets come from the attribute .N, else they are None. `assumed` says what
+        neither a job file nor `stackup` does.
 
     Raises
     ------

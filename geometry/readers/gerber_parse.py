@@ -52,9 +52,9 @@ class Stroke:
     points : tuple of tuple of float
         Two, or more on an arc, in m.
     width : float
-        In m.
+        Width in m.
     net : str or None
-        From the attribute .N.
+        Net by the attribute .N.
     where : str
         "file:line".
     """
@@ -87,7 +87,7 @@ class Flash:
     pin : str
         Number of the pad from the attribute .P; empty where there is none.
     net : str or None
-        From the attribute .N.
+        Net by the attribute .N.
     where : str
         "file:line".
     """
@@ -109,9 +109,9 @@ class Region:
     Parameters
     ----------
     shape : shapely geometry
-        In m.
+        Outline in m.
     net : str or None
-        From the attribute .N.
+        Net by the attribute .N.
     where : str
         "file:line".
     """
@@ -128,7 +128,7 @@ class Clear:
     Parameters
     ----------
     shape : shapely geometry
-        In m.
+        Outline in m.
     where : str
         "file:line".
     """
@@ -146,7 +146,7 @@ class DrilledHole:
     x, y : float
         Place in m.
     diameter : float
-        In m.
+        Diameter in m.
     function : str
         Last field of the tool's attribute .AperFunction, as "ViaDrill"; empty where there is none.
     plated : bool or None

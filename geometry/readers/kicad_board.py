@@ -15,19 +15,19 @@ from coilarray.errors import BoardError
 from coilarray.geometry.copper import disc
 from coilarray.geometry.readers.arcs import arc_points
 from coilarray.geometry.readers.board_copper import BoardCopper, CopperArea, Hole, SurfacePad, Track
-from coilarray.geometry.readers.kicad_graphics import (
+from coilarray.geometry.readers.kicad_layers import KicadLayers, read_layers
+from coilarray.geometry.readers.kicad_shapes import (
     GRAPHICS,
     Point,
     ToBoard,
     drawn_copper,
     drawn_outline,
     is_teardrop,
+    other_copper,
+    pad_shape,
     pair,
     zone_copper,
 )
-from coilarray.geometry.readers.kicad_layers import KicadLayers, read_layers
-from coilarray.geometry.readers.kicad_pads import pad_shape
-from coilarray.geometry.readers.kicad_texts import other_copper
 from coilarray.geometry.readers.sexpr import Node, Quoted, read_sexpr
 from coilarray.geometry.stackup import Stackup
 
@@ -52,7 +52,7 @@ def read_kicad(path: Path, stackup: Stackup | None = None) -> BoardCopper:
     Returns
     -------
     BoardCopper
-        In the frame of the design: the auxiliary origin of the file ("drill and place file origin") is (0, 0), y
+        Copper in the frame of the design: the auxiliary origin of the file ("drill and place file origin") is (0, 0), y
         points up. Arcs are divided into pieces within 0.9 µm of them. `assumed` says what the file does not:
         thicknesses and permittivities where it has no stack-up.
 
@@ -150,7 +150,7 @@ class _Board:
     nets : dict of str to str
         Names by number.
     origin : tuple of float
-        Of the design on KiCad's sheet in mm.
+        Origin of the design on KiCad's sheet in mm.
     """
 
     layers: KicadLayers

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from coilarray.errors import BoardError, GeometryError
-from coilarray.geometry.readers.assumed_stackup import Slab, filled_copper, filled_dielectrics, united
+from coilarray.geometry.readers.board_copper import Slab, filled_copper, filled_dielectrics, united
 from coilarray.geometry.readers.sexpr import Node
 from coilarray.geometry.stackup import Stackup
 
@@ -25,9 +25,9 @@ class KicadLayers:
     stackup : Stackup
         With the names that the user gave the layers, KiCad's own where there are none.
     names : dict of str to str
-        From KiCad's names (F.Cu, In1.Cu, …, B.Cu) to those of the stack-up, top to bottom.
+        Name in the stack-up of each of KiCad's layers (F.Cu, In1.Cu, …, B.Cu) to those of the stack-up, top to bottom.
     assumed : dict of str to str
-        As in `BoardCopper`.
+        Assumed values as in `BoardCopper`.
     """
 
     stackup: Stackup

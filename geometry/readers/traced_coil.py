@@ -23,7 +23,7 @@ class TracedCoil:
     Parameters
     ----------
     name : str
-        Of the net; "coil1", "coil2", … where the board names none.
+        Name of the net; "coil1", "coil2", … where the board names none.
     lines : tuple of ndarray, each of shape (n, 2)
         Centre lines in m, in the direction of the current, each on one layer.
     layers : tuple of str

@@ -29,9 +29,9 @@ from coilarray.geometry import (
     Placement,
     Spiral,
     check_rules,
+    copper_by_layer,
     copper_features,
     drills,
-    layer_copper,
     path_coil,
     solids,
     spiral_coil,
@@ -63,7 +63,7 @@ def test_a_number_and_equal_widths_are_the_same_coil():
         assert a == b
     assert boards[0].bounds == boards[1].bounds
     assert check_rules(boards[0], FabRules()) == check_rules(boards[1], FabRules())
-    assert shapely.equals(*(layer_copper(board, "L1")["A"] for board in boards))
+    assert shapely.equals(*(copper_by_layer(board)["L1"]["A"] for board in boards))
 
 
 def test_the_trace_width_is_that_of_most_of_the_length():
@@ -199,7 +199,7 @@ def test_a_path_may_return_to_a_layer():
     np.testing.assert_allclose(wire.vertices[:, 2], heights, rtol=ROUNDING)
     assert [f.layer for f in copper_features(array) if f.kind == "trace"] == ["L1", "L2", "L1"]
     assert [hole.layers for hole in drills(on_board(three_lines(), through_holes=False))] == [("L1", "L2")] * 2
-    area = layer_copper(on_board(three_lines(), through_holes=False), "L1")["A"].area
+    area = copper_by_layer(on_board(three_lines(), through_holes=False))["L1"]["A"].area
     # two traces and two pads, less what they share: a strip of half a disc, and half a disc
     R, h = VIA.pad / 2, NARROW / 2
     shared = R**2 * math.asin(h / R) + h * math.sqrt(R**2 - h**2) + math.pi * R**2 / 2

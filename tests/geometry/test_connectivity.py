@@ -19,8 +19,8 @@ from coilarray.geometry import (
     Placement,
     PlatedHole,
     Spiral,
+    copper_by_layer,
     drills,
-    layer_copper,
     path_coil,
     spiral_coil,
 )
@@ -30,7 +30,6 @@ from coilarray.geometry.connectivity import (
     check_names,
     check_nets,
     connected_pieces,
-    require_nets,
 )
 from coilarray.geometry.readers.board_copper import BoardCopper, Hole, SurfacePad, Track
 
@@ -53,7 +52,7 @@ def two_coils() -> CoilArray:
 
 def design_copper(array: CoilArray) -> tuple[Layers, list[Barrel]]:
     """The design's own mitred outlines and holes."""
-    layers = {layer: list(layer_copper(array, layer).values()) for layer in array.stackup.names}
+    layers = {layer: list(nets.values()) for layer, nets in copper_by_layer(array).items()}
     holes = [Barrel(h.x, h.y, h.diameter, h.layers) for h in drills(array) if len(h.layers) > 1]
     return layers, holes
 
@@ -224,7 +223,7 @@ def test_coils_that_overlap_in_the_design_touch_there() -> None:
 
 
 def _bounds(array: CoilArray) -> list[tuple[float, float, float, float]]:
-    copper = layer_copper(array, "L1")
+    copper = copper_by_layer(array)["L1"]
     return [copper[name].bounds for name in array.names]
 
 
@@ -234,7 +233,7 @@ def test_a_hole_too_many_joins_coils_on_different_layers() -> None:
     stacked = array.with_placements([first, replace(second, x=first.x + 4.5e-3, layers=("L3", "L4"))])
     layers, holes = design_copper(stacked)
     assert check_nets(stacked, layers, holes).passed
-    crossing = layer_copper(stacked, "L2")["A"] & layer_copper(stacked, "L3")["B"]
+    crossing = copper_by_layer(stacked)["L2"]["A"] & copper_by_layer(stacked)["L3"]["B"]
     place = max(shapely.get_parts(crossing), key=shapely.area).representative_point()
     check = check_nets(stacked, layers, [*holes, Barrel(place.x, place.y, 1e-4, ("L2", "L3"))])
     assert faults(check) == [("bridge", ("A", "B"), "L2"), ("foreign", (), "L2")]
@@ -279,7 +278,7 @@ def test_shorted_turns_of_one_coil_are_foreign_copper() -> None:
 def test_a_via_too_many_within_one_coil_is_found() -> None:
     array = two_coils()
     layers, holes = design_copper(array)
-    crossing = layer_copper(array, "L1")["A"] & layer_copper(array, "L2")["A"]
+    crossing = copper_by_layer(array)["L1"]["A"] & copper_by_layer(array)["L2"]["A"]
     place = max(shapely.get_parts(crossing), key=shapely.area).representative_point()
     check = check_nets(array, layers, [*holes, Barrel(place.x, place.y, 1e-4, ("L1", "L2"))])
     assert faults(check) == [("foreign", (), "L1")]
@@ -395,16 +394,3 @@ def test_copper_with_the_net_of_another_coil(through_holes: bool, net: str | Non
 def test_unknown_layers_are_refused() -> None:
     with pytest.raises(GeometryError, match=r"there is no copper layer 'F.Cu'; the stack-up has L1, L2, L3, L4"):
         check_nets(two_coils(), {"F.Cu": []}, [])
-
-
-def test_require_nets_says_the_worst_and_how_many_more() -> None:
-    array = two_coils()
-    layers, holes = design_copper(array)
-    require_nets(check_nets(array, layers, holes))
-    bridged = having(layers, "L1", BRIDGE)
-    with pytest.raises(GeometryError, match=r"^A and B touch on L1 at \(.*, 0.25\) mm\.$"):
-        require_nets(check_nets(array, bridged, holes))
-    with pytest.raises(
-        GeometryError, match=r"^terminal 2 of A .* nothing joins L1 and L2 at .* mm \(1 more fault\)\.$"
-    ):
-        require_nets(check_nets(array, {**layers, "L2": []}, holes))

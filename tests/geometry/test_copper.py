@@ -15,19 +15,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.boards import FOUR_LAYERS, LEADS, VIA, one_coil, reference_board
 
-from coilarray.errors import GeometryError
 from coilarray.geometry import (
     CoilArray,
     Placement,
     Spiral,
     board_outline,
+    copper_by_layer,
     copper_features,
     drills,
-    layer_copper,
     path_coil,
     spiral_coil,
 )
-from coilarray.geometry.copper import copper_by_layer, disc, trace_outline
+from coilarray.geometry.copper import disc, trace_outline
 
 
 def length(line):
@@ -116,27 +115,24 @@ def test_a_board_of_one_layer_is_drilled(through_holes):
 
 
 @pytest.mark.parametrize("through_holes", [True, False])
-def test_all_layers_at_once_are_each_layer_alone(through_holes):
+def test_the_copper_of_a_layer_is_its_features(through_holes):
     array = reference_board(through_holes=through_holes)
     assert list(copper_by_layer(array)) == list(array.stackup.names)
-    assert copper_by_layer(array) == {layer: layer_copper(array, layer) for layer in array.stackup.names}
+    for layer, nets in copper_by_layer(array).items():
+        for net, copper in nets.items():
+            own = [piece.shape for piece in copper_features(array) if (piece.layer, piece.net) == (layer, net)]
+            assert shapely.equals(copper, shapely.union_all(own))
 
 
 def test_copper_of_a_net_on_a_layer_is_one_piece_with_its_pads():
     array = one_coil(spiral_coil(Spiral(6, 8e-3, 10, 0.12e-3, 0.13e-3), 2, VIA, LEADS))
-    copper = layer_copper(array, "L1")["A"]
+    copper = copper_by_layer(array)["L1"]["A"]
     (trace,) = [f.shape for f in copper_features(array) if f.kind == "trace" and f.layer == "L1"]
     pads = [f.shape for f in copper_features(array) if f.kind != "trace" and f.layer == "L1"]
     overlap = sum(shapely.intersection(trace, pad).area for pad in pads)
     expected = trace.area + sum(pad.area for pad in pads) - overlap
     assert copper.area == pytest.approx(expected, rel=1e-12)
     assert shapely.get_num_geometries(copper) == 2  # the second terminal's pad stands alone on this layer
-
-
-@pytest.mark.parametrize("layer", ["", "top"])
-def test_unknown_layer(layer):
-    with pytest.raises(GeometryError, match="there is no copper layer"):
-        layer_copper(reference_board(), layer)
 
 
 @given(rotation=st.floats(-7, 7))

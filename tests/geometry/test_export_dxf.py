@@ -22,8 +22,8 @@ from coilarray.geometry import (
     Spiral,
     Stackup,
     board_outline,
+    copper_by_layer,
     drills,
-    layer_copper,
     path_coil,
     spiral_coil,
 )
@@ -80,7 +80,7 @@ def in_mm(shape):
 
 def assert_same_area(drawing, array):
     for name in array.stackup.names:
-        expected = in_mm(shapely.union_all(list(layer_copper(array, name).values())))
+        expected = in_mm(shapely.union_all(list(copper_by_layer(array)[name].values())))
         got = region(drawing, f"copper_{name}")
         # every edge may be off by the rounding
         assert got.area == pytest.approx(expected.area, abs=ROUNDING * expected.length, rel=0)
@@ -106,7 +106,7 @@ def test_copper_is_that_of_the_board(read):
     for name in array.stackup.names:
         outlines = on_layer(drawing, f"copper_{name}")
         assert all(outline.closed and not outline.has_width for outline in outlines)
-        pieces = [shapely.get_parts(copper) for copper in layer_copper(array, name).values()]
+        pieces = [shapely.get_parts(copper) for copper in copper_by_layer(array)[name].values()]
         assert len(outlines) == sum(len(shapely.get_rings(parts)) for parts in pieces)
 
 

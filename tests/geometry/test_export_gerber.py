@@ -28,8 +28,8 @@ from coilarray.geometry import (
     PlatedHole,
     Spiral,
     board_outline,
+    copper_by_layer,
     drills,
-    layer_copper,
     path_coil,
     spiral_coil,
 )
@@ -180,7 +180,7 @@ def test_copper_read_back_agrees_with_the_mitred_outlines(tmp_path: Path) -> Non
     array = reference_board()
     for layer, file in zip(array.stackup.names, copper_files(written(array, tmp_path)), strict=True):
         read = covered(file)
-        mitred = shapely.union_all(list(layer_copper(array, layer).values()))
+        mitred = shapely.union_all(list(copper_by_layer(array)[layer].values()))
         assert read.area == pytest.approx(mitred.area, rel=1e-3)
         assert mitred.symmetric_difference(read).area < 1e-3 * mitred.area
         x_min, y_min, x_max, y_max = mitred.bounds
@@ -190,7 +190,7 @@ def test_copper_read_back_agrees_with_the_mitred_outlines(tmp_path: Path) -> Non
 def test_the_difference_to_mitred_copper_is_that_of_its_corners(tmp_path: Path) -> None:
     array = reference_board()
     (first, *_) = copper_files(written(array, tmp_path))
-    short = shapely.union_all(list(layer_copper(array, "L1").values())).area - covered(first).area
+    short = shapely.union_all(list(copper_by_layer(array)["L1"].values())).area - covered(first).area
     expected = 0.0
     for placement in array.placements:
         for k in placement.lines_on("L1"):
@@ -208,7 +208,7 @@ def test_every_piece_of_copper_has_its_net_and_terminals_their_number(tmp_path: 
     array = small_board()
     files = copper_files(written(array, tmp_path))
     for layer, file in zip(array.stackup.names, files, strict=True):
-        copper = layer_copper(array, layer)
+        copper = copper_by_layer(array)[layer]
         for item in file.objects:
             (net,) = item.attrs[".N"]
             x, y = (item.x, item.y) if isinstance(item, gerbonara.graphic_objects.Flash) else (item.x1, item.y1)

@@ -1,6 +1,6 @@
 """KiCad projects: every piece of copper in its place, the limits as rules; and what a real KiCad says of them.
 
-The text is checked with the reader's parser, the copper against `drills` and `layer_copper`, and the whole by KiCad's
+The text is checked with the reader's parser, the copper against `drills` and `copper_by_layer`, and the whole by KiCad's
 own design rule check and plots, read back by gerbonara.
 """
 
@@ -31,9 +31,9 @@ from coilarray.geometry import (
     PlatedHole,
     Spiral,
     Stackup,
+    copper_by_layer,
     drills,
     lattice,
-    layer_copper,
     path_coil,
     spiral_coil,
 )
@@ -611,7 +611,7 @@ def test_gerbers_of_kicad_are_the_copper(design: str, kicad: Kicad, tmp_path: Pa
     last = len(array.stackup.names)
     for k, layer in enumerate(array.stackup.names, start=1):
         plotted = gerber_copper(files[f"Copper,L{k},{'Top' if k == 1 else 'Bot' if k == last else 'Inr'}"])
-        expected = shapely.union_all(list(layer_copper(array, layer).values()))
+        expected = shapely.union_all(list(copper_by_layer(array)[layer].values()))
         # KiCad's tracks have round corners, those of `copper` are mitred: 2e-4 of the area
         assert plotted.area == pytest.approx(expected.area, rel=1e-3)
         assert np.abs(np.subtract(plotted.bounds, expected.bounds)).max() < 1e-3 * size

@@ -11,7 +11,7 @@ import shapely
 from support.boards import LEADS, VIA, one_coil, reference_board
 
 from coilarray.errors import OutputError
-from coilarray.geometry import CoilArray, Placement, Spiral, Stackup, drills, layer_copper, path_coil, spiral_coil
+from coilarray.geometry import CoilArray, Placement, Spiral, Stackup, copper_by_layer, drills, path_coil, spiral_coil
 from coilarray.geometry.export.svg import write_svg
 
 ROUNDING = 0.501e-4  # mm: coordinates are written with four digits after the point
@@ -84,7 +84,7 @@ def test_copper_is_that_of_the_board(read):
     for name in array.stackup.names:
         group = groups(root)[name]
         assert group.get("fill-rule") == "evenodd"
-        copper = layer_copper(array, name)
+        copper = copper_by_layer(array)[name]
         assert [path.find(f"{SVG}title").text for path in group] == list(copper)
         for path, shape in zip(group, copper.values(), strict=True):
             expected = [shapely.get_coordinates(ring)[:-1] for ring in shapely.get_rings(shapely.get_parts(shape))]

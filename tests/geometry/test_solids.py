@@ -19,8 +19,8 @@ from coilarray.geometry import (
     Sheet,
     Spiral,
     board_outline,
+    copper_by_layer,
     drills,
-    layer_copper,
     path_coil,
     solids,
     spiral_coil,
@@ -75,7 +75,7 @@ def test_copper_volume_is_area_times_thickness(built):
     seen = set()
     for layer in array.stackup.names:
         bottom, top = array.stackup.span(layer)
-        for net, copper in layer_copper(array, layer).items():
+        for net, copper in copper_by_layer(array)[layer].items():
             solid = parts[f"copper/{layer}/{net}"]
             area = shapely.difference(copper, holes_of(array, layer)).area
             assert solid.volume == pytest.approx(area * (top - bottom), rel=VOLUME)
@@ -133,7 +133,7 @@ def test_touching_pads_leave_closed_solids():
     array = CoilArray(many_layers(1), (Placement("A", crossing, ("L1",), 0, 0),))
     solid = solids(array)["copper/L1/A"]
     assert solid.is_watertight
-    assert solid.volume == pytest.approx(layer_copper(array, "L1")["A"].area * 35e-6, rel=VOLUME)
+    assert solid.volume == pytest.approx(copper_by_layer(array)["L1"]["A"].area * 35e-6, rel=VOLUME)
 
 
 def test_sheet_names_differ():

@@ -26,9 +26,8 @@ from coilarray.geometry import CoilArray, Placement, PlatedHole, Spiral, Stackup
 from coilarray.geometry.readers.arcs import CHORD_ERROR, arc_points
 from coilarray.geometry.readers.board_copper import BoardCopper, Hole, SurfacePad, Track
 from coilarray.geometry.readers.kicad_board import read_kicad
-from coilarray.geometry.readers.traced_array import traced_array
+from coilarray.geometry.readers.traced_array import traced_array, turn_gap
 from coilarray.geometry.readers.tracing import trace_coils
-from coilarray.geometry.readers.turn_gap import turn_gap
 
 GRID = 1e-9  # m: resolution of KiCad's files; a point is off by half of it at most
 TWO_LAYERS = Stackup(("top", "bottom"), (35e-6, 35e-6), (1e-3,), (4.5,))

@@ -1,12 +1,14 @@
-"""Copper of a KiCad board that is no track: drawn lines and shapes, filled zones."""
+"""Shapes on the copper layers of a KiCad board: graphics, pads, and rectangles around texts and dimensions."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 
 import numpy as np
 import numpy.typing as npt
 import shapely
+from shapely import affinity
 from shapely.geometry.base import BaseGeometry
 
 from coilarray.errors import BoardError
@@ -139,3 +141,121 @@ def _width(node: Node) -> float:
 def _filled(node: Node, kind: str) -> bool:
     fill = node.child("fill")
     return kind == "poly" if fill is None else fill.text() in ("solid", "yes")
+
+
+def pad_shape(pad: Node, to_board: ToBoard) -> BaseGeometry:
+    """Return what a pad covers, in m in the frame of the board; of a shape that is not known, its rectangle.
+
+    Parameters
+    ----------
+    pad : Node
+        Its (pad …).
+    to_board : callable
+        Transforms points from the footprint's frame.
+    """
+    place = pad.need("at")
+    x0, y0 = to_board(*pair(place))
+    turn = math.radians(place.number(2)) if len(place.words) > 2 else 0.0  # on the sheet, not in the footprint
+    c, s = math.cos(turn), math.sin(turn)
+
+    def of_pad(x: float, y: float) -> Point:
+        """From the pad's own frame in mm, y down."""
+        return x0 + (c * x + s * y) / _PER_M, y0 + (s * x - c * y) / _PER_M
+
+    drill = pad.child("drill")
+    offset = None if drill is None else drill.child("offset")
+    x, y = (0.0, 0.0) if offset is None else pair(offset)
+    flat = affinity.translate(_flat(pad), x, y)
+    shapes = [shapely.transform(flat, lambda at: np.array([of_pad(x, y) for x, y in at.tolist()]))]
+    primitives = pad.child("primitives")
+    if primitives is not None:
+        shapes += [drawn_shape(node, of_pad) for node in primitives.children(*GRAPHICS)]
+    return shapely.union_all(shapes)
+
+
+def _flat(pad: Node) -> BaseGeometry:
+    """Shape about the origin, in mm, neither turned nor moved."""
+    width, height = pair(pad.need("size"))
+    kind = pad.text(2) if len(pad.words) > 2 else "rect"
+    if kind in ("circle", "oval"):
+        length = abs(width - height) / 2 if kind == "oval" else 0.0
+        way = (length, 0.0) if width > height else (0.0, length)
+        line = shapely.LineString((way, (-way[0], -way[1])))
+        return line.buffer((width if kind == "circle" else min(width, height)) / 2, quad_segs=32)
+    delta = pad.child("rect_delta")  # of a trapezoid
+    wider, higher = (0.0, 0.0) if delta is None else pair(delta)[::-1]
+    x, y = (width + abs(wider)) / 2, (height + abs(higher)) / 2
+    box = shapely.box(-x, -y, x, y)
+    ratio = pad.child("roundrect_rratio")
+    radius = 0.0 if ratio is None or kind != "roundrect" else min(ratio.number(), 0.5) * min(width, height)
+    return box.buffer(-radius * 0.999).buffer(radius * 0.999, quad_segs=32)
+
+
+_TEXTS = {"gr_text": 0, "fp_text": 1, "property": 1}  # with the index of the text among the words
+_NO_COPPER = ("generated", "image", "layer", "pad", "zone")  # what copper they have stands elsewhere in the file
+_PLACES = ("at", "start", "mid", "end", "center", "xy")
+_LETTER = 1.2  # largest width of KiCad's letters over the size of the font
+_LINE = 1.7  # distance of lines over the size
+
+
+def other_copper(node: Node, to_board: ToBoard) -> Iterator[tuple[BaseGeometry, str]]:
+    """Give the rectangle in m around a node that is no track and no shape, and what it is; none where it is hidden.
+
+    Parameters
+    ----------
+    node : Node
+        A text, a text box, a dimension, or one that is not known.
+    to_board : callable
+        Transforms points from the frame of the node.
+    """
+    if node.name in _NO_COPPER or _is_hidden(node):
+        return
+    if node.name in _TEXTS:
+        yield _text_box(node, to_board), "a text"
+        return
+    what = {"gr_text_box": "a text box", "fp_text_box": "a text box", "dimension": "a dimension"}.get(node.name)
+    height = node.child("height")
+    margin = 0.0 if height is None else abs(height.number()) / _PER_M  # of a dimension's line from what it measures
+    around = shapely.MultiPoint([to_board(x, y) for x, y in _places(node)]).envelope
+    yield around.buffer(max(margin, 1e-9)), what or f"an unknown ({node.name} …)"
+
+
+def _text_box(node: Node, to_board: ToBoard) -> BaseGeometry:
+    """Rectangle around a text; one that is not centred reaches to both sides, for it may be mirrored or turned over."""
+    effects = node.child("effects") or node
+    font = effects.child("font")
+    size = None if font is None else font.child("size")
+    height, width = (1.0, 1.0) if size is None else pair(size)
+    stroke = None if font is None else font.child("thickness")
+    bold = 0.15 * height if stroke is None else stroke.number()
+    text = node.words[_TEXTS[node.name]] if len(node.words) > _TEXTS[node.name] else ""
+    rows = text.split("\n")
+    justify = effects.child("justify")
+    words = () if justify is None else justify.words
+    x = max(map(len, rows)) * width * _LETTER / 2 * (2 if {"left", "right"} & set(words) else 1) + bold
+    y = len(rows) * height * _LINE / 2 * (2 if {"top", "bottom"} & set(words) else 1) + bold
+    place = node.need("at")
+    turn = math.radians(place.number(2)) if len(place.words) > 2 and _is_number(place.words[2]) else 0.0
+    box = shapely.box(-x / _PER_M, -y / _PER_M, x / _PER_M, y / _PER_M)
+    turned = affinity.rotate(box, turn, origin=(0, 0), use_radians=True)
+    return affinity.translate(turned, *to_board(*pair(place)))
+
+
+def _is_number(word: str) -> bool:
+    return word.lstrip("+-").replace(".", "", 1).isdecimal()
+
+
+def _is_hidden(node: Node) -> bool:
+    return any(
+        "hide" in part.words or any(hide.words[:1] != ("no",) for hide in part.children("hide"))
+        for part in (node, *node.children("effects"))
+    )
+
+
+def _places(node: Node) -> Iterator[Point]:
+    """Give every place inside a node."""
+    for item in node.items:
+        if isinstance(item, Node):
+            if item.name in _PLACES and len(item.words) > 1:
+                yield pair(item)
+            yield from _places(item)
