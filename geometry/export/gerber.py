@@ -6,7 +6,7 @@ import json
 import re
 import uuid
 import zipfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import metadata
 from itertools import pairwise
@@ -142,30 +142,56 @@ class _Project:
         return attributes | ({".FilePolarity": (polarity,)} if polarity else {})
 
 
-@dataclass(frozen=True)
-class _Round:
-    """A round aperture of a diameter in mm and with the function that X2 gives it.
+class _Layer:
+    """The text of a Gerber layer as it grows: a round aperture is defined where it is first used."""
 
-    gerbonara's own writes four digits and no function.
-    """
+    def __init__(self) -> None:
+        self._apertures: dict[tuple[str, str], int] = {}
+        self._body: list[str] = []
+        self._selected = 0
+        self._at: tuple[str, str] | None = None
 
-    diameter: float
-    function: str = ""
+    def attribute(self, command: str) -> None:
+        """Add a command of X2 between the objects, such as "TO.N,coil1" or "TD"."""
+        self._body.append(f"%{command}*%")
 
-    def to_gerber(self, settings: object = None) -> str:
-        """Return the shape and size as gerbonara writes them into the definition of an aperture."""
-        return f"C,{self.diameter:.{_DIGITS}f}"
+    def stroke(self, start: FloatArray, end: FloatArray, width: float, function: str = "") -> None:
+        """Draw from one point to another, both in mm; strokes that follow each other share the point between them."""
+        self._select(width, function)
+        if self._at != _coordinates(start):
+            self._operation(start, "D02")
+        self._operation(end, "D01")
+
+    def flash(self, x: float, y: float, diameter: float, function: str = "") -> None:
+        """Put a disc of a diameter in mm at a place in m."""
+        self._select(diameter, function)
+        self._operation(_mm((x, y)), "D03")
+
+    def text(self, attributes: Mapping[str, Sequence[str]]) -> str:
+        """Return the file with its attributes."""
+        lines = [f"%TF{key},{','.join(value)}*%" for key, value in attributes.items()]
+        lines += ["%MOMM*%", f"%FSLAX4{_DIGITS}Y4{_DIGITS}*%", "G75*", "G01*", "%LPD*%"]
+        for (diameter, function), number in self._apertures.items():
+            definition = f"%ADD{number}C,{diameter}*%"
+            lines += [f"%TA.AperFunction,{function}*%", definition, "%TD*%"] if function else [definition]
+        return "\n".join([*lines, *self._body, "M02*"]) + "\n"
+
+    def _select(self, diameter: float, function: str) -> None:
+        key = (f"{diameter:.{_DIGITS}f}", function)
+        number = self._apertures.setdefault(key, len(self._apertures) + 10)  # smaller ones are reserved
+        if number != self._selected:
+            self._body.append(f"D{number}*")
+            self._selected = number
+
+    def _operation(self, at: FloatArray, code: str) -> None:
+        self._at = _coordinates(at)
+        self._body.append("X{}Y{}".format(*self._at) + f"{code}*")
 
 
-@dataclass(frozen=True)
-class _Statement:
-    """A statement among the objects of a file that gerbonara has no object for."""
-
-    text: str
-
-    def to_statements(self, state: object) -> Iterator[str]:
-        """Yield the lines as gerbonara's own objects do."""
-        yield self.text
+def _coordinates(at: FloatArray) -> tuple[str, str]:
+    """Give a point in mm in the whole numbers of the format."""
+    x, y = np.rint(at * 10**_DIGITS).astype(np.int64).tolist()
+    return str(x), str(y)
 
 
 @dataclass(frozen=True)
@@ -181,94 +207,68 @@ def _copper_files(array: CoilArray, project: _Project) -> Iterator[_File]:
     for k, layer in enumerate(names):
         side = "Top" if k == 0 else "Bot" if k == len(names) - 1 else "Inr"
         file = {"Top": "F_Cu", "Bot": "B_Cu", "Inr": f"In{k}_Cu"}[side]
-        objects = _copper(array, layer)
-        yield _gerber(project, file, objects, ("Copper", f"L{k + 1}", side), "Positive")
+        yield _gerber(project, file, _copper(array, layer), ("Copper", f"L{k + 1}", side), "Positive")
 
 
-def _copper(array: CoilArray, layer: str) -> list[Any]:
-    objects: list[Any] = []
+def _copper(array: CoilArray, name: str) -> _Layer:
+    layer = _Layer()
     holes = drills(array)
     for placement in array.placements:
         own = [hole for hole in holes if hole.net == placement.name]
-        objects.append(_Statement(f"%TO.N,{_field(placement.name)}*%"))
-        for k in placement.lines_on(layer):
+        layer.attribute(f"TO.N,{_field(placement.name)}")
+        for k in placement.lines_on(name):
             points, widths = _mm(placement.to_board(placement.coil.lines[k])), _mm(placement.coil.widths[k])
-            objects += [
-                _line(start, end, _Round(width, "Conductor"))
-                for start, end, width in zip(points, points[1:], widths.tolist(), strict=False)
-            ]
-        objects += [
-            _flash(hole.x, hole.y, _Round(float(_mm(hole.pad)), "ViaPad"))
-            for hole in own
-            if hole.kind == "via" and layer in hole.layers
-        ]
+            for (start, end), width in zip(pairwise(points), widths.tolist(), strict=True):
+                layer.stroke(start, end, width, "Conductor")
+        for hole in own:
+            if hole.kind == "via" and name in hole.layers:
+                layer.flash(hole.x, hole.y, float(_mm(hole.pad)), "ViaPad")
         for number, hole in enumerate((hole for hole in own if hole.kind == "terminal"), start=1):
-            if layer in hole.layers:
-                pad = _Round(float(_mm(hole.pad)), "ComponentPad" if hole.drilled else "SMDPad,CuDef")
-                objects.append(_Statement(f"%TO.P,{_field(placement.name)},{number}*%"))
-                objects.append(_flash(hole.x, hole.y, pad))
-        objects.append(_Statement("%TD*%"))
-    return objects
+            if name in hole.layers:
+                layer.attribute(f"TO.P,{_field(placement.name)},{number}")
+                layer.flash(hole.x, hole.y, float(_mm(hole.pad)), "ComponentPad" if hole.drilled else "SMDPad,CuDef")
+        layer.attribute("TD")
+    return layer
 
 
 def _mask_files(array: CoilArray, project: _Project) -> Iterator[_File]:
-    for side, file, layer in (("Top", "F_Mask", array.stackup.names[0]), ("Bot", "B_Mask", array.stackup.names[-1])):
-        openings = [
-            _flash(hole.x, hole.y, _Round(float(_mm(hole.pad))))
-            for hole in drills(array)
-            if hole.kind == "terminal" and layer in hole.layers
-        ]
+    for side, file, name in (("Top", "F_Mask", array.stackup.names[0]), ("Bot", "B_Mask", array.stackup.names[-1])):
+        openings = _Layer()
+        for hole in drills(array):
+            if hole.kind == "terminal" and name in hole.layers:
+                openings.flash(hole.x, hole.y, float(_mm(hole.pad)))
         yield _gerber(project, file, openings, ("Soldermask", side), "Negative")
 
 
 def _silk_file(array: CoilArray, project: _Project) -> _File:
     font = gerbonara("newstroke").Newstroke.load()
-    objects: list[Any] = []
+    layer = _Layer()
     for placement, label in zip(array.placements, silk_labels(array), strict=True):
         if label is None:
             continue
         size = float(_mm(label.size))
-        pen = _Round(_SILK_LINE * size)
         text = " ".join(placement.name.split())  # the font has no other blanks
         strokes = [np.array(stroke) for stroke in font.render(text, size=size, scale=(1, -1))]
         points = np.vstack(strokes)
         shift = _mm((label.x, label.y)) - 0.5 * (points.min(axis=0) + points.max(axis=0))
         for stroke in strokes:
-            placed = np.round(stroke + shift, _DIGITS)
-            objects += [_line(start, end, pen) for start, end in pairwise(placed)]
-    return _gerber(project, "F_Silkscreen", objects, ("Legend", "Top"), "Positive")
+            for start, end in pairwise(np.round(stroke + shift, _DIGITS)):
+                layer.stroke(start, end, _SILK_LINE * size)
+    return _gerber(project, "F_Silkscreen", layer, ("Legend", "Top"), "Positive")
 
 
 def _profile_file(array: CoilArray, project: _Project) -> _File:
     x_min, y_min, x_max, y_max = _mm(array.bounds).tolist()
     corners = np.array([(x_min, y_min), (x_max, y_min), (x_max, y_max), (x_min, y_max), (x_min, y_min)])
-    pen = _Round(_PROFILE_LINE, "Profile")
-    objects = [_line(start, end, pen) for start, end in pairwise(corners)]
-    return _gerber(project, "Edge_Cuts", objects, ("Profile", "NP"))
+    layer = _Layer()
+    for start, end in pairwise(corners):
+        layer.stroke(start, end, _PROFILE_LINE, "Profile")
+    return _gerber(project, "Edge_Cuts", layer, ("Profile", "NP"))
 
 
-def _gerber(
-    project: _Project, layer: str, objects: Sequence[Any], function: tuple[str, ...], polarity: str = ""
-) -> _File:
-    """Write a Gerber file through gerbonara and complete what version 1.5 leaves out.
-
-    That is the functions of apertures, the interpolation mode that must stand before the first stroke, and the end of
-    the statement G75. The nets are in `objects`.
-    """
-    file = gerbonara("rs274x").GerberFile(objects=list(objects))
-    file.file_attrs = project.attributes(function, polarity)
-    file.dedup_apertures = lambda: None  # it would merge a pad with a trace as wide
-    functions = iter([aperture.function for aperture in file.apertures()])
-    settings = gerbonara("cam").FileSettings(unit=_millimetre(), number_format=(4, _DIGITS))
-    text = file.write_to_bytes(settings).decode("utf-8")
-    text = text.replace("\n%IPPOS*%\nG75\n", "\nG75*\nG01*\n")
-
-    def with_function(definition: re.Match[str]) -> str:
-        function = next(functions)
-        return f"%TA.AperFunction,{function}*%\n{definition[0]}\n%TD*%" if function else definition[0]
-
-    text = re.sub(r"^%ADD\d+C,.*\*%$", with_function, text, flags=re.MULTILINE)
-    return _File(f"{project.stem}-{layer}.gbr", text + "\n", function, polarity)
+def _gerber(project: _Project, name: str, layer: _Layer, function: tuple[str, ...], polarity: str = "") -> _File:
+    text = layer.text(project.attributes(function, polarity))
+    return _File(f"{project.stem}-{name}.gbr", text, function, polarity)
 
 
 def _drill_files(array: CoilArray, project: _Project) -> Iterator[_File]:
@@ -286,16 +286,16 @@ def _drill_files(array: CoilArray, project: _Project) -> Iterator[_File]:
 
 
 def _excellon(project: _Project, name: str, holes: Sequence[Drill], function: tuple[str, ...]) -> _File:
-    tool = gerbonara("apertures").ExcellonTool
-    objects = [
-        _flash(hole.x, hole.y, tool(float(_mm(hole.diameter)), plated=True, unit=_millimetre())) for hole in holes
-    ]
-    settings = gerbonara("cam").FileSettings(unit=_millimetre(), number_format=(1, _DIGITS))
-    written = gerbonara("excellon").ExcellonFile(objects=objects).write_to_bytes(settings).decode("utf-8")
-    # gerbonara knows no attributes in Excellon files; they stand in comments of the header
-    attributes = [f"; #@! TF{key},{','.join(value)}" for key, value in project.attributes(function).items()]
-    _, begin, rest = written.partition("M48\n")
-    return _File(name, begin + "\n".join(attributes) + "\n" + rest + "\n", function)
+    places: dict[float, list[str]] = {}
+    for hole in holes:
+        x, y = _mm((hole.x, hole.y)).tolist()
+        places.setdefault(float(_mm(hole.diameter)), []).append(f"X{x:.{_DIGITS}f}Y{y:.{_DIGITS}f}")
+    # Excellon has no attributes: they stand in comments of the header
+    lines = ["M48", *(f"; #@! TF{key},{','.join(value)}" for key, value in project.attributes(function).items())]
+    lines += ["METRIC", *(f"T{k:02d}C{diameter:.{_DIGITS}f}" for k, diameter in enumerate(places, start=1)), "%", "G05"]
+    for k, at in enumerate(places.values(), start=1):
+        lines += [f"T{k:02d}", *at]
+    return _File(name, "\n".join([*lines, "M30"]) + "\n", function)
 
 
 def _job(array: CoilArray, project: _Project, files: Sequence[_File]) -> str:
@@ -330,20 +330,6 @@ def _job(array: CoilArray, project: _Project, files: Sequence[_File]) -> str:
         "MaterialStackup": layers,
     }
     return json.dumps(job, indent=2, ensure_ascii=False) + "\n"
-
-
-def _line(start: FloatArray, end: FloatArray, aperture: _Round) -> Any:
-    """Make a stroke between two points in mm."""
-    return gerbonara("graphic_objects").Line(*start.tolist(), *end.tolist(), aperture, unit=_millimetre())
-
-
-def _flash(x: float, y: float, aperture: Any) -> Any:
-    """Make a flash at a place in m."""
-    return gerbonara("graphic_objects").Flash(*_mm((x, y)).tolist(), aperture, unit=_millimetre())
-
-
-def _millimetre() -> Any:
-    return gerbonara("utils").MM
 
 
 def _field(text: str) -> str:

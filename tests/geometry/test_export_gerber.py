@@ -455,7 +455,7 @@ def test_a_board_that_is_refused_leaves_the_old_file(tmp_path: Path) -> None:
 
 
 def test_a_missing_gerbonara_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in ("gerbonara", "gerbonara.rs274x"):
+    for module in ("gerbonara", "gerbonara.newstroke"):
         monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(MissingDependencyError, match=r"pip install \"coilarray\[fab\]\""):
         write_gerbers(small_board(), tmp_path / "board.zip", name="board")

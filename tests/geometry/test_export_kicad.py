@@ -1,6 +1,6 @@
 """KiCad projects: every piece of copper in its place, the limits as rules; and what a real KiCad says of them.
 
-The text is checked with the reader's parser, the copper against `drills` and `copper_by_layer`, and the whole by KiCad's
+The text is checked with the reader's parser, the copper against `drills` and `copper_by_layer`, the whole by KiCad's
 own design rule check and plots, read back by gerbonara.
 """
 
