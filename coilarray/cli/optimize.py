@@ -60,22 +60,22 @@ def optimize(
         raise GoalError("a design and a goal must be given, as in: coilarray optimize gast2020 worst_k.")
     if workers is not None and cluster is not None:
         raise ClusterError("--workers is for processes of this machine; it cannot be given with --cluster.")
+    from coilarray.compute.store import open_store
     from coilarray.compute.workers import default_count
     from coilarray.compute.workers import workers as open_workers
     from coilarray.design.model import load_design
     from coilarray.report.optimization import write_optimization_report
-    from coilarray.studies.cache import open_cache
     from coilarray.studies.optimize.goal import load_goal
     from coilarray.studies.optimize.run import optimize_design, require_coils
     from coilarray.studies.optimize.space import axes_of
-    from coilarray.studies.optimize.store import points_found
+    from coilarray.studies.optimize.study_file import points_found
     from coilarray.studies.optimize.write import result_data, write_optimization
 
     opened = load_design(design)
     wanted = _with_trials(load_goal(goal), trials)
     axes_of(wanted, opened)  # mistakes before anything is made and any process is started
     require_coils(opened, wanted)
-    kept = open_cache(cache)
+    kept = open_store(cache)
     found = points_found(out, opened, wanted)
     if found:
         typer.echo(f"coilarray: going on with {found} points of an earlier run in {out}", err=True)

@@ -5,16 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
 from typing import Any
 
+from coilarray.compute.store import Store, content_key
 from coilarray.compute.threads import Progress
 from coilarray.compute.workers import Pool
 from coilarray.design.model import Design, build_design
 from coilarray.design.vary import vary_document
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import DesignError
-from coilarray.studies.cache import Outcome, PointCache, point_key
 from coilarray.studies.quantities import canonical, evaluate
 
 _SAYS_NOTHING = ("title", "source", "assumed")  # tables and values of a design that enter no quantity
+
+Outcome = dict[str, float] | str
+"""Quantities of a point by name, or one line that says why it has none."""
 
 
 def evaluate_points(
@@ -22,7 +25,7 @@ def evaluate_points(
     changes: Iterable[Mapping[str, Any]],
     quantities: Sequence[str | Mapping[str, Any]],
     pool: Pool,
-    cache: PointCache | None = None,
+    cache: Store | None = None,
     progress: Progress | None = None,
     *,
     accuracy: Accuracy = "full",
@@ -40,8 +43,8 @@ def evaluate_points(
         As `coilarray.studies.quantities.evaluate` takes them.
     pool : Pool
         From `coilarray.compute.workers.workers`.
-    cache : PointCache, optional
-        From `coilarray.studies.cache.open_cache`; nothing is kept by default.
+    cache : Store, optional
+        Where outcomes are kept, from `coilarray.compute.store.open_store`; nothing is kept by default.
     progress : callable, optional
         Called with (done, total).
     accuracy : {"full", "screen"}
@@ -82,6 +85,16 @@ def evaluate_point(item: Mapping[str, Any]) -> dict[str, float]:
     return evaluate(design, item["quantities"], accuracy=item["accuracy"])
 
 
+def _kept(entry: object) -> Outcome | None:
+    """Return the outcome in an entry of the store; None where it is no such entry."""
+    match entry:
+        case {"reason": str(reason)}:
+            return reason
+        case {"values": dict(values)} if all(isinstance(value, float) for value in values.values()):
+            return values
+    return None
+
+
 def _item(document: Mapping[str, Any], change: Mapping[str, Any], how: Mapping[str, Any]) -> dict[str, Any] | str:
     """One point as plain data, or why it cannot be."""
     try:
@@ -94,7 +107,7 @@ def run_cached(
     function: Callable[[Mapping[str, Any]], dict[str, float]],
     items: Iterable[Mapping[str, Any] | str],
     pool: Pool,
-    cache: PointCache | None = None,
+    cache: Store | None = None,
     progress: Progress | None = None,
     total: int | None = None,
 ) -> Iterator[tuple[int, Outcome]]:
@@ -143,7 +156,7 @@ class _Run:
         self,
         function: Callable[[Mapping[str, Any]], dict[str, float]],
         pool: Pool,
-        cache: PointCache | None,
+        cache: Store | None,
         progress: Progress | None,
         total: int | None,
     ) -> None:
@@ -160,11 +173,11 @@ class _Run:
         if isinstance(item, str):
             self._tell()
             return item
-        key = point_key(self._name, item)
+        key = content_key(self._name, item)
         if key in self._waiting:
             self._waiting[key].append(index)
             return None
-        known = None if self._cache is None else self._cache.get(key)
+        known = None if self._cache is None else _kept(self._cache.get(key))
         if known is not None:
             self._tell()
             return known
@@ -177,7 +190,7 @@ class _Run:
         first, outcome = self._pool.collect()
         key = self._keys.pop(first)
         if self._cache is not None:
-            self._cache.put(key, outcome)
+            self._cache.put(key, {"reason" if isinstance(outcome, str) else "values": outcome})
         for index in self._waiting.pop(key):
             self._tell()
             yield index, outcome

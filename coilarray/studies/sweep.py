@@ -15,13 +15,13 @@ import numpy as np
 import xarray as xr
 
 from coilarray.circuit.coupling import provenance
+from coilarray.compute.store import Store
 from coilarray.compute.threads import Progress
 from coilarray.compute.workers import Pool
 from coilarray.design.model import Design
 from coilarray.design.vary import vary
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import DesignError, GoalError
-from coilarray.studies.cache import PointCache
 from coilarray.studies.evaluate import evaluate_points
 from coilarray.studies.quantities import Request, request
 
@@ -238,9 +238,7 @@ def plan_sweep(
     return Sweep(design, tuple(axes), tuple(points), tuple(requests.values()), sampling, accuracy)
 
 
-def run_sweep(
-    sweep: Sweep, pool: Pool, cache: PointCache | None = None, progress: Progress | None = None
-) -> xr.Dataset:
+def run_sweep(sweep: Sweep, pool: Pool, cache: Store | None = None, progress: Progress | None = None) -> xr.Dataset:
     """Evaluate all points of a sweep.
 
     Parameters
@@ -249,7 +247,7 @@ def run_sweep(
         From `plan_sweep`.
     pool : Pool
         From `coilarray.compute.workers.workers`.
-    cache : PointCache, optional
+    cache : Store, optional
         Where outcomes are kept and found again, so that an interrupted sweep goes on; none by default.
     progress : callable, optional
         Called with (done, total).

@@ -10,11 +10,11 @@ import pytest
 from support import worker_tasks
 
 from coilarray import load_design
+from coilarray.compute.store import open_store
 from coilarray.compute.workers import workers
 from coilarray.compute.workers.pool import InProcess
 from coilarray.design.vary import vary
 from coilarray.errors import GoalError
-from coilarray.studies.cache import open_cache
 from coilarray.studies.evaluate import evaluate_points, run_cached
 from coilarray.studies.quantities import evaluate
 from coilarray.studies.tolerance.perturb import perturb
@@ -29,7 +29,7 @@ def starter():
 
 @pytest.fixture
 def cache(tmp_path):
-    return open_cache(tmp_path)
+    return open_store(tmp_path)
 
 
 def pitches(*millimetres):
@@ -136,7 +136,7 @@ def test_everything_that_decides_an_outcome_is_in_its_key(starter, cache, monkey
     assert computed(changes=pitches(15)) == 1
     assert computed(design=load_design("gast_fem")) == 1
     assert computed() == 0
-    monkeypatch.setattr("coilarray.studies.cache.code_version", lambda: "9.9.9+0")
+    monkeypatch.setattr("coilarray.compute.store.code_version", lambda: "9.9.9+0")
     assert computed() == 1
 
 
@@ -157,11 +157,18 @@ def test_an_interrupted_run_goes_on(starter, cache):
     assert [found[k] for k in range(3)] == done
 
 
-def test_an_unreadable_entry_is_computed_again(starter, cache):
+@pytest.mark.parametrize(
+    "text",
+    [
+        "{", "null", "[]", '{"values": [1.0]}', '{"values": {"a": "1"}}', '{"values": {"a": true}}',
+        '{"values": {"a": 1}}', '{"reason": 3}', '{"other": {}}',
+    ],
+)  # fmt: skip
+def test_an_unreadable_entry_is_computed_again(starter, cache, text):
     pool = Counting()
     expected = list(evaluate_points(starter, pitches(12, 13), QUANTITIES, pool, cache))
     for path in cache.folder.rglob("*.json"):
-        path.write_text("{", encoding="utf-8")
+        path.write_text(text, encoding="utf-8")
     assert list(evaluate_points(starter, pitches(12, 13), QUANTITIES, pool, cache)) == expected
     assert pool.computed == 4
     list(evaluate_points(starter, pitches(12, 13), QUANTITIES, pool, cache))

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 from coilarray.studies.optimize.goal import Goal
 from coilarray.studies.optimize.space import Axis, distributions_of
-from coilarray.studies.optimize.store import quiet
+from coilarray.studies.optimize.study_file import quiet
 from coilarray.studies.optimize.trials import Trial
 
 LEAST_POINTS = 30

@@ -19,7 +19,7 @@ import numpy.typing as npt
 from coilarray.studies.optimize.goal import Goal
 from coilarray.studies.optimize.search import Evaluate, frozen_trial, stored_trial
 from coilarray.studies.optimize.space import Axis
-from coilarray.studies.optimize.store import Store
+from coilarray.studies.optimize.study_file import StudyFile
 from coilarray.studies.optimize.trials import Trial, trial_of
 
 FloatArray = npt.NDArray[np.float64]
@@ -48,7 +48,7 @@ def polish(
     goal: Goal,
     axes: Sequence[Axis],
     best: Trial,
-    store: Store,
+    store: StudyFile,
     evaluate: Evaluate,
     told: Callable[[Trial], None],
 ) -> None:
@@ -62,7 +62,7 @@ def polish(
         As `axes_of` returns them, one of them continuous at least.
     best : Trial
         Where to begin.
-    store : Store
+    store : StudyFile
         Takes every trial, at most as many as the goal says.
     evaluate : callable
         See `coilarray.studies.optimize.search.Evaluate`.
@@ -106,7 +106,7 @@ class _Local:
         goal: Goal,
         axes: Sequence[Axis],
         best: Trial,
-        store: Store,
+        store: StudyFile,
         evaluate: Evaluate,
         told: Callable[[Trial], None],
     ) -> None:

@@ -7,19 +7,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from coilarray.compute.store import Store
 from coilarray.compute.workers import Pool
 from coilarray.design.model import Design
 from coilarray.design.vary import vary
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import CoilarrayError, GoalError
 from coilarray.studies import quantities
-from coilarray.studies.cache import PointCache
 from coilarray.studies.evaluate import evaluate_points
 from coilarray.studies.optimize.goal import Goal
 from coilarray.studies.optimize.polish import polish, polish_problem
 from coilarray.studies.optimize.search import Evaluate, Outcome, search, stored_trial
 from coilarray.studies.optimize.space import Axis, axes_of, start_parameters
-from coilarray.studies.optimize.store import Store, open_store
+from coilarray.studies.optimize.study_file import StudyFile, open_study
 from coilarray.studies.optimize.trials import Trial, best_of, front_of, trial_of
 
 Told: TypeAlias = Callable[[int, int, Trial | None], None]
@@ -82,7 +82,7 @@ def optimize_design(
     goal: Goal,
     folder: str | Path,
     pool: Pool,
-    cache: PointCache | None = None,
+    cache: Store | None = None,
     told: Told | None = None,
 ) -> Optimization:
     """Search for better designs; a run that was killed is taken up where it was.
@@ -97,8 +97,8 @@ def optimize_design(
         Keeps the study, ``study.db``.
     pool : Pool
         From `coilarray.compute.workers.workers`. The points do not depend on it.
-    cache : PointCache, optional
-        From `coilarray.studies.cache.open_cache`.
+    cache : Store, optional
+        Where evaluated points are kept, from `coilarray.compute.store.open_store`.
     told : callable, optional
         See `Told`.
 
@@ -112,7 +112,7 @@ def optimize_design(
         A variable that does not fit the design, see `axes_of`; a quantity that the design as it is has not, say of a
         coil that is not there.
     OutputError
-        As `open_store`.
+        As `open_study`.
     MissingDependencyError
         No Optuna.
     """
@@ -151,7 +151,7 @@ def optimize_with(
     """
     axes = axes_of(goal, design)
     inside = start_parameters(axes) is not None
-    with open_store(Path(folder), design, goal) as store:
+    with open_study(Path(folder), design, goal) as store:
         found = len(store.trials())
         goal = _with_known(goal, store)
         ((_, outcome),) = evaluate([{}], "full")
@@ -177,7 +177,7 @@ def require_coils(design: Design, goal: Goal) -> None:
                 evaluation.coil(str(coil))
 
 
-def _with_known(goal: Goal, store: Store) -> Goal:
+def _with_known(goal: Goal, store: StudyFile) -> Goal:
     """Return the goal with as many trials as the store has at least: no point that is known is left out."""
     points = [trial.user_attrs["point"] for trial in store.trials()]
     known = max((point["place"] + 1 for point in points if point["kind"] == "search"), default=0)
@@ -186,7 +186,7 @@ def _with_known(goal: Goal, store: Store) -> Goal:
     return goal.model_copy(update={"search": goal.search.model_copy(update={"trials": known})})
 
 
-def _polished(goal: Goal, axes: Sequence[Axis], store: Store) -> list[Trial]:
+def _polished(goal: Goal, axes: Sequence[Axis], store: StudyFile) -> list[Trial]:
     """Return every point of the local solver, those from where an earlier run began too."""
     stored = [stored_trial(goal, axes, frozen) for frozen in store.trials()]
     return sorted((trial for trial in stored if trial.kind == "polish"), key=lambda trial: trial.place)

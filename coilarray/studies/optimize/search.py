@@ -19,7 +19,7 @@ from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import MissingDependencyError
 from coilarray.studies.optimize.goal import Goal
 from coilarray.studies.optimize.space import Axis, changes_of, distributions_of, start_parameters
-from coilarray.studies.optimize.store import Store
+from coilarray.studies.optimize.study_file import StudyFile
 from coilarray.studies.optimize.trials import Trial, trial_of
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ def search(
     goal: Goal,
     axes: Sequence[Axis],
     start: Outcome,
-    store: Store,
+    store: StudyFile,
     evaluate: Evaluate,
     told: Callable[[Trial], None],
 ) -> list[Trial]:
@@ -53,7 +53,7 @@ def search(
         As `axes_of` returns them.
     start : mapping of str to float, or str
         Outcome of the design as it is, which is the first point where it lies within the bounds.
-    store : Store
+    store : StudyFile
         Keeps every finished trial.
     evaluate : callable
         See `Evaluate`.

@@ -13,14 +13,14 @@ import xarray as xr
 
 from coilarray.circuit.coupling import provenance
 from coilarray.compute.memory import require_memory
+from coilarray.compute.store import Store
 from coilarray.compute.threads import Progress
 from coilarray.compute.workers import Pool, workers
 from coilarray.design.model import Design, build_design
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import GoalError, LocalizeError
 from coilarray.localize.forward import PARAMETERS, forward_model, table_for, table_grid
-from coilarray.studies.cache import Outcome, PointCache
-from coilarray.studies.evaluate import run_cached
+from coilarray.studies.evaluate import Outcome, run_cached
 from coilarray.studies.quantities import QUANTITIES, canonical
 from coilarray.studies.tolerance.outputs import Outputs, default_quantities, evaluate_board, wanted_outputs
 from coilarray.studies.tolerance.position import Shifts, shifts_at
@@ -46,7 +46,7 @@ def analyse(
     accuracy: Accuracy = "screen",
     table: xr.Dataset | None = None,
     pool: Pool | None = None,
-    cache: PointCache | None = None,
+    cache: Store | None = None,
     progress: Progress | None = None,
 ) -> xr.Dataset:
     """Spread of a design's quantities over the boards that a fabricator makes of it.
@@ -72,7 +72,7 @@ def analyse(
         default.
     pool : Pool, optional
         Where boards are computed; in this process by default.
-    cache : PointCache, optional
+    cache : Store, optional
         Where boards are kept, so that an interrupted analysis goes on from there.
     progress : callable, optional
         Called with (done, total) boards.
@@ -267,7 +267,7 @@ def _evaluated(
     outputs: Outputs,
     boards: Sequence[Mapping[str, float]],
     pool: Pool,
-    cache: PointCache | None,
+    cache: Store | None,
     progress: Progress | None,
 ) -> list[Outcome]:
     """Outcomes in the order of the boards."""

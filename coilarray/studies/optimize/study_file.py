@@ -7,19 +7,17 @@ finished, whole and in one transaction. A killed run leaves no half-finished tri
 
 from __future__ import annotations
 
-import hashlib
-import json
 import os
 import re
 import sqlite3
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from coilarray.compute.code_version import code_version
 from coilarray.compute.files import make_folder
+from coilarray.compute.store import content_key, locked_database
 from coilarray.design.model import Design
 from coilarray.errors import MissingDependencyError, OutputError
 from coilarray.studies.optimize.goal import Goal
@@ -32,8 +30,8 @@ FILE = "study.db"
 """Name of the database in the folder of the results; any tool for Optuna reads it."""
 
 
-class Store:
-    """The study on disk; `open_store` makes one."""
+class StudyFile:
+    """The study on disk; `open_study` makes one."""
 
     def __init__(self, study: Study) -> None:
         self._study = study
@@ -53,7 +51,7 @@ class Store:
 
 
 @contextmanager
-def open_store(folder: Path, design: Design, goal: Goal) -> Iterator[Store]:
+def open_study(folder: Path, design: Design, goal: Goal) -> Iterator[StudyFile]:
     """Open the study of a design and a goal in a folder for the length of a ``with`` block, new where there is none.
 
     Parameters
@@ -67,7 +65,7 @@ def open_store(folder: Path, design: Design, goal: Goal) -> Iterator[Store]:
 
     Yields
     ------
-    Store
+    StudyFile
 
     Raises
     ------
@@ -85,7 +83,8 @@ def open_store(folder: Path, design: Design, goal: Goal) -> Iterator[Store]:
 
     make_folder(folder)
     path = folder / FILE
-    with _alone(folder / "study.lock", folder), quiet():
+    busy = f"another search is running in {folder}; wait for it or give another folder."
+    with locked_database(folder / "study.lock", busy), quiet():
         try:
             storage = RDBStorage(f"sqlite:///{path.resolve()}")
             event.listen(storage.engine, "connect", _without_waiting)
@@ -96,27 +95,27 @@ def open_store(folder: Path, design: Design, goal: Goal) -> Iterator[Store]:
         except Exception as error:  # Optuna lets through what SQLAlchemy and Alembic raise
             raise OutputError(f"cannot use {path}: {_first_line(error)}.") from None
         try:
-            yield Store(study)
+            yield StudyFile(study)
         finally:
             storage.remove_session()
             storage.engine.dispose()
 
 
 def points_found(folder: Path, design: Design, goal: Goal) -> int:
-    """Return how many points an earlier run left, which `open_store` would take up; errors as there.
+    """Return how many points an earlier run left, which `open_study` would take up; errors as there.
 
     Makes nothing where there is no study.
     """
     if not os.path.exists(folder / FILE):  # pathlib's raises where the folder may not be read
         return 0
-    with open_store(folder, design, goal) as store:
+    with open_study(folder, design, goal) as store:
         return len(store.trials())
 
 
 def study_name(design: Design, goal: Goal) -> str:
     """Return the name of a study: that of the design, and a hash of all that decides which points are tried."""
-    text = json.dumps([design.digest, goal.searched(), code_version(), metadata.version("optuna")], sort_keys=True)
-    return f"{design.name}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
+    key = content_key(design.digest, goal.searched(), metadata.version("optuna"))
+    return f"{design.name}-{key[:16]}"
 
 
 def _without_waiting(connection: sqlite3.Connection, _: object) -> None:
@@ -136,25 +135,6 @@ def quiet() -> Iterator[None]:
         yield
     finally:
         logging.set_verbosity(before)
-
-
-@contextmanager
-def _alone(path: Path, folder: Path) -> Iterator[None]:
-    """Hold a lock while the block runs: SQLite's, which ends with the process on every system."""
-    try:
-        connection = sqlite3.connect(path, timeout=0, isolation_level=None)
-    except sqlite3.Error as error:
-        raise OutputError(f"cannot write {path}: {error}.") from None
-    with closing(connection):
-        try:
-            connection.execute("BEGIN EXCLUSIVE")
-        except sqlite3.OperationalError as error:
-            if "locked" not in str(error):
-                raise OutputError(f"cannot write {path}: {error}.") from None
-            raise OutputError(f"another search is running in {folder}; wait for it or give another folder.") from None
-        except sqlite3.DatabaseError as error:
-            raise OutputError(f"cannot use {path}: {error}.") from None
-        yield
 
 
 def _first_line(error: Exception) -> str:
