@@ -61,7 +61,9 @@ class Wide(Counting):
     capacity = 8
 
     def collect(self):
-        self._tasks.rotate(1)
+        *earlier, last = [self._done.get() for _ in range(self._done.qsize())]
+        for future in (last, *earlier):
+            self._done.put(future)
         return super().collect()
 
 

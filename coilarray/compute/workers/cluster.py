@@ -8,15 +8,13 @@ import importlib
 import logging
 import pickle
 import time
-import uuid
-from collections.abc import Callable, Iterator
-from concurrent.futures import CancelledError, ThreadPoolExecutor
+from collections.abc import Iterator
+from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from contextlib import ExitStack, closing, contextmanager, suppress
-from queue import Empty, SimpleQueue
 from typing import Any
 
 from coilarray.compute.code_version import code_version
-from coilarray.compute.workers.pool import IN_FLIGHT, Pool, one_thread, outcome_of
+from coilarray.compute.workers.pool import IN_FLIGHT, Pool, Task, one_thread, outcome_of
 from coilarray.errors import ClusterError, MissingDependencyError
 
 Client = Any
@@ -24,7 +22,7 @@ Client = Any
 ANSWER_WITHIN = 10.0
 """Time in s in which a scheduler must answer and have a worker."""
 _ALONE = 60.0  # s without any worker after which a run ends; a nanny starts a worker again within a few
-_LOOK = 1.0  # s between looks at the workers that there are
+_CHECK = 1.0  # s between counts of the workers
 _LIMITS = ExitStack()  # keeps a worker's limit of threads for as long as its process lives
 
 
@@ -84,75 +82,46 @@ def connect(address: str) -> Client:
 
 
 class ClusterPool(Pool):
-    """The workers of a Dask scheduler; one that is lost costs what it was computing, which others compute again.
+    """The workers of a Dask scheduler; what a lost one was computing is computed again by others.
 
     Parameters
     ----------
     client : distributed.Client
-        As `connect` returns it; `close` closes it and leaves the cluster as it is.
+        Connection made by `connect`; `close` closes it and leaves the cluster as it is.
     """
 
     def __init__(self, client: Client) -> None:
-        self._client = client
-        self._name = uuid.uuid4().hex
-        self._ticket = 0
-        self._tags: dict[str, tuple[int, Any]] = {}
-        self._done: SimpleQueue[str] = SimpleQueue()
+        super().__init__()
+        self._client, self._executor = client, client.get_executor(pure=False)
         self._threads = 1
-        self._looked = 0.0
         self._alone_since: float | None = None
-        self._look()
+        self._check()
 
     @property
     def capacity(self) -> int:
         """See `Pool.capacity`; it follows workers that come and go."""
-        if time.monotonic() - self._looked > _LOOK:
-            self._look()
+        if time.monotonic() - self._checked > _CHECK:
+            self._check()
         return IN_FLIGHT * self._threads
 
-    @property
-    def in_flight(self) -> int:
-        """See `Pool.in_flight`."""
-        return len(self._tags)
-
-    def submit(self, tag: int, function: Callable[[Any], Any], item: Any) -> None:
-        """See `Pool.submit`."""
-        self._ticket += 1
-        key = f"coilarray-{self._name}-{self._ticket}"
-        payload = pickle.dumps((function, item))
-        future = self._client.submit(compute, code_version(), payload, key=key, pure=False)
-        self._tags[key] = tag, future
-        future.add_done_callback(lambda done: self._done.put(done.key))
-
-    def collect(self) -> tuple[int, Any]:
-        """See `Pool.collect`."""
-        if not self._tags:
-            raise IndexError("no task is in flight.")
-        while True:
-            try:
-                key = self._done.get(timeout=_LOOK)
-            except Empty:
-                self._look()
-                continue
-            if key in self._tags:  # else it was dropped
-                tag, future = self._tags.pop(key)
-                return tag, self._result(future)
-
     def drop(self) -> None:
-        """See `Pool.drop`; what is being computed goes on, and its outcome is thrown away."""
-        futures = [future for _, future in self._tags.values()]
-        self._tags.clear()
-        if futures and self._client.status == "running":
-            with suppress(Exception):  # a scheduler that is gone has forgotten them
-                self._client.cancel(futures)
+        """See `Pool.drop`."""
+        super().drop()
+        with suppress(Exception):  # a lost scheduler has forgotten the tasks
+            self._executor.shutdown(wait=False)
+        self._executor = self._client.get_executor(pure=False)
 
     def close(self) -> None:
         """See `Pool.close`."""
         self.drop()
-        with suppress(Exception):  # of a scheduler that is gone
+        with suppress(Exception):  # of a lost scheduler
             self._client.close(timeout=2)
 
-    def _look(self) -> None:
+    def _start(self, task: Task) -> Future[Any]:
+        future: Future[Any] = self._executor.submit(compute, code_version(), pickle.dumps((task.function, task.item)))
+        return future
+
+    def _check(self) -> None:
         """Count the workers' threads; a run goes on while there are none, but not for ever."""
         try:
             if self._client.status != "running":
@@ -160,15 +129,21 @@ class ClusterPool(Pool):
             threads = sum(self._client.nthreads().values())
         except Exception as error:  # comm errors, timeouts and cancellations have no common base
             raise ClusterError(f"the Dask scheduler is lost ({type(error).__name__}).") from None
-        self._looked = time.monotonic()
+        self._checked = time.monotonic()
         if threads:
             self._threads, self._alone_since = threads, None
         elif self._alone_since is None:
-            self._alone_since = self._looked
-        elif self._looked - self._alone_since > _ALONE:
+            self._alone_since = self._checked
+        elif self._checked - self._alone_since > _ALONE:
             raise ClusterError(f"all workers of the cluster are lost, and none came back within {_ALONE:g} s.")
 
-    def _result(self, future: Any) -> Any:
+    def _next(self) -> Future[Any] | None:
+        future = super()._next()
+        if future is None:
+            self._check()
+        return future
+
+    def _result(self, future: Future[Any]) -> Any:
         try:
             return future.result()
         except _distributed().KilledWorker:
@@ -180,7 +155,7 @@ class ClusterPool(Pool):
                 raise
             raise ClusterError("a worker of the cluster has no coilarray, or another version of it.") from None
         except CancelledError:
-            self._look()
+            self._check()
             raise ClusterError("the Dask scheduler is lost, or it has cancelled a task.") from None
 
 
