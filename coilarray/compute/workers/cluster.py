@@ -1,4 +1,4 @@
-"""Tasks on a Dask cluster: what `workers.workers` opens for an address. It alone imports ``distributed``."""
+"""Tasks on a Dask cluster; the only module that imports ``distributed``."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from coilarray.errors import ClusterError, MissingDependencyError
 Client = Any
 """A ``distributed.Client``; its package is optional, and has no types."""
 ANSWER_WITHIN = 10.0
-"""Time in s in which a scheduler must answer and have a worker."""
-_ALONE = 60.0  # s without any worker after which a run ends; a nanny starts a worker again within a few
+"""Time in s within which a scheduler must answer and have a worker."""
+_ALONE = 60.0  # s without any worker after which a run ends; a nanny restarts a worker within a few seconds
 _CHECK = 1.0  # s between counts of the workers
 _LIMITS = ExitStack()  # keeps a worker's limit of threads for as long as its process lives
 
@@ -51,8 +51,8 @@ def connect(address: str) -> Client:
     MissingDependencyError
         No package ``distributed``.
     ClusterError
-        Another form of address; nothing there that answers as a scheduler within `ANSWER_WITHIN`; no worker;
-        another version of coilarray, or none, on a worker.
+        An address of another form, no scheduler that answers within `ANSWER_WITHIN`, no worker, or another version of
+        coilarray, or none, on a worker.
     """
     dask = _distributed()
     scheme, _, host = address.partition("://")
@@ -73,8 +73,12 @@ def connect(address: str) -> Client:
     except OSError as error:
         raise ClusterError(f"cannot connect to the Dask scheduler at {address}: {error}") from None
     try:
-        _await_worker(client, address)
+        if not client.nthreads():
+            client.wait_for_workers(1, timeout=ANSWER_WITHIN)
         _check_versions(client)
+    except TimeoutError:
+        client.close()
+        raise ClusterError(f"the Dask scheduler at {address} has no worker; start one: dask worker {address}") from None
     except BaseException:
         client.close()
         raise
@@ -160,7 +164,7 @@ class ClusterPool(Pool):
 
 
 def compute(version: str, payload: bytes) -> Any:
-    """Compute one task on a worker, which must have the version of coilarray of who gave it out."""
+    """Compute one task on a worker, whose version of coilarray must be that of the caller."""
     if version != code_version():
         raise ClusterError(_differs("a worker", code_version(), version))
     _limit_threads()
@@ -191,23 +195,15 @@ async def _identity(address: str) -> str:
         return str((await asyncio.wait_for(server.identity(), ANSWER_WITHIN))["type"])
 
 
-def _await_worker(client: Client, address: str) -> None:
-    begun = time.monotonic()
-    while not client.nthreads():
-        if time.monotonic() - begun > ANSWER_WITHIN:
-            raise ClusterError(f"the Dask scheduler at {address} has no worker; start one: dask worker {address}")
-        time.sleep(0.2)
-
-
 def _check_versions(client: Client) -> None:
-    """Refuse a worker with another coilarray before any task; those that join later are checked by `compute`."""
+    """Refuse workers with another coilarray before the first task; `compute` checks those that join later."""
     for worker, version in client.run(_version, on_error="return").items():
         if version != code_version():
             raise ClusterError(_differs(f"the worker {worker}", version, code_version()))
 
 
 def _version() -> str:
-    """Return the version where this runs: a name of this module, so that workers look up their own."""
+    """Return the version where this runs; a function of this module, so that every worker calls its own."""
     return code_version()
 
 
@@ -219,7 +215,7 @@ def _differs(where: str, found: object, wanted: str) -> str:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep Dask's log off the terminal while the block runs: what matters of it becomes an error of ours."""
+    """Keep Dask's log off the terminal while the block runs; what matters is raised as ClusterError."""
     names = [name for name in logging.root.manager.loggerDict if name.partition(".")[0] == "distributed"]
     levels = {name: logging.getLogger(name).level for name in names}
     for name in names:

@@ -6,11 +6,12 @@ import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from queue import Empty, SimpleQueue
 from typing import Any, TypeVar
 
+from coilarray.compute.threads import cores, serial_algebra
 from coilarray.errors import ClusterError, CoilarrayError, MissingDependencyError
 
 Item = TypeVar("Item")
@@ -19,6 +20,8 @@ Result = TypeVar("Result")
 IN_FLIGHT = 2
 """Largest number of tasks per worker: one that it computes and one that waits, so that it is never idle."""
 _LOOK = 1.0  # s
+MOST_WORKERS = 1024
+"""Largest number of local processes."""
 # read by the linear algebra when it is loaded, and by coilarray.compute.threads
 _THREAD_VARIABLES = ("COILARRAY_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
@@ -170,8 +173,6 @@ def outcome_of(function: Callable[[Any], Any], item: Any) -> Any:
 @contextmanager
 def one_thread() -> Iterator[None]:
     """Compute with one thread while the block runs: the linear algebra and the blocks of our own work."""
-    from coilarray.compute.threads import serial_algebra
-
     before = {name: os.environ.get(name) for name in _THREAD_VARIABLES}
     os.environ.update(dict.fromkeys(_THREAD_VARIABLES, "1"))
     import scipy.linalg  # noqa: F401 - loads every library there is to limit
@@ -185,3 +186,61 @@ def one_thread() -> Iterator[None]:
                 del os.environ[name]
             else:
                 os.environ[name] = value
+
+
+@contextmanager
+def workers(count: int = 1, cluster: str | None = None) -> Iterator[Pool]:
+    """Open a pool of workers for a ``with`` block; the workers end with the block, however it is left.
+
+    Every worker computes with one thread. Results do not depend on the kind or number of workers: they agree to the
+    last bit on machines of one kind, and to rounding elsewhere.
+
+    Parameters
+    ----------
+    count : int
+        Number of local processes; 1 computes in this process. Processes are started by "spawn": a script that asks for
+        more than one must do so under ``if __name__ == "__main__":``.
+    cluster : str, optional
+        Address of a Dask scheduler, ``tcp://host:port``, whose workers are used instead.
+
+    Yields
+    ------
+    Pool
+
+    Raises
+    ------
+    ClusterError
+        A count outside 1 to 1024, a wrong address, no scheduler or worker that answers within 10 s, or workers with
+        another version of coilarray.
+    MissingDependencyError
+        A cluster is asked for and the package ``distributed`` is not installed.
+
+    Examples
+    --------
+    >>> import math
+    >>> with workers() as pool:
+    ...     for index, root in pool.run(math.sqrt, [4.0, 9.0]):
+    ...         print(index, root)
+    0 2.0
+    1 3.0
+    """
+    if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= MOST_WORKERS:
+        raise ClusterError(f"the number of workers must be 1 to {MOST_WORKERS}; got {count!r}.")
+    if cluster is not None:
+        from coilarray.compute.workers.cluster import cluster_pool
+
+        with cluster_pool(cluster) as remote:
+            yield remote
+    elif count > 1:
+        from coilarray.compute.workers.processes import LocalPool
+
+        with closing(LocalPool(count)) as local:
+            yield local
+    else:
+        with one_thread():
+            yield InProcess()
+
+
+def default_count() -> int:
+    """Return the default number of local processes: one for each core that this process may use."""
+    return min(cores(), MOST_WORKERS)
