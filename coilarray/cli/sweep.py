@@ -76,7 +76,7 @@ def sweep(
                 done = now
                 show(now, total)
 
-            result = run_sweep(plan, pool, kept, progress)
+            result = run_sweep(plan, pool, kept, progress=progress)
     except (KeyboardInterrupt, ClusterError):
         if done:
             typer.echo(

@@ -107,7 +107,7 @@ def points_of(result):
 def test_finds_the_least(design, tmp_path):
     goal = goal_of(trials=80, batch=8)
     seen = []
-    result = optimize_with(design, goal, tmp_path, Points(), lambda *told: seen.append(told))
+    result = optimize_with(design, goal, tmp_path, Points(), progress=lambda *now: seen.append(now))
     assert result.best.changes["array.columns"] == 6
     assert result.best.changes["circuit.default_termination"] == "short"
     # the bowl's floor is 0, the start is at 1.6; 80 points in four variables come within a tenth of that

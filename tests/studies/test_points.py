@@ -187,7 +187,7 @@ def test_equal_points_in_flight_are_computed_once(starter, cache, kept):
             QUANTITIES,
             pool,
             cache if kept else None,
-            lambda done, total: told.append((done, total)),
+            progress=lambda done, total: told.append((done, total)),
         )
     )
     assert pool.computed == 2
@@ -224,7 +224,9 @@ def test_quantities_and_design_are_checked_at_once(starter):
 def test_any_function_of_plain_data_can_be_cached(cache):
     first, second, told = Counting(), Counting(), []
     for pool in (first, second):
-        found = dict(run_cached(worker_tasks.refuse_odd, [2, 3, 4], pool, cache, lambda *now: told.append(now), 3))
+        found = dict(
+            run_cached(worker_tasks.refuse_odd, [2, 3, 4], pool, cache, progress=lambda *now: told.append(now), total=3)
+        )
         assert found == {0: {"half": 1.0}, 1: "3 is odd.", 2: {"half": 2.0}}
     assert (first.computed, second.computed) == (3, 0)
     assert told == [(1, 3), (2, 3), (3, 3)] * 2

@@ -1,8 +1,8 @@
-"""The trials of a search on disk: an Optuna study in SQLite that holds nothing but finished trials.
+"""The trials of a search on disk: an Optuna study in SQLite that holds only finished trials.
 
-Optuna's own way, one study on disk that is asked and told, takes a transaction for every parameter and attribute:
-45 ms a trial with six variables. Here the sampler works on a study in memory, and a trial is written when it is
-finished, whole and in one transaction. A killed run leaves no half-finished trial behind.
+A sampler that works on a study on disk takes one transaction for every parameter and attribute: 45 ms a trial with six
+variables. Here the sampler works on a study in memory, and each trial is written once it is finished, in one
+transaction. A killed run leaves no half-finished trial behind.
 """
 
 from __future__ import annotations
@@ -52,16 +52,16 @@ class StudyFile:
 
 @contextmanager
 def open_study(folder: Path, design: Design, goal: Goal) -> Iterator[StudyFile]:
-    """Open the study of a design and a goal in a folder for the length of a ``with`` block, new where there is none.
+    """Open the study of a design and a goal in a folder for a ``with`` block; make it where there is none.
 
     Parameters
     ----------
     folder : Path
-        Made where it does not exist. It may hold studies of other designs and goals too.
+        Folder of the file, made where it does not exist. It may hold studies of other designs and goals too.
     design : Design
-        As it is.
+        Design that the search starts from.
     goal : Goal
-        All of it but its trials, polish and watch tells studies apart, and so does the code.
+        Goal of the search. All of it except its trials, polish and watch identifies the study, as does the code.
 
     Yields
     ------
@@ -70,9 +70,9 @@ def open_study(folder: Path, design: Design, goal: Goal) -> Iterator[StudyFile]:
     Raises
     ------
     OutputError
-        A file that cannot be written or is none of ours, or a folder in which another search is running.
+        A file that cannot be written or holds something else, or a folder in which another search is running.
     MissingDependencyError
-        No Optuna.
+        Optuna is not installed.
     """
     try:
         import optuna
@@ -102,10 +102,7 @@ def open_study(folder: Path, design: Design, goal: Goal) -> Iterator[StudyFile]:
 
 
 def points_found(folder: Path, design: Design, goal: Goal) -> int:
-    """Return how many points an earlier run left, which `open_study` would take up; errors as there.
-
-    Makes nothing where there is no study.
-    """
+    """Return the number of points that an earlier run left; errors as `open_study`, but it makes no files."""
     if not os.path.exists(folder / FILE):  # pathlib's raises where the folder may not be read
         return 0
     with open_study(folder, design, goal) as store:
@@ -119,14 +116,14 @@ def study_name(design: Design, goal: Goal) -> str:
 
 
 def _without_waiting(connection: sqlite3.Connection, _: object) -> None:
-    """Do not wait for the disk at every trial: a killed process loses nothing, a power cut the last trials at most."""
+    """Do not wait for the disk at every trial: a killed process loses nothing, a power cut at most the last trials."""
     connection.execute("PRAGMA journal_mode = WAL")
     connection.execute("PRAGMA synchronous = NORMAL")
 
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Keep Optuna's notes on standard error back while the block runs; warnings stay."""
+    """Silence Optuna's notes on standard error while the block runs; warnings stay."""
     from optuna import logging
 
     before = logging.get_verbosity()
@@ -138,6 +135,6 @@ def quiet() -> Iterator[None]:
 
 
 def _first_line(error: Exception) -> str:
-    """Return what an error says, without the class that SQLAlchemy puts before: "(sqlite3.DatabaseError) "."""
+    """Return the first line of an error without the class that SQLAlchemy puts before it."""
     line = (str(error).strip().splitlines() or [type(error).__name__])[0].rstrip(".")
     return re.sub(r"^\([\w.]+\) ", "", line)
