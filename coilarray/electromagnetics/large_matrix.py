@@ -85,7 +85,7 @@ def write_inductance_matrix(
     OutputError
         Too little space on the disk, an unfinished file of another matrix, or a file that cannot be written.
     ClusterError
-        As `Pool.run`.
+        Lost workers; see `coilarray.compute.workers.Pool.run`.
 
     Notes
     -----

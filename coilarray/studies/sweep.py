@@ -265,7 +265,7 @@ def run_sweep(sweep: Sweep, pool: Pool, cache: Store | None = None, *, progress:
     Raises
     ------
     ClusterError, OutputError
-        As `coilarray.studies.evaluate.evaluate_points`.
+        See `coilarray.studies.evaluate.evaluate_points`.
 
     Examples
     --------

@@ -148,7 +148,7 @@ def optimize_with(
     Raises
     ------
     GoalError, OutputError, MissingDependencyError
-        As `optimize_design`.
+        See `optimize_design`.
     """
     axes = axes_of(goal, design)
     inside = start_parameters(axes) is not None

@@ -120,14 +120,14 @@ def evaluate_board(item: Mapping[str, Any]) -> dict[str, float]:
     Returns
     -------
     dict of str to float
-        By the names of `Outputs.names`.
+        Values by the names of `Outputs.names`.
 
     Raises
     ------
     GoalError
         Errors that leave no board, or a quantity that the board does not have.
     CoilarrayError
-        What keeps the physics from being solved.
+        Physics that cannot be solved.
     """
     document = item["document"]
     board = perturb(build_design(document, document["name"]), item["errors"])
