@@ -134,71 +134,52 @@ def run_cached(
     outcome : dict of str to float, or str
         Result of the function, or the line of its CoilarrayError.
     """
-    run = _Run(function, pool, cache, progress, total)
-    todo = enumerate(items)
+    name = f"{function.__module__}.{function.__qualname__}"
+    keys: dict[int, str] = {}  # of the tasks in flight, by index
+    waiting: dict[str, list[int]] = {}  # indices of equal items, by key
+    read = done = 0
+
+    def count() -> None:
+        nonlocal done
+        done += 1
+        if progress is not None:
+            progress(done, total or read)
+
+    def collect() -> Iterator[tuple[int, Outcome]]:
+        """Wait for one outcome, keep it, and give it to all equal items."""
+        first, outcome = pool.collect()
+        key = keys.pop(first)
+        if cache is not None:
+            cache.put(key, {"reason" if isinstance(outcome, str) else "values": outcome})
+        for index in waiting.pop(key):
+            count()
+            yield index, outcome
+
+    todo = iter(items)
     try:
         while True:
             while pool.full:
-                yield from run.collect()
-            following = next(todo, None)
-            if following is None:
+                yield from collect()
+            item = next(todo, None)
+            if item is None:
                 break
-            known = run.submit(*following)
-            if known is not None:
-                yield following[0], known
+            index, read = read, read + 1
+            known: Outcome | None = None
+            if isinstance(item, str):
+                known = item
+            else:
+                key = content_key(name, item)
+                if key in waiting:
+                    waiting[key].append(index)
+                    continue
+                known = None if cache is None else _kept(cache.get(key))
+                if known is None:
+                    keys[index], waiting[key] = key, [index]
+                    pool.submit(index, function, item)
+                    continue
+            count()
+            yield index, known
         while pool.in_flight:
-            yield from run.collect()
+            yield from collect()
     finally:
         pool.drop()
-
-
-class _Run:
-    """Bookkeeping of `run_cached`: which tasks are in flight, and for which items."""
-
-    def __init__(
-        self,
-        function: Callable[[Mapping[str, Any]], dict[str, float]],
-        pool: Pool,
-        cache: Store | None,
-        progress: Progress | None,
-        total: int | None,
-    ) -> None:
-        self._function, self._pool, self._cache = function, pool, cache
-        self._progress, self._total = progress, total
-        self._name = f"{function.__module__}.{function.__qualname__}"
-        self._read = self._done = 0
-        self._keys: dict[int, str] = {}  # of what is in flight, by index
-        self._waiting: dict[str, list[int]] = {}  # indices of equal items, by key
-
-    def submit(self, index: int, item: Mapping[str, Any] | str) -> Outcome | None:
-        """Return the outcome of an item where it is known; else start its task."""
-        self._read += 1
-        if isinstance(item, str):
-            self._count()
-            return item
-        key = content_key(self._name, item)
-        if key in self._waiting:
-            self._waiting[key].append(index)
-            return None
-        known = None if self._cache is None else _kept(self._cache.get(key))
-        if known is not None:
-            self._count()
-            return known
-        self._keys[index], self._waiting[key] = key, [index]
-        self._pool.submit(index, self._function, item)
-        return None
-
-    def collect(self) -> Iterator[tuple[int, Outcome]]:
-        """Wait for one outcome, keep it, and give it to all equal items."""
-        first, outcome = self._pool.collect()
-        key = self._keys.pop(first)
-        if self._cache is not None:
-            self._cache.put(key, {"reason" if isinstance(outcome, str) else "values": outcome})
-        for index in self._waiting.pop(key):
-            self._count()
-            yield index, outcome
-
-    def _count(self) -> None:
-        self._done += 1
-        if self._progress is not None:
-            self._progress(self._done, self._total or self._read)
