@@ -88,7 +88,7 @@ def design_inductance(
     """
     conductors = design.array.conductors()
     by_sheets = layer_inductance(conductors, design.sheets, accuracy=accuracy)
-    return inductance_matrix(conductors, progress, accuracy=accuracy) + by_sheets, by_sheets
+    return inductance_matrix(conductors, accuracy=accuracy, progress=progress) + by_sheets, by_sheets
 
 
 def provenance(design: Design) -> dict[str, str]:

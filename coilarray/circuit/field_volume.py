@@ -7,7 +7,6 @@ numbers are the same to the last bit on one kind of machine.
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,9 +17,9 @@ import numpy.typing as npt
 import xarray as xr
 
 from coilarray.circuit.operating_field import operating_currents, operating_field
-from coilarray.compute.code_version import code_version
-from coilarray.compute.large_file import Variable, open_large
+from coilarray.compute.large_file import LargeFile, Variable, fill_large
 from coilarray.compute.memory import require_memory
+from coilarray.compute.store import content_key
 from coilarray.compute.threads import Progress, ranges
 from coilarray.compute.workers import Pool
 from coilarray.design.model import Design
@@ -151,22 +150,15 @@ def write_field_volume(
         Variable(str(name), tuple(map(str, one.dims)), one.attrs["units"], one.attrs["long_name"])
         for name, one in sample.data_vars.items()
     ]
-    with open_large(path, frame, variables, _key(sample, currents, axes, conductors), len(blocks)) as file:
-        missing = file.missing
-        done = len(blocks) - len(missing)
-        if progress is not None and done:
-            progress(done, len(blocks))
-        for index, fields in pool.run(field_block, (blocks[number] for number in missing)):
-            if isinstance(fields, str):
-                raise GeometryError(fields)
-            block = blocks[missing[index]]
-            for variable, values in zip(variables, fields, strict=True):
-                file.write(variable.name, 3 * block.start, values)
-            file.finish(missing[index], float(np.abs(fields[0, :, 2]).max()))
-            done += 1
-            if progress is not None:
-                progress(done, len(blocks))
-        return max(file.finished.values())
+
+    def write(file: LargeFile, number: int, fields: FloatArray) -> float:
+        for variable, values in zip(variables, fields, strict=True):
+            file.write(variable.name, 3 * blocks[number].start, values)
+        return float(np.abs(fields[0, :, 2]).max())
+
+    key = content_key("field volume", sample.attrs, currents, axes, conductors)
+    peaks = fill_large(path, frame, variables, key, len(blocks), blocks.__getitem__, field_block, write, pool, progress)
+    return max(peaks.values())
 
 
 def block_count(design: Design, axes: Sequence[FloatArray]) -> int:
@@ -197,13 +189,3 @@ def field_block(block: FieldBlock) -> FloatArray:
 
 def _axis(values: npt.ArrayLike) -> FloatArray:
     return np.atleast_1d(np.asarray(values, dtype=np.float64))
-
-
-def _key(
-    sample: xr.Dataset, currents: ComplexArray, axes: Sequence[FloatArray], conductors: Sequence[Conductor]
-) -> str:
-    """Name of all that enters the numbers and the attributes: blocks of two versions are never mixed."""
-    digest = hashlib.sha256(repr((code_version(), sorted(sample.attrs.items()))).encode())
-    for array in (currents, *axes, *(conductor.vertices for conductor in conductors)):
-        digest.update(repr(array.shape).encode() + np.ascontiguousarray(array).tobytes())
-    return digest.hexdigest()[:24]

@@ -94,7 +94,7 @@ def operating_field(
     conductors = design.array.conductors()
     parts = []
     for k, part in enumerate((currents.real, currents.imag)):
-        parts.append(magnetic_field(conductors, points, part, progress and _half(progress, k)))
+        parts.append(magnetic_field(conductors, points, part, progress=progress and _half(progress, k)))
     in_phase, quadrature = parts
     dims = ("x", "y", "z", "component")
     axes = {

@@ -159,15 +159,15 @@ def _computed(design: Design, beside: xr.Dataset | None, reach: float | None) ->
     L_0 is by the design's tank capacitor alone, as a recording has it that is not calibrated; beside one that is, by
     all capacitance there is.
     """
+    from coilarray.compute.store import open_store
     from coilarray.errors import ElastomerError
     from coilarray.hardware.scan.board_network import board_network
-    from coilarray.hardware.scan.kept_parts import keep_folder
     from coilarray.report.figures import map_outlines
     from coilarray.response.map import respond, response_map
 
     if design.indentation is None:
         raise LocalizeError(f"the design {design.name} has no [indenter] and [indentation].")
-    network = board_network(design, keep_folder())
+    network = board_network(design, open_store())
     with progress_bar(f"response of {design.name}") as progress:
 
         def at(*axes: FloatArray | None) -> xr.Dataset:

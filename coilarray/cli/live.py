@@ -250,20 +250,17 @@ def _replay(path: Path, design: str | None, speed: float) -> Iterator[tuple[Desi
 
 def _model(design: Design, table: Path | None) -> ForwardModel:
     """Table of the design for positions, kept for the next time."""
+    from coilarray.compute.store import open_store
     from coilarray.hardware.scan.board_network import board_network
-    from coilarray.hardware.scan.kept_parts import keep_folder, kept
     from coilarray.localize.forward import forward_model, table_for
 
     if table is not None:
         return forward_model(kept_table(design, table))
-    folder = keep_folder()
+    store = open_store()
     with progress_bar(f"table of {design.name}") as progress:
-        found = kept(
-            folder,
-            "positions",
-            design,
-            "",
-            lambda: table_for(design, network=board_network(design, folder), progress=progress),
+        found = store.dataset(
+            ["positions", design.digest],
+            lambda: table_for(design, network=board_network(design, store), progress=progress),
         )
     return forward_model(found)
 

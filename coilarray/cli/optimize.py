@@ -16,7 +16,7 @@ from coilarray.errors import ClusterError, GoalError
 if TYPE_CHECKING:
     from coilarray.design.model import Design
     from coilarray.studies.optimize.goal import Goal
-    from coilarray.studies.optimize.run import Optimization, Told
+    from coilarray.studies.optimize.run import Optimization, SearchProgress
     from coilarray.studies.optimize.trials import Trial
 
 
@@ -60,22 +60,22 @@ def optimize(
         raise GoalError("a design and a goal must be given, as in: coilarray optimize gast2020 worst_k.")
     if workers is not None and cluster is not None:
         raise ClusterError("--workers is for processes of this machine; it cannot be given with --cluster.")
+    from coilarray.compute.store import open_store
     from coilarray.compute.workers import default_count
     from coilarray.compute.workers import workers as open_workers
     from coilarray.design.model import load_design
     from coilarray.report.optimization import write_optimization_report
-    from coilarray.studies.cache import open_cache
     from coilarray.studies.optimize.goal import load_goal
     from coilarray.studies.optimize.run import optimize_design, require_coils
     from coilarray.studies.optimize.space import axes_of
-    from coilarray.studies.optimize.store import points_found
+    from coilarray.studies.optimize.study_file import points_found
     from coilarray.studies.optimize.write import result_data, write_optimization
 
     opened = load_design(design)
     wanted = _with_trials(load_goal(goal), trials)
     axes_of(wanted, opened)  # mistakes before anything is made and any process is started
     require_coils(opened, wanted)
-    kept = open_cache(cache)
+    kept = open_store(cache)
     found = points_found(out, opened, wanted)
     if found:
         typer.echo(f"coilarray: going on with {found} points of an earlier run in {out}", err=True)
@@ -85,12 +85,12 @@ def optimize(
             _progress(wanted) as show,
         ):
 
-            def told(done: int, total: int, best: Trial | None) -> None:
+            def report(done: int, total: int, best: Trial | None) -> None:
                 nonlocal found
                 found = max(found, done)
                 show(done, total, best)
 
-            result = optimize_design(opened, wanted, out, pool, kept, told)
+            result = optimize_design(opened, wanted, out, pool, kept, progress=report)
     except (KeyboardInterrupt, ClusterError):
         if found:
             typer.echo(f"coilarray: {found} points are kept in {out}; the same command goes on from there", err=True)
@@ -181,7 +181,7 @@ def _text(value: object) -> str:
 
 
 @contextmanager
-def _progress(goal: Goal) -> Iterator[Told]:
+def _progress(goal: Goal) -> Iterator[SearchProgress]:
     """Show a progress bar with the best so far on standard error; none where that is no terminal."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -191,11 +191,11 @@ def _progress(goal: Goal) -> Iterator[Told]:
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task("", total=None)
 
-        def told(done: int, total: int, best: Trial | None) -> None:
+        def report(done: int, total: int, best: Trial | None) -> None:
             text = "" if best is None else f"best {goal.objectives[0].quantity} {_best(goal, best):.5g}"
             bar.update(task, completed=done, total=total, description=text)
 
-        yield told
+        yield report
 
 
 def _best(goal: Goal, best: Trial) -> float:

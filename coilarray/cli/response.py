@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
@@ -21,8 +20,6 @@ from coilarray.cli.shared import (
     progress_bar,
 )
 from coilarray.errors import ElastomerError, NetworkError
-
-_PART = re.compile(r"[0-9a-f]{24}\.nc")
 
 
 def response(
@@ -78,8 +75,9 @@ def response(
     )
     errors = _thickness_errors(thickness_error_mm or ())
     from coilarray.circuit.impedance import design_network
-    from coilarray.compute.files import make_folder, write_atomically, write_text
+    from coilarray.compute.files import write_atomically, write_text
     from coilarray.compute.netcdf import save_dataset
+    from coilarray.compute.store import open_store
     from coilarray.report.indentation_tables import response_table
     from coilarray.response.map import Imperfections, response_map
 
@@ -87,8 +85,8 @@ def response(
     faults = Imperfections(tilt, (offset_mm[0] * 1e-3, offset_mm[1] * 1e-3), depth_error_mm * 1e-3, errors, noise, seed)
     network = design_network(opened).network if strays else None
     parts = out.with_name(f"{out.name}.parts")
-    make_folder(parts)
-    kept = set(parts.iterdir())
+    store = open_store(parts)
+    kept = store.keys()
     try:
         with progress_bar("response") as progress:
             result = response_map(
@@ -103,23 +101,17 @@ def response(
                 progress=progress,
             )
     except NetworkError:
-        for part in set(parts.iterdir()) - kept:  # of no use: going on would end in the same way
-            part.unlink()
+        store.discard(store.keys() - kept)  # of no use: going on would end in the same way
         raise
     finally:
-        if not any(parts.iterdir()):  # refused before anything was computed
-            parts.rmdir()
+        store.discard(())  # the folder, where nothing was computed
     table = response_table(result)
     if out.suffix.lower() == ".nc":
         save_dataset(result, out)
     else:
         in_metres = result.delta.rename(depth="depth_m", y="y_m", x="x_m")
         write_text(out, in_metres.to_dataframe().to_csv(lineterminator="\n"))
-    for part in parts.iterdir():
-        if _PART.fullmatch(part.name):  # whatever else lies there is not ours
-            part.unlink()
-    if not any(parts.iterdir()):
-        parts.rmdir()
+    store.discard(store.keys())
     if plot is not None:
         from coilarray.report.figures import map_outlines
         from coilarray.viz import response_figure

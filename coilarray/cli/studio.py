@@ -120,17 +120,17 @@ def write_report(document: Document, name: str, folder: Path, progress: Progress
 
 def kept_response(document: Document, name: str, progress: Progress) -> xr.Dataset:
     """See `coilarray.viz.studio.services.ResponseTable`; kept as that of ``coilarray live`` is."""
+    from coilarray.compute.store import open_store
     from coilarray.design.model import build_design
     from coilarray.hardware.scan.board_network import board_network
-    from coilarray.hardware.scan.kept_parts import keep_folder, kept
     from coilarray.localize.forward import table_for
 
-    design, folder = build_design(document, name), keep_folder()
+    design, store = build_design(document, name), open_store()
 
     def make() -> xr.Dataset:
-        return table_for(design, network=board_network(design, folder), progress=progress)
+        return table_for(design, network=board_network(design, store), progress=progress)
 
-    return kept(folder, "positions", design, "", make)
+    return store.dataset(["positions", design.digest], make)
 
 
 def watch_board(request: BoardRequest, send: Callable[[BoardFrame], None], stopped: Callable[[], bool]) -> None:

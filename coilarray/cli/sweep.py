@@ -57,15 +57,15 @@ def sweep(
         raise ClusterError("--workers is for processes of this machine; it cannot be given with --cluster.")
     from coilarray.compute.files import write_atomically, write_text
     from coilarray.compute.netcdf import save_dataset
+    from coilarray.compute.store import open_store
     from coilarray.compute.workers import default_count
     from coilarray.compute.workers import workers as open_workers
     from coilarray.design.model import load_design
-    from coilarray.studies.cache import open_cache
     from coilarray.studies.sweep import parse_axis, plan_sweep, run_sweep
 
     opened = load_design(design)
     plan = plan_sweep(opened, [parse_axis(text) for text in vary or ()], quantity or (), samples, seed, accuracy)
-    kept = open_cache(cache)
+    kept = open_store(cache)
     count = workers if workers is not None else min(default_count(), len(plan.points))
     done = 0
     try:
@@ -76,7 +76,7 @@ def sweep(
                 done = now
                 show(now, total)
 
-            result = run_sweep(plan, pool, kept, progress)
+            result = run_sweep(plan, pool, kept, progress=progress)
     except (KeyboardInterrupt, ClusterError):
         if done:
             typer.echo(

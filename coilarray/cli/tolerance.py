@@ -108,10 +108,10 @@ def tolerance(
     from dataclasses import replace
 
     from coilarray.compute.files import write_atomically, write_text
+    from coilarray.compute.store import open_store
     from coilarray.compute.workers import default_count
     from coilarray.compute.workers import workers as open_workers
     from coilarray.report.tolerance_tables import given_table, spread_table, yield_table
-    from coilarray.studies.cache import open_cache
     from coilarray.studies.tolerance import analyse, check_analysis, load_tolerances, typical_text
 
     if template is not None:
@@ -134,7 +134,7 @@ def tolerance(
         accuracy=accuracy,
         with_table=table is not None and table.exists(),
     )
-    kept = open_cache(cache)
+    kept = open_store(cache)
     count = default_count() if workers is None else workers
     done = 0
     try:

@@ -1,4 +1,4 @@
-"""What computes: versions of the package and of what it computes with, and a hash of its source."""
+"""Version of the computing code: a hash of its source and of the versions of the libraries that it uses."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 
 _ROOT = Path(__file__).parent.parent
 _COMPUTES_WITH = ("numpy", "scipy", "numba")
-_SHOWS = frozenset({"cli", "report", "viz", "__pycache__"})  # folders that compute no result
+_SHOWS = frozenset({"cli", "report", "viz", "__pycache__"})  # folders that decide no result
 
 
 @functools.cache
@@ -33,7 +33,7 @@ def code_version() -> str:
 
 
 def _sources() -> list[Path]:
-    """Modules and data files of what computes, in one order everywhere."""
+    """Return the modules and data files that decide results, in the same order on every machine."""
     found = []
     for folder, inside, files in os.walk(_ROOT, followlinks=True):  # geometry is a link in a working copy
         inside[:] = [name for name in inside if name not in _SHOWS]

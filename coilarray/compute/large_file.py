@@ -1,9 +1,9 @@
-"""Arrays larger than memory in one netCDF file, filled block by block, that an interrupted run can go on with.
+"""Arrays larger than memory in one netCDF file, filled block by block; an interrupted run can be continued.
 
-The file is laid out before the first number is there: its variables are contiguous, so that blocks go straight to
-their place and nothing of the file's own structure changes afterwards. It stands in a folder beside the target, with a
-journal of the blocks that are done, and gets its name when all are. A run that is killed at any moment loses the blocks
-that it was computing.
+The file is laid out before the first number is computed: its variables are contiguous, so that each block is written
+straight to its place and the structure of the file never changes. Until all blocks are done the file lies in a folder
+beside the target, together with a journal of the finished blocks. A run that is killed loses only the blocks that it
+was computing.
 """
 
 from __future__ import annotations
@@ -12,22 +12,27 @@ import math
 import os
 import shutil
 import sqlite3
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from coilarray.compute.files import make_folder, write_atomically
-from coilarray.errors import OutputError
+from coilarray.compute.store import locked_database
+from coilarray.compute.threads import Progress
+from coilarray.compute.workers import Pool
+from coilarray.errors import GeometryError, OutputError
 
 if TYPE_CHECKING:
     import xarray as xr
 
 FloatArray = npt.NDArray[np.float64]
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 
 _DATA, _JOURNAL = "data.nc", "journal.db"
 _ITEM = 8  # bytes
@@ -41,11 +46,11 @@ class Variable:
     Parameters
     ----------
     name : str
-        In the file.
+        Name in the file.
     dims : tuple of str
-        Dimensions, coordinates of the frame.
+        Dimensions, which are coordinates of the frame.
     units, long_name : str
-        Attributes.
+        Attributes of the variable.
     """
 
     name: str
@@ -63,12 +68,12 @@ class LargeFile:
 
     @property
     def finished(self) -> dict[int, float]:
-        """Figure of every block that is done, by its number."""
+        """Figure of every finished block by its number."""
         return dict(self._connection.execute("SELECT number, figure FROM block"))
 
     @property
     def missing(self) -> list[int]:
-        """Numbers of the blocks that are not done."""
+        """Numbers of the unfinished blocks."""
         done = self.finished
         return [number for number in range(self._blocks) if number not in done]
 
@@ -81,7 +86,7 @@ class LargeFile:
             raise OutputError(f"cannot write {self._path}: {error.strerror or error}.") from None
 
     def finish(self, number: int, figure: float = 0.0) -> None:
-        """Note that all of a block is written, with a figure to be kept of it; OutputError where that fails."""
+        """Record a block as written, with a figure to keep of it; OutputError where that fails."""
         try:
             self._stream.flush()
             os.fsync(self._stream.fileno())  # on the disk before the journal says so
@@ -95,7 +100,7 @@ class LargeFile:
 
 
 def parts_folder(path: Path) -> Path:
-    """Return the folder that an unfinished file stands in, beside its target."""
+    """Return the folder of an unfinished file, beside its target."""
     return path.with_name(f"{path.name}.parts")
 
 
@@ -103,7 +108,7 @@ def parts_folder(path: Path) -> Path:
 def open_large(
     path: Path, frame: xr.Dataset, variables: Sequence[Variable], key: str, blocks: int
 ) -> Iterator[LargeFile]:
-    """Open a file to be filled for the length of a ``with`` block; it gets its name if all blocks are done by then.
+    """Open a file to be filled within a ``with`` block, which gets its final name once all blocks are done.
 
     Parameters
     ----------
@@ -112,9 +117,9 @@ def open_large(
     frame : xarray.Dataset
         Coordinates and attributes.
     variables : sequence of Variable
-        Over the frame's dimensions.
+        Variables to fill, over the frame's dimensions.
     key : str
-        Of all that enters the numbers: an unfinished file of the same key is gone on with.
+        Hash of everything that decides the numbers; the run continues an unfinished file of the same key.
     blocks : int
         Number of blocks.
 
@@ -125,10 +130,10 @@ def open_large(
     Raises
     ------
     OutputError
-        Too little room on the disk, an unfinished file of another key, one that another run is filling, or a file
+        Too little space on the disk, an unfinished file of another key, a file that another run is filling, or one
         that cannot be written.
     """
-    if os.path.isdir(path):  # told before the work, not after it; false for names that are too long
+    if os.path.isdir(path):  # refused before the work; false for names that are too long
         raise OutputError(f"cannot write {path}: it is a folder.")
     folder = parts_folder(path)
     make_folder(folder)
@@ -149,36 +154,80 @@ def open_large(
     except OSError as error:
         raise OutputError(f"cannot write {path}: {error.strerror or error}.") from None
     finally:
-        if named or empty:  # what is done stays otherwise, and what is another run's
+        if named or empty:  # else finished blocks stay, and so does the file of another run
             _discard(folder)
+
+
+def fill_large(
+    path: Path,
+    frame: xr.Dataset,
+    variables: Sequence[Variable],
+    key: str,
+    blocks: int,
+    task: Callable[[int], Item],
+    compute: Callable[[Item], Result],
+    write: Callable[[LargeFile, int, Result], float],
+    pool: Pool,
+    progress: Progress | None = None,
+) -> dict[int, float]:
+    """Compute the missing blocks of a file on a pool of workers, and write each as it comes.
+
+    Parameters
+    ----------
+    path, frame, variables, key, blocks
+        See `open_large`.
+    task : callable
+        Returns the input of the block of a given number.
+    compute : callable
+        Computes the values of a block from its input, on a worker; see `coilarray.compute.workers.Pool.run`.
+    write : callable
+        Called with the file, the block's number and its values; writes them, and returns the figure to keep of them.
+    pool : Pool
+        From `coilarray.compute.workers.workers`.
+    progress : callable, optional
+        Called with (done, total) as blocks are done, those of an earlier run included.
+
+    Returns
+    -------
+    dict of int to float
+        Figure of every block by its number.
+
+    Raises
+    ------
+    GeometryError
+        The first block that was refused, and why.
+    OutputError, ClusterError
+        See `open_large` and `coilarray.compute.workers.Pool.run`.
+    """
+    with open_large(path, frame, variables, key, blocks) as file:
+        missing = file.missing
+        done = blocks - len(missing)
+        if progress is not None and done:
+            progress(done, blocks)
+        for index, values in pool.run(compute, map(task, missing)):
+            if isinstance(values, str):
+                raise GeometryError(values)
+            file.finish(missing[index], write(file, missing[index], values))
+            done += 1
+            if progress is not None:
+                progress(done, blocks)
+        return file.finished
 
 
 @contextmanager
 def _journal(folder: Path) -> Iterator[sqlite3.Connection]:
-    """Open the journal, which no other process can meanwhile: its lock ends with this one."""
-    path = folder / _JOURNAL
-    try:
-        connection = sqlite3.connect(path, timeout=0, isolation_level=None)
-    except sqlite3.Error as error:
-        raise OutputError(f"cannot write {path}: {error}.") from None
-    with closing(connection):
-        try:
-            connection.execute("PRAGMA locking_mode = EXCLUSIVE")
-            connection.execute("BEGIN EXCLUSIVE")
-            connection.execute("CREATE TABLE IF NOT EXISTS layout (key TEXT)")
-            connection.execute("CREATE TABLE IF NOT EXISTS block (number INTEGER PRIMARY KEY, figure REAL)")
-            connection.execute("COMMIT")  # the lock stays
-        except sqlite3.Error as error:
-            if "locked" in str(error):
-                raise OutputError(f"another run is filling {folder}; wait for it or give another file.") from None
-            raise OutputError(f"cannot use {path}: {error}.") from None
+    """Open the journal, which no other process can open meanwhile."""
+    busy = f"another run is filling {folder}; wait for it or give another file."
+    with locked_database(folder / _JOURNAL, busy) as connection:
+        connection.execute("CREATE TABLE IF NOT EXISTS layout (key TEXT)")
+        connection.execute("CREATE TABLE IF NOT EXISTS block (number INTEGER PRIMARY KEY, figure REAL)")
         yield connection
 
 
 def _lay_out(
     path: Path, connection: sqlite3.Connection, frame: xr.Dataset, variables: Sequence[Variable], key: str
 ) -> None:
-    """Lay out the file where it does not stand yet."""
+    """Make the file where there is none yet."""
     data = parts_folder(path) / _DATA
     laid_out = connection.execute("SELECT key FROM layout").fetchone()
     begun = data.exists() and connection.execute("SELECT count(*) FROM block").fetchone() != (0,)
@@ -200,7 +249,7 @@ def _lay_out(
 
 
 def _make(path: Path, frame: xr.Dataset, variables: Sequence[Variable]) -> None:
-    """Write a frame and contiguous variables without values, whose room is taken at once."""
+    """Write a frame and contiguous variables without values; their disk space is allocated at once."""
     import h5netcdf
     from h5py import h5d, h5p
 
@@ -216,7 +265,7 @@ def _make(path: Path, frame: xr.Dataset, variables: Sequence[Variable]) -> None:
 
 
 def _starts(path: Path, variables: Sequence[Variable]) -> dict[str, int]:
-    """Place of every variable's first value in the file."""
+    """Return the byte offset of every variable in the file."""
     import h5py
 
     with h5py.File(path, "r") as file:
@@ -224,7 +273,7 @@ def _starts(path: Path, variables: Sequence[Variable]) -> dict[str, int]:
 
 
 def _discard(folder: Path) -> None:
-    """Remove what this module made in a folder, and the folder where nothing else is in it."""
+    """Delete the files of this module in a folder, and the folder once it is empty."""
     for name in (_DATA, _JOURNAL, f"{_JOURNAL}-journal"):
         (folder / name).unlink(missing_ok=True)
     with suppress(OSError):

@@ -1,4 +1,4 @@
-"""How much memory there is, and refusing what needs more before it is asked for."""
+"""How much memory there is, and an error before more than that is allocated."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ LIMIT_VARIABLE = "COILARRAY_MEMORY_GB"
 """Environment variable that sets the allowed memory in GB in place of a share of what is free."""
 
 SHARE = 0.75
-"""Of the free memory that one array and what it takes to make it may use."""
+"""Share of the free memory that one array and its computation may use."""
 
 _GB = 1e9
 _SMALL = 50e6  # bytes; less is never refused, so that small arrays cost no look at the system
@@ -19,25 +19,25 @@ _PROC, _CGROUPS = Path("/proc"), Path("/sys/fs/cgroup")
 
 
 class MemoryLimitError(CoilarrayError, MemoryError):
-    """Work that needs more memory than is allowed: what, how much, how much there is."""
+    """Work that needs more memory than is allowed; names the work, its need and the allowed memory."""
 
 
 def require_memory(size: float, what: str, advice: str = "") -> None:
-    """Refuse work that needs more memory than is allowed; to be called before it is allocated.
+    """Refuse work that needs more memory than is allowed; call it before allocating.
 
     Parameters
     ----------
     size : float
         Estimated need in bytes.
     what : str
-        Subject of the sentence, as "the field at 100 points".
+        Subject of the error message, as "the field at 100 points".
     advice : str
-        What to do instead, as "compute it in pieces"; may be empty.
+        Advice for the user, as "compute it in pieces"; may be empty.
 
     Raises
     ------
     MemoryLimitError
-        More than `allowed_memory`; both are named in GB.
+        The need exceeds `allowed_memory`.
 
     Examples
     --------

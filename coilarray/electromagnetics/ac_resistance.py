@@ -56,11 +56,11 @@ class CrossSection:
     Parameters
     ----------
     width, thickness : float
-        In m.
+        Sides of the trace in m.
     frequency : ndarray
-        In Hz.
+        Frequencies in Hz.
     resistivity : float
-        In Ω·m.
+        Resistivity of the copper in Ω·m.
     resistance_ratio : ndarray
         R_ac/R_dc, without neighbours.
     normal_field_loss, lateral_field_loss : ndarray
@@ -100,14 +100,14 @@ def skin_depth(frequency: npt.ArrayLike, resistivity: float = RESISTIVITY_COPPER
     Parameters
     ----------
     frequency : array_like
-        In Hz, positive.
+        Positive frequencies in Hz.
     resistivity : float
-        In Ω·m.
+        Resistivity of the copper in Ω·m.
 
     Returns
     -------
     ndarray, shape of frequency
-        In m.
+        Skin depth in m.
 
     Raises
     ------
@@ -137,11 +137,11 @@ def cross_section(
     Parameters
     ----------
     width, thickness : float
-        In m.
+        Sides of the trace in m.
     frequency : array_like
-        In Hz, any shape.
+        Frequencies in Hz, of any shape.
     resistivity : float
-        In Ω·m.
+        Resistivity of the copper in Ω·m.
 
     Returns
     -------
@@ -206,18 +206,18 @@ def _answer(modes: FloatArray, beta: FloatArray) -> FloatArray:
 
 
 @lru_cache(maxsize=64)
-def _basis(width: float, thickness: float, reach: int) -> Basis:
-    """Basis of one trace for its longer side of up to 2^reach skin depths."""
-    betas = 4.0 ** np.arange(1, reach + 1) / (np.pi * max(width, thickness) ** 2)
+def _basis(width: float, thickness: float, octaves: int) -> Basis:
+    """Basis of one trace for its longer side of up to 2^octaves skin depths."""
+    betas = 4.0 ** np.arange(1, octaves + 1) / (np.pi * max(width, thickness) ** 2)
     return response_basis(width, thickness, *SECTION_MESH, betas.astype(np.float64), BASIS_TOLERANCE)
 
 
 @lru_cache(maxsize=16)
-def _section(traces: tuple[Trace, ...], reach: int) -> Section:
-    return section(traces, lambda width, thickness: _basis(width, thickness, reach))
+def _section(traces: tuple[Trace, ...], octaves: int) -> Section:
+    return section(traces, lambda width, thickness: _basis(width, thickness, octaves))
 
 
-def _reach(side: float, delta: FloatArray) -> int:
+def _octaves(side: float, delta: FloatArray) -> int:
     return max(2, math.ceil(math.log2(side / float(delta.min()))))
 
 
@@ -236,15 +236,15 @@ def parallel_traces(
     Parameters
     ----------
     widths, thicknesses : array_like, shape (traces,) or scalar
-        Along x and z in m.
+        Sides along x and z in m.
     x, z : array_like, shape (traces,) or scalar
         Centres in m.
     currents : array_like, shape (traces,) or scalar
-        In A, in phase (or in antiphase: negative); none may be zero.
+        Currents in A, in phase (negative: in antiphase); none may be zero.
     frequency : float
-        In Hz.
+        Frequency in Hz.
     resistivity : float
-        In Ω·m.
+        Resistivity of the copper in Ω·m.
 
     Returns
     -------
@@ -301,7 +301,7 @@ def parallel_traces(
     if near.any():
         i, k = np.argwhere(near)[0].tolist()
         raise GeometryError(f"traces {i} and {k} overlap.")
-    bundle = _section(tuple(zip(*(v.tolist() for v in (across, up, w, t)), strict=True)), _reach(side, delta))
+    bundle = _section(tuple(zip(*(v.tolist() for v in (across, up, w, t)), strict=True)), _octaves(side, delta))
     beta = np.atleast_1d((bundle.unit / delta) ** 2 / np.pi)
     density = current / np.sqrt(bundle.areas)
     source = (bundle.own @ density)[:, None]
@@ -314,6 +314,7 @@ def resistance_matrix(
     source: Source,
     frequencies: npt.ArrayLike,
     resistivity: float = RESISTIVITY_COPPER,
+    *,
     progress: Progress | None = None,
 ) -> xr.Dataset:
     """Resistance matrix R(f) of coils: their own losses and those they induce in each other's copper.
@@ -323,11 +324,11 @@ def resistance_matrix(
     source : CoilArray, Conductor, polyline or sequence of them
         See `coilarray.electromagnetics.source.as_conductors`. Every segment needs a cross-section.
     frequencies : array_like, shape (n,) or scalar
-        In Hz.
+        Frequencies in Hz.
     resistivity : float
-        In Ω·m.
+        Resistivity of the copper in Ω·m.
     progress : callable, optional
-        Called with (done, total) coils.
+        Called with (done, total) as coils are done.
 
     Returns
     -------
@@ -477,9 +478,9 @@ def _section_factors(
     x, z, sign = place
     w, t = sizes
     side = float(max(w.max(), t.max()))
-    reach = _reach(side, delta)
+    octaves = _octaves(side, delta)
     grain = 1e-3 * side  # far below what matters; equal coils then share their section
     x, z = (grain * np.round((v - v.min()) / grain) for v in (x, z))
-    bundle = _section(tuple(zip(*(v.tolist() for v in (x, z, w, t)), strict=True)), reach)
-    alone = [_section(((0.0, 0.0, p, q),), reach) for p, q in zip(w.tolist(), t.tolist(), strict=True)]
+    bundle = _section(tuple(zip(*(v.tolist() for v in (x, z, w, t)), strict=True)), octaves)
+    alone = [_section(((0.0, 0.0, p, q),), octaves) for p, q in zip(w.tolist(), t.tolist(), strict=True)]
     return bundle_factors(bundle, alone, x, z, sign, mean, delta)

@@ -63,11 +63,12 @@ def coil_capacitance(
     Parameters
     ----------
     array : CoilArray
-        The board.
+        Coils of the board.
     sheets : sequence of Sheet
         Elastomer on the board, upwards; air above it.
     relative_permittivity : float
-        Of the sheets; without sheets of the whole half space above the board. It fills the gaps of the top copper.
+        Relative permittivity of the sheets; without sheets, of the whole half space above the board. This medium also
+        fills the gaps of the top copper.
 
     Returns
     -------
@@ -80,7 +81,7 @@ def coil_capacitance(
     Raises
     ------
     GeometryError
-        Coils whose copper meets on a layer; as `winding_capacitance`.
+        Coils whose copper meets on a layer, or that `winding_capacitance` refuses.
 
     Notes
     -----
@@ -129,11 +130,11 @@ def winding_capacitance(
     Parameters
     ----------
     array : CoilArray
-        The board.
+        Coils of the board.
     name : str
-        Of the coil.
+        Name of the coil.
     sheets, relative_permittivity
-        As in `coil_capacitance`.
+        See `coil_capacitance`.
 
     Returns
     -------
@@ -180,7 +181,7 @@ def self_resonance(inductance: npt.ArrayLike, capacitance: npt.ArrayLike) -> Flo
     Returns
     -------
     ndarray
-        In Hz, of the broadcast shape.
+        Frequency in Hz, of the broadcast shape.
 
     Raises
     ------
@@ -206,12 +207,12 @@ def apparent_inductance(
     inductance, resistance, capacitance : array_like
         L in H, R in Ω and C in F, shapes that broadcast to one shape S, for example (coils,).
     frequencies : array_like, shape (m,)
-        In Hz.
+        Frequencies in Hz.
 
     Returns
     -------
     ndarray, shape S + (m,)
-        In H. Negative above the self-resonance, where the coil is capacitive.
+        Inductance in H; negative above the self-resonance, where the coil is capacitive.
 
     Raises
     ------
@@ -251,14 +252,14 @@ def elastomer_effect(
     *,
     undisturbed: float = 0.0,
 ) -> xr.Dataset:
-    """Change of the coils' capacitance by the elastomer's permittivity, and the change of inductance it feigns.
+    """Change of the coils' capacitance by the elastomer's permittivity, and the apparent change of inductance.
 
     Parameters
     ----------
     array : CoilArray
-        The board.
+        Coils of the board.
     relative_permittivity : float
-        Of the elastomer.
+        Relative permittivity of the elastomer.
     tank_capacitance : float
         C_t in F, in parallel to the coil.
     sheets : sequence of Sheet
@@ -271,14 +272,14 @@ def elastomer_effect(
     -------
     xarray.Dataset
         Dimension ``coil``: ``without`` and ``with_elastomer`` (C_L in F), ``change`` ΔC in F, ``apparent_delta``
-        (relative change of L that laying the elastomer on feigns), ``dent_bound`` (no dent feigns more).
+        (apparent relative change of L when the elastomer is laid on), ``dent_bound`` (upper bound of that of a dent).
 
     Raises
     ------
     ValueError
         A tank capacitance or height that is not allowed.
     GeometryError
-        As `coil_capacitance`.
+        Coils that `coil_capacitance` refuses.
 
     Notes
     -----
@@ -414,11 +415,11 @@ def _cut(coil: Coil, centre: FloatArray, ray: FloatArray) -> _Cut:
     start = 0.0
     for k, (line, widths) in enumerate(zip(coil.lines, coil.widths, strict=True)):
         points = line - centre
-        side, reach = points @ normal, points @ ray
+        side, distance = points @ normal, points @ ray
         lengths = np.hypot(*np.diff(points, axis=0).T)
         i = np.flatnonzero((side[:-1] < 0) != (side[1:] < 0))
         part = side[i] / (side[i] - side[i + 1])
-        u = reach[i] + part * (reach[i + 1] - reach[i])
+        u = distance[i] + part * (distance[i + 1] - distance[i])
         cosine = np.abs(side[i + 1] - side[i]) / lengths[i]
         along = start + np.cumsum(np.append(0.0, lengths))[i] + part * lengths[i]
         keep = (u > 0) & (cosine > _CROSSING)
@@ -592,8 +593,8 @@ def _refuse_touching_coils(array: CoilArray) -> None:
         if len({name for name, _, _ in here}) < 2:
             continue
         lines = [line for _, line, _ in here]
-        reach = max(width for _, _, width in here)
-        for i, j in shapely.STRtree(lines).query(lines, predicate="dwithin", distance=reach).T.tolist():
+        widest = max(width for _, _, width in here)
+        for i, j in shapely.STRtree(lines).query(lines, predicate="dwithin", distance=widest).T.tolist():
             (one, line, width), (other, other_line, other_width) = here[i], here[j]
             if i < j and one != other and line.distance(other_line) < (width + other_width) / 2:
                 raise GeometryError(f"the copper of {one} and {other} overlaps on {layer}.")

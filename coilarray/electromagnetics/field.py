@@ -26,7 +26,7 @@ Backend = Literal["cpu", "cuda"]
 _BLOCK = 512
 # blocks a task: enough work to outweigh the hand-over to a thread; fewer where a core would get too few tasks
 _BLOCKS_A_TASK, _TASKS_A_CORE = 16, 4
-# beside the points: the field, and which of them are finite; the axes of a grid spread out, and the points
+# memory beside the points: the field and the mask of finite points; for a grid, its coordinates and the points
 _BYTES_A_POINT, _BYTES_A_GRID_POINT = 27.0, 48.0
 _LARGEST_CURRENT = 1e30  # A; with `LARGEST` no field leaves the range of float64
 _IN_PIECES = "compute it in pieces, or write it block by block with coilarray.circuit.field_volume"
@@ -36,8 +36,8 @@ def magnetic_field(
     source: Source,
     points: npt.ArrayLike,
     currents: npt.ArrayLike = 1.0,
-    progress: Progress | None = None,
     *,
+    progress: Progress | None = None,
     backend: Backend = "cpu",
 ) -> FloatArray:
     """Magnetic flux density B of current paths in free space.
@@ -47,32 +47,32 @@ def magnetic_field(
     source : CoilArray, Conductor, polyline or sequence of them
         See `coilarray.electromagnetics.source.as_conductors`. Each segment acts as a thin filament on its centre line.
     points : array_like, shape (..., 3)
-        In m.
+        Positions in m where the field is evaluated.
     currents : array_like, shape (paths,) or scalar
-        In A, in the direction of the paths.
+        Currents in A, positive in the direction of the paths.
     progress : callable, optional
         Called with (done, total) as the work goes on.
     backend : {"cpu", "cuda"}
-        Where to compute: all cores of the processor, or an NVIDIA GPU through numba.cuda.
+        Device that computes: all cores of the processor, or an NVIDIA GPU through numba.cuda.
 
     Returns
     -------
     ndarray, shape (..., 3)
-        In T.
+        Flux density in T.
 
     Raises
     ------
     GeometryError
-        Points or currents of another shape, or that are not finite; another backend.
+        Points or currents of a wrong shape or not finite, or an unknown backend.
     MemoryLimitError
-        More points than `coilarray.compute.memory.allowed_memory` has room for.
+        Too many points for `coilarray.compute.memory.allowed_memory`.
     MissingDependencyError
-        ``"cuda"`` where there is no GPU that numba can use.
+        The backend is ``"cuda"`` and numba finds no usable GPU.
 
     Notes
     -----
     Exact for straight segments (Hanson & Hirshman, Phys. Plasmas 9, 4410, 2002). A point on a segment, nearer than
-    1e-12 of its length, gets nothing from that segment: the mean of the field around the wire.
+    1e-12 of its length, gets no contribution from that segment: the mean of the field around the wire.
 
     Examples
     --------
@@ -92,29 +92,29 @@ def magnetic_field(
 
 
 def vector_potential(
-    source: Source, points: npt.ArrayLike, currents: npt.ArrayLike = 1.0, progress: Progress | None = None
+    source: Source, points: npt.ArrayLike, currents: npt.ArrayLike = 1.0, *, progress: Progress | None = None
 ) -> FloatArray:
     """Magnetic vector potential A (Coulomb gauge for closed paths) of current paths in free space.
 
     Parameters
     ----------
     source, points, currents, progress
-        As in `magnetic_field`.
+        See `magnetic_field`.
 
     Returns
     -------
     ndarray, shape (..., 3)
-        In T·m.
+        Vector potential in T·m.
 
     Raises
     ------
     GeometryError, MemoryLimitError
-        As `magnetic_field`.
+        See `magnetic_field`.
 
     Notes
     -----
     The potential of a thin filament is infinite on it. A point nearer to a segment than 1e-12 of its length gets
-    nothing from that segment.
+    no contribution from that segment.
     """
     return _on_processor(add_vector_potential, _paths(source, points, currents), progress)
 
@@ -125,19 +125,19 @@ def grid_points(x: npt.ArrayLike, y: npt.ArrayLike, z: npt.ArrayLike) -> FloatAr
     Parameters
     ----------
     x, y, z : array_like, shape (nx,), (ny,), (nz,) or scalar
-        In m.
+        Coordinates along each axis in m.
 
     Returns
     -------
     ndarray, shape (nx, ny, nz, 3)
-        In m.
+        Points in m.
 
     Raises
     ------
     GeometryError
-        Axes of another shape, or that are not finite.
+        Axes of a wrong shape or not finite.
     MemoryLimitError
-        More points than `coilarray.compute.memory.allowed_memory` has room for.
+        Too many points for `coilarray.compute.memory.allowed_memory`.
     """
     axes = [np.atleast_1d(np.asarray(axis, dtype=np.float64)) for axis in (x, y, z)]
     for name, axis in zip("xyz", axes, strict=True):
@@ -150,7 +150,7 @@ def grid_points(x: npt.ArrayLike, y: npt.ArrayLike, z: npt.ArrayLike) -> FloatAr
 
 @dataclass(frozen=True, eq=False)
 class _Paths:
-    """The polylines that carry a current, as the kernels take them, and the points (n, 3), once of another shape."""
+    """The polylines that carry a current, as the kernels take them, and the points (n, 3), which had `shape`."""
 
     vertices: FloatArray
     starts: npt.NDArray[np.int64]

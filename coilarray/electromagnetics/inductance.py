@@ -37,7 +37,7 @@ def straight_filaments(p1: npt.ArrayLike, p2: npt.ArrayLike, q1: npt.ArrayLike, 
     Returns
     -------
     float
-        In H; the sign follows the directions.
+        Mutual inductance in H; its sign follows the directions.
 
     Raises
     ------
@@ -81,12 +81,12 @@ def rectangular_bars(
     size_1, size_2 : tuple of float
         Length, width and thickness in m. Without `size_2` the self-inductance of the first bar.
     offset : tuple of float
-        From the corner of the first bar to that of the second, along length, width and thickness, in m.
+        Vector from the corner of the first bar to that of the second, along length, width and thickness, in m.
 
     Returns
     -------
     float
-        In H.
+        Inductance in H.
 
     Raises
     ------
@@ -129,12 +129,12 @@ def self_inductance(source: Source) -> FloatArray:
     Returns
     -------
     ndarray, shape (paths,)
-        In H.
+        Self-inductances in H.
 
     Raises
     ------
     GeometryError
-        A thin filament: its self-inductance is infinite.
+        A thin filament, whose self-inductance is infinite.
     """
     conductors = as_conductors(source)
     each = np.arange(len(conductors))
@@ -147,21 +147,21 @@ def mutual_inductance(first: Source, second: Source, *, accuracy: Accuracy = "fu
     Parameters
     ----------
     first, second : CoilArray, Conductor, polyline or sequence of them
-        Thin filaments are allowed.
+        Current paths, also thin filaments.
     accuracy : {"full", "screen"}
-        See `Accuracy`.
+        Accuracy of the result; see `Accuracy`.
 
     Returns
     -------
     ndarray, shape (paths of first, paths of second)
-        In H.
+        Mutual inductances in H.
 
     Raises
     ------
     GeometryError
-        Two thin filaments that run over each other on one line; another accuracy.
+        Two thin filaments that overlap on one line, or an unknown accuracy.
     MemoryLimitError
-        More pairs than `coilarray.compute.memory.allowed_memory` has room for.
+        More pairs than `coilarray.compute.memory.allowed_memory` allows.
 
     Examples
     --------
@@ -176,29 +176,29 @@ def mutual_inductance(first: Source, second: Source, *, accuracy: Accuracy = "fu
     return _matrix(a + b, rows.ravel(), len(a) + columns.ravel(), accuracy)[: len(a), len(a) :]
 
 
-def inductance_matrix(source: Source, progress: Progress | None = None, *, accuracy: Accuracy = "full") -> FloatArray:
+def inductance_matrix(source: Source, *, accuracy: Accuracy = "full", progress: Progress | None = None) -> FloatArray:
     """Inductance matrix of the paths: L_ii on the diagonal, M_ij off it.
 
     Parameters
     ----------
     source : CoilArray, Conductor, polyline or sequence of them
-        Every segment needs a cross-section. The current density is uniform in it (direct current).
+        Current paths. Every segment needs a cross-section, with a uniform current density (direct current).
     progress : callable, optional
         Called with (done, total) as the work goes on.
     accuracy : {"full", "screen"}
-        See `Accuracy`.
+        Accuracy of the result; see `Accuracy`.
 
     Returns
     -------
     ndarray, shape (paths, paths)
-        In H, symmetric. Positive M means that currents in the direction of the paths link the same way.
+        Symmetric matrix in H. Positive M means that currents in the direction of the paths link the same way.
 
     Raises
     ------
     GeometryError
-        A thin filament: its self-inductance is infinite; another accuracy.
+        A thin filament, whose self-inductance is infinite, or an unknown accuracy.
     MemoryLimitError
-        More paths than `coilarray.compute.memory.allowed_memory` has room for.
+        More paths than `coilarray.compute.memory.allowed_memory` allows.
 
     Notes
     -----
@@ -230,7 +230,7 @@ def coupling_matrix(inductance: npt.ArrayLike) -> FloatArray:
     Parameters
     ----------
     inductance : array_like, shape (n, n)
-        In H, symmetric with a positive diagonal.
+        Symmetric inductance matrix in H with a positive diagonal.
 
     Returns
     -------

@@ -1,14 +1,13 @@
-"""Inductance matrices larger than memory: square blocks of paths on any pool of workers, into one file.
+"""Inductance matrices larger than memory, computed in square blocks of paths on any pool of workers into one file.
 
-Within a block pairs of equal shapes at equal offsets are computed once, as in `coilarray.inductance_matrix`; alike
-pairs of different blocks are computed again. Which of two pairs that differ by rounding stands for both, and how a sum
-is cut among threads, depends on the blocks, so entries agree with those in memory to 1e-12 of L and not to the last bit
-(tests/circuit/test_volumes.py).
+Within a block, pairs of equal shapes at equal offsets are computed once, as in `coilarray.inductance_matrix`; equal
+pairs in different blocks are computed again. The blocks decide which of two pairs that differ by rounding stands for
+both, and where sums are split among threads. Entries therefore agree with those in memory to 1e-12 of L, but not to the
+last bit (tests/circuit/test_volumes.py).
 """
 
 from __future__ import annotations
 
-import hashlib
 import itertools
 from dataclasses import dataclass
 from importlib import metadata
@@ -18,33 +17,33 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from coilarray.compute.code_version import code_version
-from coilarray.compute.large_file import LargeFile, Variable, open_large
+from coilarray.compute.large_file import LargeFile, Variable, fill_large
 from coilarray.compute.memory import require_memory
+from coilarray.compute.store import content_key
 from coilarray.compute.threads import Progress, ranges
 from coilarray.compute.workers import Pool
 from coilarray.electromagnetics.inductance import Accuracy, inductance_matrix, mutual_inductance
 from coilarray.electromagnetics.neumann import BYTES_A_PAIR
 from coilarray.electromagnetics.source import Source, as_conductors
-from coilarray.errors import GeometryError, OutputError
+from coilarray.errors import OutputError
 from coilarray.geometry import Conductor
 
 FloatArray = npt.NDArray[np.float64]
 
-_PATHS = 256  # in a block
+_PATHS = 256  # rows and columns of a block
 _VARIABLE = Variable("inductance", ("path", "other"), "H", "inductance matrix")
 
 
 @dataclass(frozen=True, eq=False)
 class MatrixBlock:
-    """Some rows and some columns of a matrix; no columns where they are the rows.
+    """The paths of some rows and some columns of a matrix.
 
     Parameters
     ----------
     rows, columns : tuple of Conductor
-        Their paths.
+        Paths of the rows and of the columns; no columns for a block on the diagonal.
     accuracy : {"full", "screen"}
-        As in `coilarray.inductance_matrix`.
+        Accuracy of the inductances; see `coilarray.inductance_matrix`.
     """
 
     rows: tuple[Conductor, ...]
@@ -65,13 +64,15 @@ def write_inductance_matrix(
     Parameters
     ----------
     path : Path
-        The file to make or replace, .nc; what is not finished stands in the folder PATH.parts and is gone on with when
-        the same matrix is written again.
-    source, accuracy
-        As in `coilarray.inductance_matrix`.
+        The .nc file to make or replace. Finished blocks are kept in the folder PATH.parts until all are done, and
+        writing the same matrix again continues from there.
+    source : CoilArray or sequence of Conductor
+        Current paths of the matrix.
     pool : Pool
-        From `coilarray.compute.workers.workers`; with ``workers(cluster="tcp://host:8786")`` the blocks are computed by
-        the workers of a Dask cluster, and written here.
+        Workers that compute the blocks, from `coilarray.compute.workers.workers`; on a Dask cluster with
+        ``workers(cluster="tcp://host:8786")``. This process writes the file.
+    accuracy : {"full", "screen"}
+        Accuracy of the inductances; see `coilarray.inductance_matrix`.
     progress : callable, optional
         Called with (done, total) as blocks are done, those of an earlier run included.
 
@@ -80,16 +81,16 @@ def write_inductance_matrix(
     GeometryError
         A thin filament: its self-inductance is infinite.
     MemoryLimitError
-        Less memory than the blocks in flight need.
+        The blocks in flight need more memory than is allowed.
     OutputError
-        Too little room on the disk, an unfinished file of another matrix, or a file that cannot be written.
+        Too little space on the disk, an unfinished file of another matrix, or a file that cannot be written.
     ClusterError
-        As `Pool.run`.
+        Lost workers; see `coilarray.compute.workers.Pool.run`.
 
     Notes
     -----
-    The file is netCDF with ``inductance`` (path, other) in H, all of the symmetric matrix, 8 bytes an entry; open it
-    with `xarray.open_dataset`, which reads what is selected.
+    The netCDF file holds ``inductance`` (path, other) in H, the whole symmetric matrix with 8 bytes an entry. Open it
+    with `xarray.open_dataset`, which reads only what is selected.
 
     Examples
     --------
@@ -119,47 +120,24 @@ def write_inductance_matrix(
     frame = xr.Dataset(
         coords={"path": numbers, "other": numbers}, attrs={"coilarray_version": metadata.version("coilarray")}
     )
-    with open_large(path, frame, [_VARIABLE], _key(conductors, accuracy), len(pairs)) as file:
-        missing = file.missing
-        done = len(pairs) - len(missing)
-        if progress is not None and done:
-            progress(done, len(pairs))
-        work = (_block(conductors, *pairs[number], accuracy) for number in missing)
-        for index, values in pool.run(matrix_block, work):
-            if isinstance(values, str):
-                raise GeometryError(values)
-            _write(file, len(conductors), *pairs[missing[index]], values)
-            file.finish(missing[index])
-            done += 1
-            if progress is not None:
-                progress(done, len(pairs))
+
+    def task(number: int) -> MatrixBlock:
+        rows, columns = pairs[number]
+        return MatrixBlock(conductors[slice(*rows)], () if rows == columns else conductors[slice(*columns)], accuracy)
+
+    def write(file: LargeFile, number: int, values: FloatArray) -> float:
+        (row, _), (column, _) = pairs[number]
+        for first, start, block in ((row, column, values), (column, row, values.T)):  # and its mirror image
+            for k, entries in enumerate(block, start=first):
+                file.write(_VARIABLE.name, k * len(conductors) + start, entries)
+        return 0.0
+
+    key = content_key("inductance matrix", accuracy, conductors)
+    fill_large(path, frame, [_VARIABLE], key, len(pairs), task, matrix_block, write, pool, progress)
 
 
 def matrix_block(block: MatrixBlock) -> FloatArray:
-    """Inductances between rows and columns in H, shape (rows, columns); this is what workers run."""
+    """Return the inductances between rows and columns in H, shape (rows, columns); workers run this function."""
     if not block.columns:
         return inductance_matrix(block.rows, accuracy=block.accuracy)
     return mutual_inductance(block.rows, block.columns, accuracy=block.accuracy)
-
-
-def _block(
-    conductors: tuple[Conductor, ...], rows: tuple[int, int], columns: tuple[int, int], accuracy: Accuracy
-) -> MatrixBlock:
-    others = () if rows == columns else conductors[slice(*columns)]
-    return MatrixBlock(conductors[slice(*rows)], others, accuracy)
-
-
-def _write(file: LargeFile, count: int, rows: tuple[int, int], columns: tuple[int, int], values: FloatArray) -> None:
-    """Write a block and its mirror image below the diagonal."""
-    for (first, _), (start, _), block in ((rows, columns, values), (columns, rows, values.T)):
-        for row, entries in enumerate(block, start=first):
-            file.write(_VARIABLE.name, row * count + start, entries)
-
-
-def _key(conductors: tuple[Conductor, ...], accuracy: Accuracy) -> str:
-    """Name of all that enters the numbers and the attributes: blocks of two versions are never mixed."""
-    digest = hashlib.sha256(repr((code_version(), accuracy)).encode())
-    for conductor in conductors:
-        for array in (conductor.vertices, conductor.widths, conductor.thicknesses):
-            digest.update(repr(array.shape).encode() + np.ascontiguousarray(array).tobytes())
-    return digest.hexdigest()[:24]

@@ -98,12 +98,12 @@ class LayeredMedium:
         Parameters
         ----------
         k : ndarray, shape (n,)
-            In 1/m.
+            Wavenumbers in 1/m.
 
         Returns
         -------
         ndarray, shape (n, planes, planes)
-            In V m²/C.
+            Green's function in V m²/C.
 
         Notes
         -----
@@ -176,16 +176,17 @@ def strip_capacitance(
     planes : sequence of int, length n
         Plane of each strip, 0 on top.
     centres, widths : array_like, shape (n,)
-        Of the strips, across them, in m.
+        Centres and widths of the strips, across them, in m.
     conductors : sequence of int, length n, optional
         Conductor 0, 1, … each strip belongs to; by default each is one of its own. Strips of one conductor share its
         potential.
     period : float
-        In m. For isolated strips without net charge many times their extent: the error falls as its square.
+        Period in m. Isolated strips without net charge need many times their extent: the error falls as its square.
     mirror : bool
         True: strips lie in 0 < x < period and are mirrored at x = 0 and at x = period, with their potentials.
     basis : int
-        Functions a strip. Three are good for strips not much wider than their distances; wider ones need more.
+        Number of basis functions per strip. Three are good for strips not much wider than their distances;
+        wider ones need more.
     cutoff : float, optional
         Largest wavenumber in 1/m; by default from the widths and the distances of the planes that carry strips.
 
@@ -263,29 +264,29 @@ def interlayer_capacitance(
     Parameters
     ----------
     width, gap : float
-        Of the traces in m.
+        Width of the traces and gap between them in m.
     height : float
         Thickness in m of the dielectric between the facing copper faces.
     epsilon_r : float
-        Of that dielectric.
+        Relative permittivity of that dielectric.
     thickness : float
-        Of the copper in m, outside the dielectric; 0 for thin strips.
+        Thickness of the copper in m, outside the dielectric; 0 for thin strips.
     epsilon_above, epsilon_below : float
         Relative permittivity of the half spaces, between the traces too.
     offset : float
         Lateral shift in m of one array against the other.
     basis : int
-        As in `strip_capacitance`.
+        Number of basis functions per strip; see `strip_capacitance`.
 
     Returns
     -------
     float
-        In F/m of one trace, all traces of a layer at one potential.
+        Capacitance of one trace in F/m, with all traces of a layer at one potential.
 
     Raises
     ------
     GeometryError
-        As `strip_capacitance`; a negative thickness, a gap that is not positive.
+        A negative thickness, a gap that is not positive, or strips that `strip_capacitance` refuses.
 
     Examples
     --------
@@ -336,18 +337,18 @@ def crossed_grid_capacitance(
     planes : sequence of int, length n
         Plane of each face.
     widths, pitches : array_like, shape (n,)
-        Of the traces of each face in m.
+        Width and pitch of the traces of each face in m.
     grids : sequence of int, length n
-        Which grid each face belongs to; the faces of one grid lie above each other.
+        Number of the grid that each face belongs to; the faces of one grid lie above each other.
     conductors : sequence of int, length n
         Conductor 0, 1, … each face belongs to.
     basis : int
-        As in `strip_capacitance`.
+        Number of basis functions per strip; see `strip_capacitance`.
 
     Returns
     -------
     ndarray, shape (conductors, conductors)
-        In F/m².
+        Maxwell matrix in F/m².
 
     Raises
     ------

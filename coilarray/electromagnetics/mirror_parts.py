@@ -1,7 +1,7 @@
 """Parts of current paths that lie in one plane, and which of them are mirror images of each other.
 
 The layers of a planar coil are such parts, and one layer is often another one turned over. Neumann's integral of two
-parts is that of their mirror images, so what lies alike but for a mirror is computed once.
+parts equals that of their mirror images, so pairs that differ only by a reflection are computed once.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 
 MOST_PARTS = 16
-"""Of one path; one with more is not cut."""
+"""Largest number of parts of one path; a path with more is not cut."""
 _MIRRORS = np.array(list(itertools.product((1.0, -1.0), repeat=3)))
 
 
@@ -31,7 +31,7 @@ class PathParts:
     tables : list of ndarray, shape (segments, 12)
         Distinct parts as rows of `coilarray.electromagnetics.kernels.paths`, each from the origin.
     flat, upright : ndarray of bool, shape (distinct,)
-        Which of them lie at one height, and which run straight up and down.
+        True for the parts that lie at one height, and for those that run straight up and down.
     first : ndarray of int, shape (paths + 1,)
         Number of the first part of each path; the last entry is the number of all parts.
     number, mirror, sign, origin : ndarray, shapes (parts,), (parts, 3), (parts,), (parts, 3)
@@ -62,7 +62,7 @@ def find_parts(tables: Sequence[FloatArray], quanta: FloatArray) -> PathParts:
     Returns
     -------
     PathParts
-        Along each path, in order.
+        Parts in their order along each path.
     """
     cut = [_cut(table, quantum) for table, quantum in zip(tables, quanta.tolist(), strict=True)]
     first = np.concatenate(([0], np.cumsum([len(parts) for parts in cut])))

@@ -55,23 +55,24 @@ def path_sums(
     Parameters
     ----------
     conductors : sequence of Conductor
-        All paths.
+        Current paths that the pairs refer to.
     first, second : ndarray of int, shape (n,)
         Numbers of the paths of each pair; equal ones for a path with itself.
     accuracy : {"full", "screen"}
-        See `Accuracy`.
+        Accuracy of the sums; see `Accuracy`.
     progress : callable, optional
         Called with (done, total) as the work goes on.
 
     Returns
     -------
     ndarray, shape (n,)
-        In m; µ0/4π times these are inductances. Infinite for thin filaments that run over each other on one line.
+        Integrals in m; µ0/4π times these are inductances. Infinite for thin filaments that overlap on one
+        line.
 
     Raises
     ------
     GeometryError
-        A thin filament with itself.
+        A thin filament paired with itself.
     """
     if not len(first):
         return np.zeros(0)

@@ -75,14 +75,14 @@ def nodes_needed(first: Boxes, second: Boxes, shifts: FloatArray) -> IntArray:
     Parameters
     ----------
     first, second : Boxes
-        n of them each.
+        n boxes each.
     shifts : ndarray, shape (n, 3)
-        By which the second is moved, in m.
+        Displacements of the second box in m.
 
     Returns
     -------
     ndarray of int, shape (n, 2)
-        Along x and y, and along z. A value above `MOST_NODES` means that the boxes are too near each other.
+        Numbers along x and y, and along z. A value above `MOST_NODES` means that the boxes are too near each other.
     """
     between = np.abs(second.centre + shifts - first.centre) - first.half - second.half
     gap = np.maximum(between, 0.0)
@@ -106,16 +106,16 @@ def equivalent_currents(segments: FloatArray, count: int, count_z: int, current:
     Parameters
     ----------
     segments : ndarray, shape (m, 2, 3)
-        Ends of each in m.
+        Ends of each segment in m.
     count, count_z : int
-        Nodes along x and y, and along z.
+        Number of nodes along x and y, and along z.
     current : float
-        In every segment, in A.
+        Current of every segment in A.
 
     Returns
     -------
     EquivalentCurrents
-        Of count² · count_z nodes. Polynomials along a segment are integrated exactly.
+        Currents of count² · count_z nodes. Polynomials along a segment are integrated exactly.
     """
     box = bounding_boxes([segments.reshape(-1, 3)])
     centre, extent = box.centre[0], box.half[0]

@@ -35,18 +35,18 @@ Accuracy = Literal["full", "screen"]
 are computed again in full: 1e-4 of L, 5e-5 in k on the bundled boards, some 1e-4 for other weakly coupled windings, and
 up to 1 % of k where windings lie on each other (tests/electromagnetics/test_inductance_screen.py)."""
 
-OWN_REACH = 160.0
-"""Widths up to which the cross-section counts within one path (test_inductance_convergence.py)."""
-MUTUAL_REACH = 120.0
-"""Widths up to which the cross-section counts between two paths (test_inductance_convergence.py)."""
+OWN_NEAR_WIDTHS = 160.0
+"""Distance in widths up to which the cross-section counts within one path (test_inductance_convergence.py)."""
+MUTUAL_NEAR_WIDTHS = 120.0
+"""Distance in widths up to which the cross-section counts between two paths (test_inductance_convergence.py)."""
 # the same for screening: leaves out 1/(12·15²) = 4e-5 of a pair, and 5e-3 of one where coils overlap
-_SCREEN_OWN_REACH, _SCREEN_MUTUAL_REACH = 15.0, 4.0
+_SCREEN_OWN_NEAR_WIDTHS, _SCREEN_MUTUAL_NEAR_WIDTHS = 15.0, 4.0
 _SAME_SIZE = 1e-12  # of the largest: sizes of bars that differ by less are equal
 _FEW, _BLOCKS_A_PAIR = 32, 8  # distinct pairs of parts up to which each is cut into blocks, whatever the cores
 _TWO_PATHS, _ONE_PATH, _ITSELF = 0, 1, 2  # a part with one of another path, with another one of its path, with itself
 
 Sums = tuple[IntArray, FloatArray]
-"""Numbers of pairs, and what is to be added to their sums."""
+"""Numbers of pairs, and the values to add to their sums."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,15 +93,15 @@ def part_blocks(
     tables : sequence of ndarray, shape (segments, 12)
         Rows of `coilarray.electromagnetics.kernels.paths`, each path from the origin.
     quanta : ndarray, shape (paths,)
-        Differences in m that do not make another path.
+        Largest differences in m between equal paths.
     first, second : ndarray of int, shape (n,)
         Numbers of the paths of each pair.
     shift : ndarray, shape (n, 3)
-        Of the second path in m; zero where a path is paired with itself.
+        Displacement of the second path in m; zero where a path is paired with itself.
     quantum : float
-        Differences in m that do not make another shift.
+        Largest difference in m between equal shifts.
     accuracy : {"full", "screen"}
-        See `Accuracy`.
+        Accuracy of the sums; see `Accuracy`.
 
     Returns
     -------
@@ -128,8 +128,8 @@ def part_blocks(
             if pairs.kind[k] == _ITSELF:
                 work = partial(_own_sum, a, start, stop, accuracy)
             else:
-                reach = _reach(int(pairs.kind[k]), accuracy)
-                work = partial(_pair_sum, a, b, pairs.mirror[k], pairs.shift[k], reach, start, stop, accuracy)
+                near_widths = _near_widths(int(pairs.kind[k]), accuracy)
+                work = partial(_pair_sum, a, b, pairs.mirror[k], pairs.shift[k], near_widths, start, stop, accuracy)
             blocks.append(partial(_weighted, pairs.of[of_class], pairs.weight[of_class], work))
     return blocks
 
@@ -174,10 +174,10 @@ def _classes(parts: PathParts, pairs: _Pairs, quantum: float) -> tuple[_Pairs, I
     return alike, example, number
 
 
-def _reach(kind: int, accuracy: Accuracy) -> float:
+def _near_widths(kind: int, accuracy: Accuracy) -> float:
     if accuracy == "full":
-        return OWN_REACH if kind == _ONE_PATH else MUTUAL_REACH
-    return _SCREEN_OWN_REACH if kind == _ONE_PATH else _SCREEN_MUTUAL_REACH
+        return OWN_NEAR_WIDTHS if kind == _ONE_PATH else MUTUAL_NEAR_WIDTHS
+    return _SCREEN_OWN_NEAR_WIDTHS if kind == _ONE_PATH else _SCREEN_MUTUAL_NEAR_WIDTHS
 
 
 def _weighted(of: IntArray, weight: FloatArray, work: Callable[[], float]) -> Sums:
@@ -190,23 +190,30 @@ def _own_sum(part: _Part, start: int, stop: int, accuracy: Accuracy) -> float:
         return np.inf  # of a thin filament
     if accuracy == "full":
         rows = np.arange(start, stop)
-        mutual = own_mutual_sum(part.table, start, stop, OWN_REACH, 0)
+        mutual = own_mutual_sum(part.table, start, stop, OWN_NEAR_WIDTHS, 0)
         return float(mutual + _bars_alone(part.table[rows], np.ones(len(rows))))
     rules = series_rules(int(part.series[:, 2].max()))
     rows, weights = series_members(part.series, *rules)
-    mutual = own_series_sum(part.table, part.series, _SCREEN_OWN_REACH, *rules)
+    mutual = own_series_sum(part.table, part.series, _SCREEN_OWN_NEAR_WIDTHS, *rules)
     return float(mutual + _bars_alone(part.table[rows], weights))
 
 
 def _pair_sum(
-    a: _Part, b: _Part, mirror: FloatArray, shift: FloatArray, reach: float, start: int, stop: int, accuracy: Accuracy
+    a: _Part,
+    b: _Part,
+    mirror: FloatArray,
+    shift: FloatArray,
+    near_widths: float,
+    start: int,
+    stop: int,
+    accuracy: Accuracy,
 ) -> float:
     """Sum of the rows start:stop of a part with another one, mirrored and moved."""
     second = b.table if (mirror > 0).all() else mirrored(b.table, mirror)
     if accuracy == "full":
-        return float(mutual_sum(a.table, second, shift, start, stop, reach, 0))
+        return float(mutual_sum(a.table, second, shift, start, stop, near_widths, 0))
     rules = series_rules(int(max(a.series[:, 2].max(), b.series[:, 2].max())))
-    return float(series_sum(a.table, second, shift, a.series, b.series, reach, *rules))
+    return float(series_sum(a.table, second, shift, a.series, b.series, near_widths, *rules))
 
 
 def _bars_alone(rows: FloatArray, weights: FloatArray) -> float:

@@ -18,14 +18,14 @@ def dc_resistance(source: Source, resistivity: float = RESISTIVITY_COPPER) -> np
     Parameters
     ----------
     source : CoilArray, Conductor, polyline or sequence of them
-        Every segment needs a conducting cross-section.
+        Current paths; every segment needs a conducting cross-section.
     resistivity : float
-        In Ω·m; copper at 20 °C by default.
+        Resistivity in Ω·m; copper at 20 °C by default.
 
     Returns
     -------
     ndarray, shape (paths,)
-        In Ω: ρ Σ length/area over the segments from vertex to vertex. Corners count by the centre line.
+        Resistances in Ω: ρ Σ length/area over the segments from vertex to vertex. Corners count by the centre line.
 
     Raises
     ------

@@ -30,7 +30,7 @@ def as_conductors(source: Source) -> tuple[Conductor, ...]:
     Raises
     ------
     GeometryError
-        Nothing at all, or an array that is no polyline.
+        No path at all, or an array that is not a polyline.
 
     Examples
     --------

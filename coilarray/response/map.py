@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -14,7 +13,7 @@ import xarray as xr
 from coilarray.circuit.coupling import design_inductance, provenance
 from coilarray.circuit.network import Network, resonances_near, resonate
 from coilarray.compute.memory import require_memory
-from coilarray.compute.netcdf import load_part, save_dataset
+from coilarray.compute.store import Store, content_key
 from coilarray.compute.threads import Progress, ranges
 from coilarray.design.model import Design, Indentation
 from coilarray.design.scan_states import ScanState
@@ -31,7 +30,6 @@ from coilarray.response.setup import contact_at, indentation_of, map_axis, requi
 FloatArray = npt.NDArray[np.float64]
 
 _POSITIONS = 1000  # in a part of a resumable map, which is of one depth
-_FORMAT = "1"  # of parts; to be raised where the numerics change
 _STEEPEST = 0.1  # slope of a sample; beyond it the wedge's own slope would count
 _MOST_VALUES = 100_000_000  # of the inductance changes: 0.8 GB
 _BYTES_A_VALUE = 24.0  # the change, the inductances that the circuit takes, and a copy on the way
@@ -186,14 +184,12 @@ def response_map(
         for start, stop in ranges(len(grid), _POSITIONS):
             on_board = places[start:stop] + setup.origin_point
             shares = [level.shares[start:stop] for level in pressed]
-            where = (
-                None if parts is None else parts / f"{_key(design, pressed, shares, on_board, permittivity, mesh)}.nc"
-            )
-            kept = None if where is None else _kept(where, (stop - start, coils))
+            key = _key(design, pressed, shares, on_board, permittivity, mesh)
+            kept = None if parts is None else Store(parts).get_dataset(key)
             if kept is None:
                 kept = _computed(design, pressed, shares, on_board, permittivity, mesh, steps)
-                if where is not None:
-                    save_dataset(kept, where)
+                if parts is not None:
+                    Store(parts).put_dataset(key, kept)
             else:
                 for _ in levels:
                     steps.next()
@@ -437,25 +433,9 @@ def _key(
     permittivity: float | None,
     mesh: LayerMesh,
 ) -> str:
-    """Name of a part by everything that enters its numbers."""
-    digest = hashlib.sha256(repr((_FORMAT, permittivity, mesh)).encode())
-    arrays = [points, *shares, *(conductor.vertices for conductor in design.array.conductors())]
-    for dent in (level.dents[0] for level in levels):
-        digest.update(repr((dent.thicknesses, dent.permeabilities, dent.symmetry)).encode())
-        arrays += [dent.radius, dent.displacement]
-    for array in arrays:
-        digest.update(repr(array.shape).encode() + np.ascontiguousarray(array).tobytes())
-    return digest.hexdigest()[:24]
-
-
-def _kept(where: Path, size: tuple[int, int]) -> xr.Dataset | None:
-    """Read a part of an earlier run; None where it is none of ours or damaged."""
-    part = load_part(where)
-    places, coils = size
-    if part is None or not {"change", "gained"} <= set(part):
-        return None
-    whole = part.change.shape == (places, coils, coils) and part.gained.shape == (places, coils)
-    return part if whole and np.isfinite(part.change.values).all() else None
+    """Return the key of a part: everything that decides its numbers."""
+    paths = [conductor.vertices for conductor in design.array.conductors()]
+    return content_key(permittivity, mesh, points, shares, [level.dents[0] for level in levels], paths)
 
 
 def _computed(

@@ -1,20 +1,23 @@
-"""Evaluate many designs: on a pool of workers, each design once, whatever was done before kept in a cache."""
+"""Evaluate many designs on a pool of workers, each design once; earlier outcomes come from the store."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
 from typing import Any
 
+from coilarray.compute.store import Store, content_key
 from coilarray.compute.threads import Progress
 from coilarray.compute.workers import Pool
 from coilarray.design.model import Design, build_design
 from coilarray.design.vary import vary_document
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import DesignError
-from coilarray.studies.cache import Outcome, PointCache, point_key
 from coilarray.studies.quantities import canonical, evaluate
 
 _SAYS_NOTHING = ("title", "source", "assumed")  # tables and values of a design that enter no quantity
+
+Outcome = dict[str, float] | str
+"""Quantities of a point by name, or one line that says why it has none."""
 
 
 def evaluate_points(
@@ -22,9 +25,9 @@ def evaluate_points(
     changes: Iterable[Mapping[str, Any]],
     quantities: Sequence[str | Mapping[str, Any]],
     pool: Pool,
-    cache: PointCache | None = None,
-    progress: Progress | None = None,
+    cache: Store | None = None,
     *,
+    progress: Progress | None = None,
     accuracy: Accuracy = "full",
 ) -> Iterator[tuple[int, Outcome]]:
     """Evaluate quantities of variations of a design.
@@ -32,39 +35,39 @@ def evaluate_points(
     Parameters
     ----------
     design : Design
-        As it is read from a file.
+        Design to vary, as its document says.
     changes : iterable of mapping
-        Of each point, as `coilarray.design.vary.vary` takes them; read as the pool has room, so that a generator may
-        decide on a point when it knows earlier outcomes.
+        Changes of each point, as for `coilarray.design.vary.vary`. They are read as the pool has room, so that a
+        generator may decide on a point when it knows earlier outcomes.
     quantities : sequence of str or mapping
-        As `coilarray.studies.quantities.evaluate` takes them.
+        Quantities to compute; see `coilarray.studies.quantities.request`.
     pool : Pool
-        From `coilarray.compute.workers.workers`.
-    cache : PointCache, optional
-        From `coilarray.studies.cache.open_cache`; nothing is kept by default.
+        Workers, from `coilarray.compute.workers.workers`.
+    cache : Store, optional
+        Where outcomes are kept, from `coilarray.compute.store.open_store`; nothing is kept by default.
     progress : callable, optional
         Called with (done, total).
     accuracy : {"full", "screen"}
-        Of the inductances: `coilarray.electromagnetics.inductance.Accuracy`.
+        Accuracy of the inductances; see `coilarray.electromagnetics.inductance.Accuracy`.
 
     Yields
     ------
     index : int
-        Of the point, from 0, in the order in which they are done.
+        Number of the point, from 0; points come in the order in which they are done.
     outcome : dict of str to float, or str
-        The quantities by their canonical names, or the one line why the point has none: a design that cannot be, or a
+        Quantities by their canonical names, or one line that says why the point has none: an impossible design, or a
         quantity that it does not have.
 
     Raises
     ------
     GoalError
-        A quantity that there is not.
+        An unknown quantity.
     ClusterError
-        As `Pool.run`.
+        Lost workers; see `coilarray.compute.workers.Pool.run`.
     OutputError
-        A cache that cannot be written.
+        A store that cannot be written.
     ValueError
-        A design that is not what its document says, as `coilarray.studies.tolerance` makes them.
+        A design that differs from its document, as `coilarray.studies.tolerance` makes them.
     """
     if build_design(design.document, design.name).digest != design.digest:
         raise ValueError(f"the design {design.name} must be as its document says.")
@@ -72,14 +75,24 @@ def evaluate_points(
     document = {key: value for key, value in design.document.items() if key not in _SAYS_NOTHING}
     items = (_item(document, change, how) for change in changes)
     total = len(changes) if isinstance(changes, Sized) else None
-    return run_cached(evaluate_point, items, pool, cache, progress, total)
+    return run_cached(evaluate_point, items, pool, cache, progress=progress, total=total)
 
 
 def evaluate_point(item: Mapping[str, Any]) -> dict[str, float]:
-    """Evaluate the quantities of a document; this is what workers run."""
+    """Evaluate the quantities of a document; workers run this function."""
     document = item["document"]
     design = build_design(document, document["name"])
     return evaluate(design, item["quantities"], accuracy=item["accuracy"])
+
+
+def _kept(entry: object) -> Outcome | None:
+    """Return the outcome in an entry of the store; None where it is no such entry."""
+    match entry:
+        case {"reason": str(reason)}:
+            return reason
+        case {"values": dict(values)} if all(isinstance(value, float) for value in values.values()):
+            return values
+    return None
 
 
 def _item(document: Mapping[str, Any], change: Mapping[str, Any], how: Mapping[str, Any]) -> dict[str, Any] | str:
@@ -94,95 +107,79 @@ def run_cached(
     function: Callable[[Mapping[str, Any]], dict[str, float]],
     items: Iterable[Mapping[str, Any] | str],
     pool: Pool,
-    cache: PointCache | None = None,
+    cache: Store | None = None,
+    *,
     progress: Progress | None = None,
     total: int | None = None,
 ) -> Iterator[tuple[int, Outcome]]:
-    """Apply a function of plain data to items, but once to items that are alike, and not to those that are known.
+    """Apply a function of plain data to items, once to equal items, and not to those whose outcome is kept.
 
     Parameters
     ----------
     function : callable
-        Defined in a module; takes an item and returns numbers by name. Its name and the item are the key of the cache.
+        Function of an item that returns numbers by name, defined in a module. Its name and the item are the key in the
+        store.
     items : iterable of mapping or str
-        Plain tables, lists, texts and numbers; a text in place of an item is its outcome. Read as the pool has room.
+        Inputs made of plain tables, lists, texts and numbers; a text in place of an item is its outcome. They are read
+        as the pool has room.
     pool, cache, progress
-        As in `evaluate_points`.
+        See `evaluate_points`.
     total : int, optional
         Number of items, for `progress`; by default as many as were read.
 
     Yields
     ------
     index : int
-        Of the item, from 0, in the order in which they are done.
+        Number of the item, from 0; items come in the order in which they are done.
     outcome : dict of str to float, or str
-        What the function returned, or the line of its CoilarrayError.
+        Result of the function, or the line of its CoilarrayError.
     """
-    run = _Run(function, pool, cache, progress, total)
-    todo = enumerate(items)
+    name = f"{function.__module__}.{function.__qualname__}"
+    keys: dict[int, str] = {}  # of the tasks in flight, by index
+    waiting: dict[str, list[int]] = {}  # indices of equal items, by key
+    read = done = 0
+
+    def count() -> None:
+        nonlocal done
+        done += 1
+        if progress is not None:
+            progress(done, total or read)
+
+    def collect() -> Iterator[tuple[int, Outcome]]:
+        """Wait for one outcome, keep it, and give it to all equal items."""
+        first, outcome = pool.collect()
+        key = keys.pop(first)
+        if cache is not None:
+            cache.put(key, {"reason" if isinstance(outcome, str) else "values": outcome})
+        for index in waiting.pop(key):
+            count()
+            yield index, outcome
+
+    todo = iter(items)
     try:
         while True:
             while pool.full:
-                yield from run.collect()
-            following = next(todo, None)
-            if following is None:
+                yield from collect()
+            item = next(todo, None)
+            if item is None:
                 break
-            known = run.submit(*following)
-            if known is not None:
-                yield following[0], known
+            index, read = read, read + 1
+            known: Outcome | None = None
+            if isinstance(item, str):
+                known = item
+            else:
+                key = content_key(name, item)
+                if key in waiting:
+                    waiting[key].append(index)
+                    continue
+                known = None if cache is None else _kept(cache.get(key))
+                if known is None:
+                    keys[index], waiting[key] = key, [index]
+                    pool.submit(index, function, item)
+                    continue
+            count()
+            yield index, known
         while pool.in_flight:
-            yield from run.collect()
+            yield from collect()
     finally:
         pool.drop()
-
-
-class _Run:
-    """The bookkeeping of `run_cached`: what is in flight, and for which items."""
-
-    def __init__(
-        self,
-        function: Callable[[Mapping[str, Any]], dict[str, float]],
-        pool: Pool,
-        cache: PointCache | None,
-        progress: Progress | None,
-        total: int | None,
-    ) -> None:
-        self._function, self._pool, self._cache = function, pool, cache
-        self._progress, self._total = progress, total
-        self._name = f"{function.__module__}.{function.__qualname__}"
-        self._read = self._done = 0
-        self._keys: dict[int, str] = {}  # of what is in flight, by index
-        self._waiting: dict[str, list[int]] = {}  # indices of equal items, by key
-
-    def submit(self, index: int, item: Mapping[str, Any] | str) -> Outcome | None:
-        """Return the outcome of an item where it is known; else see to it that it will be."""
-        self._read += 1
-        if isinstance(item, str):
-            self._tell()
-            return item
-        key = point_key(self._name, item)
-        if key in self._waiting:
-            self._waiting[key].append(index)
-            return None
-        known = None if self._cache is None else self._cache.get(key)
-        if known is not None:
-            self._tell()
-            return known
-        self._keys[index], self._waiting[key] = key, [index]
-        self._pool.submit(index, self._function, item)
-        return None
-
-    def collect(self) -> Iterator[tuple[int, Outcome]]:
-        """Wait for one outcome, keep it, and give it to all equal items."""
-        first, outcome = self._pool.collect()
-        key = self._keys.pop(first)
-        if self._cache is not None:
-            self._cache.put(key, outcome)
-        for index in self._waiting.pop(key):
-            self._tell()
-            yield index, outcome
-
-    def _tell(self) -> None:
-        self._done += 1
-        if self._progress is not None:
-            self._progress(self._done, self._total or self._read)

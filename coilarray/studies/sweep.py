@@ -15,20 +15,20 @@ import numpy as np
 import xarray as xr
 
 from coilarray.circuit.coupling import provenance
+from coilarray.compute.store import Store
 from coilarray.compute.threads import Progress
 from coilarray.compute.workers import Pool
 from coilarray.design.model import Design
 from coilarray.design.vary import vary
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import DesignError, GoalError
-from coilarray.studies.cache import PointCache
 from coilarray.studies.evaluate import evaluate_points
 from coilarray.studies.quantities import Request, request
 
 MOST_POINTS = 100_000
 """Points of a sweep."""
-_LOOKED_AT = 200  # most points that are built before work begins, at 10 ms each
-_DIGITS = 12  # of the values of a range: steps of 0.1 shall have short names
+_LOOKED_AT = 200  # largest number of points that are built before the work begins, at 10 ms each
+_DIGITS = 12  # of the values of a range, so that steps of 0.1 have short names
 _RANGE = re.compile(r"([^:,\[\"']+):([^:,\[\"']+)(?::([^:,\[\"']+))?")
 _UNITS = {
     "mm": "mm", "um": "µm", "deg": "deg", "pF": "pF", "nH": "nH", "MHz": "MHz", "kPa": "kPa", "ohm": "ohm",
@@ -38,21 +38,21 @@ _UNITS = {
 
 @dataclass(frozen=True)
 class Axis:
-    """An entry of a design, and what it takes in a sweep.
+    """An entry of a design and its values in a sweep.
 
     Parameters
     ----------
     key : str
-        As in `coilarray.design.vary.vary`.
+        Dotted key of the entry, as for `coilarray.design.vary.vary`.
     values : tuple
-        Different from each other; of an interval its two ends.
+        Distinct values; the two ends of an interval.
     interval : bool
-        Samples lie anywhere between the two values, on whole numbers for an entry that takes no others.
+        True where samples lie anywhere between the two values, on whole numbers for an entry that takes no others.
 
     Raises
     ------
     GoalError
-        No value, one that is there twice or is not finite, or an interval that does not rise.
+        No value, a value given twice or not finite, or an interval that does not rise.
     """
 
     key: str
@@ -103,7 +103,7 @@ class Axis:
 
 
 def parse_axis(text: str) -> Axis:
-    """Read an axis as the command line has it.
+    """Read an axis from the text of the command line.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ def parse_axis(text: str) -> Axis:
     Raises
     ------
     GoalError
-        Anything else.
+        A text of another form.
 
     Examples
     --------
@@ -153,17 +153,17 @@ class Sweep:
     Parameters
     ----------
     design : Design
-        To be varied.
+        Design to vary.
     axes : tuple of Axis
-        Its entries.
+        Entries to vary.
     points : tuple of mapping
-        The changes of every point; of a grid with the last axis fastest.
+        Changes of every point; in a grid the last axis varies fastest.
     requests : tuple of Request
-        The quantities, each once.
+        Quantities to compute, each once.
     sampling : str
-        How the points were chosen, "grid" for all.
+        Description of how the points were chosen; "grid" for all combinations.
     accuracy : {"full", "screen"}
-        Of the inductances: `coilarray.electromagnetics.inductance.Accuracy`.
+        Accuracy of the inductances; see `coilarray.electromagnetics.inductance.Accuracy`.
     """
 
     design: Design
@@ -192,23 +192,24 @@ def plan_sweep(
     seed: int = 0,
     accuracy: Accuracy = "full",
 ) -> Sweep:
-    """Choose the points of a sweep and refuse before the work what would only show after it.
+    """Choose the points of a sweep, and refuse mistakes before the work begins.
 
     Parameters
     ----------
     design : Design
-        As it is read from a file.
+        Design to vary.
     axes : sequence of Axis
         Entries to vary.
     quantities : sequence of str or mapping
-        As `coilarray.studies.quantities.request` reads them.
+        Quantities to compute; see `coilarray.studies.quantities.request`.
     samples : int, optional
-        How many points cover the axes evenly, by a scrambled Sobol sequence; all combinations by default. More samples
-        begin with the same ones, so that a sweep can be refined.
+        Number of points that cover the axes evenly, from a scrambled Sobol sequence; all combinations by default. A
+        larger number begins with the same points, so that a sweep can be refined.
     seed : int
-        Of the scrambling.
+        Seed of the scrambling.
     accuracy : {"full", "screen"}
-        Of the inductances. ``screen`` is some ten times as fast; see `coilarray.electromagnetics.inductance.Accuracy`.
+        Accuracy of the inductances; ``screen`` is some ten times as fast. See
+        `coilarray.electromagnetics.inductance.Accuracy`.
 
     Returns
     -------
@@ -217,9 +218,9 @@ def plan_sweep(
     Raises
     ------
     GoalError
-        No axis or no quantity; an entry twice; an interval without samples; more than `MOST_POINTS`; a quantity that
-        there is not, or of a coil that no design of the sweep has; or no design at all: none of up to 200 points spread
-        over the sweep gives one, because of an unknown entry for example.
+        No axis or no quantity, an entry given twice, an interval without samples, more than `MOST_POINTS` points, an
+        unknown quantity, one of a coil that no design of the sweep has, or no valid design among up to 200 points
+        spread over the sweep, for example because of an unknown entry.
     """
     keys = [axis.key for axis in axes]
     if not keys:
@@ -238,19 +239,17 @@ def plan_sweep(
     return Sweep(design, tuple(axes), tuple(points), tuple(requests.values()), sampling, accuracy)
 
 
-def run_sweep(
-    sweep: Sweep, pool: Pool, cache: PointCache | None = None, progress: Progress | None = None
-) -> xr.Dataset:
+def run_sweep(sweep: Sweep, pool: Pool, cache: Store | None = None, *, progress: Progress | None = None) -> xr.Dataset:
     """Evaluate all points of a sweep.
 
     Parameters
     ----------
     sweep : Sweep
-        From `plan_sweep`.
+        Sweep made by `plan_sweep`.
     pool : Pool
-        From `coilarray.compute.workers.workers`.
-    cache : PointCache, optional
-        Where outcomes are kept and found again, so that an interrupted sweep goes on; none by default.
+        Workers, from `coilarray.compute.workers.workers`.
+    cache : Store, optional
+        Store that keeps the outcomes, so that an interrupted sweep can be continued; none by default.
     progress : callable, optional
         Called with (done, total).
 
@@ -266,7 +265,7 @@ def run_sweep(
     Raises
     ------
     ClusterError, OutputError
-        As `coilarray.studies.evaluate.evaluate_points`.
+        See `coilarray.studies.evaluate.evaluate_points`.
 
     Examples
     --------
@@ -282,7 +281,7 @@ def run_sweep(
     reasons = np.full(len(sweep.points), "", dtype=object)
     keys = [one.key for one in sweep.requests]
     for index, outcome in evaluate_points(
-        sweep.design, sweep.points, keys, pool, cache, progress, accuracy=sweep.accuracy
+        sweep.design, sweep.points, keys, pool, cache, progress=progress, accuracy=sweep.accuracy
     ):
         if isinstance(outcome, str):
             reasons[index] = outcome

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from coilarray.compute.store import open_store
 from coilarray.compute.threads import Progress
 from coilarray.design.model import Design
 from coilarray.errors import HardwareError
@@ -15,7 +16,6 @@ from coilarray.hardware.emulator.sensor_world import COPPER, SensorWorld
 from coilarray.hardware.emulator.virtual_clock import VirtualClock
 from coilarray.hardware.emulator.world import FixedCoils
 from coilarray.hardware.scan.board_network import board_network
-from coilarray.hardware.scan.kept_parts import keep_folder
 from coilarray.hardware.wire.buses import Clock
 
 
@@ -61,7 +61,7 @@ def emulated_board(
     strict : bool
         Whether undocumented use of the converter raises UndocumentedUse; noted in any case.
     folder : Path, optional
-        Where circuit and response table are kept, as `keep_folder` says.
+        Where circuit and response table are kept, as `coilarray.compute.store.open_store` says.
     progress : callable, optional
         Called with (done, total) while a response table is computed: when the indenter is pressed for the first time,
         where none is kept.
@@ -82,10 +82,10 @@ def emulated_board(
         raise HardwareError(
             f"the wiring has the coil {missing[0]!r}, the design {design.name} only {', '.join(design.array.names)}."
         )
-    where = keep_folder(folder)
+    store = open_store(folder)
     world = SensorWorld(
-        board_network(design, where),
-        lambda: response_table(design, where, progress=progress),
+        board_network(design, store),
+        lambda: response_table(design, store, progress=progress),
         strays=strays,
         copper=copper,
         capacitor=capacitor,

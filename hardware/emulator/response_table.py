@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 from scipy.interpolate import CubicSpline, NdBSpline, make_interp_spline
 
+from coilarray.compute.store import Store
 from coilarray.compute.threads import Progress
 from coilarray.design.model import Design, Indentation
 from coilarray.elastomer.contact import indent
@@ -23,7 +23,6 @@ from coilarray.elastomer.dent import dent_of
 from coilarray.elastomer.dented_layer import dent_inductance
 from coilarray.errors import HardwareError
 from coilarray.hardware.emulator.indenter import Place
-from coilarray.hardware.scan.kept_parts import kept
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -119,7 +118,7 @@ def table_axes(design: Design, spacing: float = SPACING) -> tuple[FloatArray, Fl
 
 def response_table(
     design: Design,
-    folder: Path,
+    store: Store,
     axes: tuple[FloatArray, FloatArray, FloatArray] | None = None,
     progress: Progress | None = None,
 ) -> ResponseTable:
@@ -129,8 +128,8 @@ def response_table(
     ----------
     design : Design
         With the tables ``[indenter]`` and ``[indentation]``.
-    folder : Path
-        Where it is kept.
+    store : Store
+        Store of the table.
     axes : tuple of ndarray, optional
         depth, y and x in m, at least 4 positions of each of the last two; those of `table_axes` by default.
     progress : callable, optional
@@ -147,8 +146,8 @@ def response_table(
     depth, y, x = table_axes(design) if axes is None else axes
     if min(len(y), len(x)) < _LEAST_POSITIONS or len(depth) < _LEAST_POSITIONS - 1:
         raise HardwareError("a table of the response needs 4 positions along x and y and 3 depths.")
-    what = repr([axis.tolist() for axis in (depth, y, x)])
-    table = kept(folder, "response", design, what, lambda: _computed(design, setup, depth, y, x, progress))
+    parts = ("response table", design.digest, depth, y, x)
+    table = store.dataset(parts, lambda: _computed(design, setup, depth, y, x, progress))
     return ResponseTable(x, y, depth, table.inductance_change.values)
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import sqlite3
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -18,6 +17,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import TypeVar
 
+from coilarray.compute.store import locked_database
 from coilarray.design.model import Design
 from coilarray.errors import HardwareError, OutputError
 from coilarray.hardware.record.recording import GridPlace, RecordedSession, Recording
@@ -372,22 +372,12 @@ def _writing(path: Path) -> Iterator[None]:
 
 @contextmanager
 def _alone(path: Path) -> Iterator[None]:
-    """Hold a lock beside the recording: SQLite's, which ends with the process on every system."""
+    """Hold a lock beside the recording."""
     lock = Path(f"{path}.lock")
-    try:
-        connection = sqlite3.connect(lock, timeout=0, isolation_level=None)
-    except (sqlite3.Error, OSError, ValueError) as error:
-        raise OutputError(f"cannot write {path}: {error}.") from None
-    with closing(connection):
-        try:
-            connection.execute("BEGIN EXCLUSIVE")
-        except sqlite3.Error as error:
-            if "locked" not in str(error):
-                raise OutputError(f"cannot write {lock}: {error}.") from None
-            raise OutputError(f"another program is recording into {path}; name another file.") from None
+    with locked_database(lock, f"another program is recording into {path}; name another file.") as held:
         try:
             yield
         finally:
-            connection.close()
+            held.close()
             with suppress(OSError):
-                os.unlink(lock)
+                lock.unlink()

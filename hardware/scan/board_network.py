@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import xarray as xr
 
 from coilarray.circuit.impedance import design_network, interpolated_resistance, resistance_near
 from coilarray.circuit.network import Network, resonate
+from coilarray.compute.store import Store
 from coilarray.design.model import Design
-from coilarray.hardware.scan.kept_parts import kept
 
 
-def board_network(design: Design, folder: Path) -> Network:
+def board_network(design: Design, store: Store) -> Network:
     """Return the network of `coilarray.circuit.impedance.scan_design`: alternating-current resistances and all strays.
 
     Parameters
     ----------
     design : Design
         Of the board.
-    folder : Path
-        Where the parts are kept: 4 s of work for the six coils of gast2020.
+    store : Store
+        Store of the parts: 4 s of work for the six coils of gast2020.
 
     Raises
     ------
@@ -29,7 +27,7 @@ def board_network(design: Design, folder: Path) -> Network:
     GeometryError
         As `coilarray.circuit.impedance.design_network`.
     """
-    parts = kept(folder, "circuit", design, "", lambda: _circuit(design))
+    parts = store.dataset(["circuit", design.digest], lambda: _circuit(design))
     return Network(
         design.array.names,
         parts.inductance.values,

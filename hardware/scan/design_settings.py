@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from coilarray.circuit.network import loaded_quality, resonate
+from coilarray.compute.store import open_store
 from coilarray.design.model import Design
 from coilarray.design.scan_states import ScanState
 from coilarray.errors import HardwareError
 from coilarray.hardware.chips.ldc1614_limits import drive_for
 from coilarray.hardware.chips.ldc1614_timing import BUS_RATE, INTERNAL_CLOCK
 from coilarray.hardware.scan.board_network import board_network
-from coilarray.hardware.scan.kept_parts import keep_folder
 from coilarray.hardware.scan.settings import ScanSettings, scan_settings
 from coilarray.hardware.scan.wiring import Wiring
 
@@ -102,7 +102,7 @@ def design_settings(
     if external_clock and clock is None:
         raise HardwareError("an external clock needs its frequency.")
     plan = design_plan(design, states)
-    network = board_network(design, keep_folder())
+    network = board_network(design, open_store())
     results = [resonate(network, state) for state in plan]
     highest = max(result.frequency for result in results)
     # the settling rule counts periods of the sensor: the slowest one decides

@@ -9,7 +9,7 @@ from coilarray import load_design, rectangular_bars
 from coilarray.constants import MU_0
 from coilarray.electromagnetics.kernels.paths import RULE_SIZE, bar_pair, mutual_sum, own_mutual_sum
 from coilarray.electromagnetics.neumann import segment_table
-from coilarray.electromagnetics.neumann_near import MUTUAL_REACH, OWN_REACH
+from coilarray.electromagnetics.neumann_near import MUTUAL_NEAR_WIDTHS, OWN_NEAR_WIDTHS
 from coilarray.geometry import Conductor, Spiral
 
 # W/G 0.1 mm and 0.15 mm, one and two layers, straight sides and arcs
@@ -31,10 +31,10 @@ def _table(spiral, layers):
 
 @pytest.mark.parametrize("name", SPIRALS)
 @pytest.mark.parametrize("layers", [(0.0,), (0.0, -0.25e-3)], ids=["one layer", "two layers"])
-def test_own_nodes_and_reach(name, layers):
+def test_own_nodes_and_near_widths(name, layers):
     table = _table(SPIRALS[name], layers)
     n = len(table)
-    default = own_mutual_sum(table, 0, n, OWN_REACH, 0)
+    default = own_mutual_sum(table, 0, n, OWN_NEAR_WIDTHS, 0)
     # more nodes in every rule, and the cross-section everywhere: measured at most 7e-7, worst for the many touching
     # corners of the circle and for the narrow gaps of the tight spiral
     assert default == pytest.approx(own_mutual_sum(table, 0, n, 1e9, 4), rel=1e-6)
@@ -48,22 +48,22 @@ def test_pair_converges_geometrically(gap):
     row = segment_table(Conductor([[0, 0, 0], [length, 0, 0]], width, thickness))[0]
     exact = rectangular_bars((length, width, thickness), (length, width, thickness), (0, pitch, 0)) * 4 * np.pi / MU_0
     shift, rule = np.array([0, pitch, 0]), np.empty((RULE_SIZE, 4))
-    errors = [abs(bar_pair(row, row, shift, OWN_REACH, extra, rule) / exact - 1) for extra in range(3)]
+    errors = [abs(bar_pair(row, row, shift, OWN_NEAR_WIDTHS, extra, rule) / exact - 1) for extra in range(3)]
     # one node more in each rule takes at least nine tenths, down to rounding
     assert errors[0] < 1e-7
     assert errors[1] < errors[0] / 10
     assert errors[2] < max(errors[1] / 5, 1e-12)
 
 
-def test_mutual_nodes_and_reach():
+def test_mutual_nodes_and_near_widths():
     paths = load_design("gast2020").array.conductors()
     tables = [segment_table(path) for path in paths[:3]]
-    own = own_mutual_sum(tables[0], 0, len(tables[0]), OWN_REACH, 0)
+    own = own_mutual_sum(tables[0], 0, len(tables[0]), OWN_NEAR_WIDTHS, 0)
     for b in (1, 2):
         shift = paths[b].vertices[0] - paths[0].vertices[0]
         n = len(tables[0])
-        default = mutual_sum(tables[0], tables[b], shift, 0, n, MUTUAL_REACH, 0)
-        finer = mutual_sum(tables[0], tables[b], shift, 0, n, MUTUAL_REACH, 3)
+        default = mutual_sum(tables[0], tables[b], shift, 0, n, MUTUAL_NEAR_WIDTHS, 0)
+        finer = mutual_sum(tables[0], tables[b], shift, 0, n, MUTUAL_NEAR_WIDTHS, 3)
         further = mutual_sum(tables[0], tables[b], shift, 0, n, 400.0, 0)
         # in terms of k, since M is a small difference of large parts: measured 5e-7
         assert abs(finer - default) / own < 1e-6
@@ -76,8 +76,8 @@ def test_small_coils_on_and_beside_each_other(turns, shift):
     # 107 widths across: with 40 widths for the cross-section 6e-6 were left out of coils on each other
     table = _table(Spiral(6, 8e-3, turns, 0.15e-3, 0.15e-3), (0.0,))
     n = len(table)
-    own = own_mutual_sum(table, 0, n, OWN_REACH, 0)
-    default = mutual_sum(table, table, np.array(shift), 0, n, MUTUAL_REACH, 0)
+    own = own_mutual_sum(table, 0, n, OWN_NEAR_WIDTHS, 0)
+    default = mutual_sum(table, table, np.array(shift), 0, n, MUTUAL_NEAR_WIDTHS, 0)
     exact = mutual_sum(table, table, np.array(shift), 0, n, 1e9, 4)
     # measured at most 3e-7
     assert abs(default - exact) / own < 1e-6

@@ -11,7 +11,7 @@ from coilarray import Conductor, inductance_matrix, load_design, mutual_inductan
 from coilarray.electromagnetics.kernels.paths import mutual_sum
 from coilarray.electromagnetics.neumann import segment_table
 from coilarray.electromagnetics.neumann_far import MOST_NODES, bounding_boxes, equivalent_currents, nodes_needed
-from coilarray.electromagnetics.neumann_near import MUTUAL_REACH
+from coilarray.electromagnetics.neumann_near import MUTUAL_NEAR_WIDTHS
 from coilarray.geometry import Spiral
 
 WINDING = load_design("gast2020").array.conductors()[0]
@@ -131,8 +131,8 @@ def test_matrix_of_a_lattice():
     for i, j in rng.integers(0, len(coils), (12, 2)).tolist():
         if i != j:
             # 3e-8 for what is far, 1e-9 for what is near: the two ways round differ by the rules along segments
-            reach = MUTUAL_REACH if needed(coils[i], coils[j]).max() > MOST_NODES else 0.0
-            assert M[i, j] == pytest.approx(by_segments(coils[i], coils[j], reach), abs=3e-8 * L)
+            near_widths = MUTUAL_NEAR_WIDTHS if needed(coils[i], coils[j]).max() > MOST_NODES else 0.0
+            assert M[i, j] == pytest.approx(by_segments(coils[i], coils[j], near_widths), abs=3e-8 * L)
 
 
 def test_turned_copies():

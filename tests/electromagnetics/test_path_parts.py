@@ -14,7 +14,7 @@ from coilarray.design.vary import vary
 from coilarray.electromagnetics.kernels.paths import mutual_sum, own_mutual_sum
 from coilarray.electromagnetics.mirror_parts import MOST_PARTS, find_parts, mirrored
 from coilarray.electromagnetics.neumann import segment_table
-from coilarray.electromagnetics.neumann_near import MUTUAL_REACH, OWN_REACH
+from coilarray.electromagnetics.neumann_near import MUTUAL_NEAR_WIDTHS, OWN_NEAR_WIDTHS
 
 QUANTUM = 1e-13
 COIL = load_design("starter").array.conductors()[0]
@@ -36,7 +36,7 @@ def image(conductor, mirror, turned=False, shift=(0.0, 0.0, 0.0)):
 def whole(first, second):
     """The sum over two whole paths in H."""
     a, b = segment_table(first), segment_table(second)
-    return 1e-7 * mutual_sum(a, b, second.vertices[0] - first.vertices[0], 0, len(a), MUTUAL_REACH, 0)
+    return 1e-7 * mutual_sum(a, b, second.vertices[0] - first.vertices[0], 0, len(a), MUTUAL_NEAR_WIDTHS, 0)
 
 
 @settings(max_examples=30)
@@ -101,7 +101,7 @@ def test_sums_by_parts_are_those_of_whole_paths(mirror, turned, aside, up):
     other = image(COIL, mirror, turned, (*aside, up))
     heights = [np.unique(path.vertices[:, 2]) for path in (COIL, other)]
     assume(np.abs(np.subtract.outer(*heights)).min() > 0.1e-3)  # not into each other's copper
-    own = 1e-7 * own_mutual_sum(segment_table(COIL), 0, len(COIL.lengths), OWN_REACH, 0)
+    own = 1e-7 * own_mutual_sum(segment_table(COIL), 0, len(COIL.lengths), OWN_NEAR_WIDTHS, 0)
     # of a pair of nearly parallel bars the lateral direction is the first one's, and which that is depends on the parts
     # that stand for them: measured up to 3e-8 of L
     with pytest.MonkeyPatch.context() as patch:

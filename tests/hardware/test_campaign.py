@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from support.recorded_boards import QuickWorld, configured, dent, quick_board, session_of, two_coil_wiring, two_coils
 
 from coilarray import load_design
+from coilarray.compute.store import open_store
 from coilarray.errors import HardwareError, OutputError
 from coilarray.hardware.board.connect import open_board
 from coilarray.hardware.emulator import Drift
@@ -268,7 +269,7 @@ def test_simulated_response_of_the_design(tmp_path, monkeypatch):
         stage = EmulatedStage(board.emulator)
         run_campaign(campaign, board.reader, stage, recorder, board.emulator.clock)
     measured = response_of(path)
-    network = board_network(DESIGN, tmp_path / "cache" / "emulator")
+    network = board_network(DESIGN, open_store(tmp_path / "cache"))
     computed = response_map(DESIGN, depths=campaign.depths, x=campaign.x, y=campaign.y, network=network)
     for name in ("depth", "y", "x", "state", "coil"):
         assert measured[name].values.tolist() == computed[name].values.tolist()
@@ -518,10 +519,9 @@ def kept(tmp_path_factory):
 def test_settings_fit_the_coils(kept):
     from coilarray.circuit.network import loaded_quality, resonate
     from coilarray.hardware.chips.ldc1614_limits import drive_for
-    from coilarray.hardware.scan.kept_parts import keep_folder
 
     settings = design_settings(DESIGN, two_coil_wiring())
-    network = board_network(DESIGN, keep_folder())
+    network = board_network(DESIGN, open_store())
     for state, plan in zip(settings.states, DESIGN.circuit.plan, strict=True):
         result = resonate(network, plan)
         assert state.drive == drive_for(result.parallel_resistance).code

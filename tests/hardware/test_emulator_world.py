@@ -12,12 +12,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import xarray as xr
 from support.broken_drivers import RightDriver
 
 from coilarray import load_design
 from coilarray.circuit.impedance import design_network, scan_states
 from coilarray.circuit.network import Network
+from coilarray.compute.store import Store
 from coilarray.design.bundled import read
 from coilarray.design.model import parse_design
 from coilarray.design.scan_states import ScanState, Switches, paper_plan
@@ -35,7 +35,6 @@ from coilarray.hardware.emulator.indenter import LIFTED, Indenter, Place
 from coilarray.hardware.emulator.response_table import ResponseTable, response_table, table_axes
 from coilarray.hardware.emulator.sensor_world import SensorWorld
 from coilarray.hardware.scan.board_network import board_network
-from coilarray.hardware.scan.kept_parts import keep_folder, kept
 from coilarray.hardware.scan.wiring import load_wiring
 from coilarray.response.map import response_map
 
@@ -62,12 +61,12 @@ def prepared():
 def network(folder, prepared):
     with pytest.MonkeyPatch.context() as patch:  # not twice
         patch.setattr("coilarray.hardware.scan.board_network.design_network", lambda design: prepared)
-        return board_network(PAPER, folder)
+        return board_network(PAPER, Store(folder))
 
 
 @pytest.fixture(scope="module")
 def table(folder):
-    return response_table(PAPER, folder, (DEPTH, Y, X))
+    return response_table(PAPER, Store(folder), (DEPTH, Y, X))
 
 
 @pytest.fixture(scope="module")
@@ -155,7 +154,7 @@ def test_a_pressed_board_reads_what_the_response_map_says(make, network, folder)
     expected = response_map(PAPER, depths=depth, x=x, y=y, **known)
     board = make()
     untouched = frequencies(board)
-    board.world = SensorWorld(network, lambda: response_table(PAPER, folder, (depth, y, x)))
+    board.world = SensorWorld(network, lambda: response_table(PAPER, Store(folder), (depth, y, x)))
     for h, j, i in ((1, 1, 2), (2, 3, 0)):
         board.indenter.press(x[i], y[j], depth[h])
         delta = (untouched / frequencies(board)) ** 2 - 1
@@ -395,41 +394,13 @@ def test_circuit_and_table_are_computed_once(folder, table, network, monkeypatch
 
     monkeypatch.setattr("coilarray.hardware.scan.board_network._circuit", never)
     monkeypatch.setattr("coilarray.hardware.emulator.response_table._computed", never)
-    again = board_network(PAPER, folder)
+    again = board_network(PAPER, Store(folder))
     assert np.array_equal(again.inductance, network.inductance)
     assert np.array_equal(again.resistance(1.77e6), network.resistance(1.77e6))
-    assert np.array_equal(response_table(PAPER, folder, (DEPTH, Y, X)).change, table.change)
+    assert np.array_equal(response_table(PAPER, Store(folder), (DEPTH, Y, X)).change, table.change)
     for other, axes in ((replace(PAPER, digest="other"), (DEPTH, Y, X)), (PAPER, (DEPTH, Y, X + 1e-4))):
         with pytest.raises(AssertionError):
-            response_table(other, folder, axes)
-
-
-def test_a_damaged_or_outdated_part_is_computed_again(tmp_path, monkeypatch):
-    made = []
-
-    def compute():
-        made.append(xr.Dataset({"a": ("n", [1.0, 2.0])}))
-        return made[-1]
-
-    kept(tmp_path, "thing", PAPER, "", compute)
-    (path,) = tmp_path.iterdir()
-    for damage in (b"", path.read_bytes()[:200], b"not netCDF"):
-        path.write_bytes(damage)
-        assert kept(tmp_path, "thing", PAPER, "", compute).a.values.tolist() == [1.0, 2.0]
-    assert len(made) == 4
-    kept(tmp_path, "thing", PAPER, "", compute)
-    assert len(made) == 4
-    monkeypatch.setattr("coilarray.hardware.scan.kept_parts.code_version", lambda: "0.2")
-    kept(tmp_path, "thing", PAPER, "", compute)
-    assert len(made) == 5
-    assert list(tmp_path.iterdir()) == [path]  # nothing old is left behind
-
-
-def test_where_it_is_kept(tmp_path, monkeypatch):
-    monkeypatch.setenv("COILARRAY_CACHE", str(tmp_path / "there"))
-    assert keep_folder() == tmp_path / "there" / "emulator"
-    assert keep_folder(tmp_path / "here") == tmp_path / "here"
-    assert (tmp_path / "here").is_dir()
+            response_table(other, Store(folder), axes)
 
 
 def test_a_board_needs_the_coils_of_its_wiring_and_something_to_press_with(folder):
@@ -439,7 +410,7 @@ def test_a_board_needs_the_coils_of_its_wiring_and_something_to_press_with(folde
     with pytest.raises(HardwareError, match=r"has no \[indenter\] and \[indentation\]"):
         table_axes(untouchable)
     with pytest.raises(HardwareError, match="4 positions along x and y"):
-        response_table(PAPER, folder, (DEPTH, Y[:3], X))
+        response_table(PAPER, Store(folder), (DEPTH, Y[:3], X))
 
 
 def test_a_whole_board_from_a_design(folder, monkeypatch):

@@ -614,4 +614,4 @@ def look_as_somebody_else(folder, ours, session, *, killed):
     folder.chmod(0o755)
     read, wrote = done.stdout.splitlines()
     assert read == (f"cannot read {path}: unable to open database file." if killed else "1 scans")
-    assert wrote == f"cannot write {folder / 'new.sqlite'}: unable to open database file."
+    assert wrote == f"cannot write {folder / 'new.sqlite.lock'}: unable to open database file."

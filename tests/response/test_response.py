@@ -170,14 +170,14 @@ def test_noise_has_its_size_and_its_seed(plain):
 def test_parts_are_used_again(tmp_path, monkeypatch):
     monkeypatch.setattr(response_module, "_POSITIONS", 2)
     first = nominal(parts=tmp_path)
-    assert len(list(tmp_path.glob("*.nc"))) == 2
+    assert len(list(tmp_path.rglob("*.nc"))) == 2
     monkeypatch.setattr(response_module, "dent_inductance", None)  # not needed any more
     assert (nominal(parts=tmp_path).delta.values == first.delta.values).all()
 
 
 def test_damaged_parts_are_computed_again(tmp_path):
     first = nominal(parts=tmp_path)
-    (part,) = tmp_path.glob("*.nc")
+    (part,) = tmp_path.rglob("*.nc")
     part.write_bytes(part.read_bytes()[:100])
     assert (nominal(parts=tmp_path).delta.values == first.delta.values).all()
 

@@ -21,7 +21,7 @@ from coilarray.errors import GoalError
 from coilarray.studies.optimize import goals
 from coilarray.studies.optimize.goal import Goal, load_goal, parse_goal
 from coilarray.studies.optimize.space import Axis, axes_of, changes_of, start_parameters
-from coilarray.studies.optimize.store import study_name
+from coilarray.studies.optimize.study_file import study_name
 
 PITCH = '[[variable]]\nentry = "array.pitch_mm"\nlow = 11\nhigh = 14\n'
 LEAST = '[[objective]]\nquantity = "rms_k"\ndirection = "minimize"\n'

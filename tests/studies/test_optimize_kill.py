@@ -13,7 +13,8 @@ import pytest
 SCRIPT = '''
 import json, sys, time
 from coilarray import load_design
-from coilarray.studies.optimize import optimize_with, parse_goal, store
+from coilarray.compute import store
+from coilarray.studies.optimize import optimize_with, parse_goal
 
 store.code_version = lambda: "the same"  # a working copy may be edited while this runs
 
@@ -62,7 +63,7 @@ if __name__ == "__main__":
 
 @pytest.mark.skipif(os.name != "posix", reason="signal 9 is for POSIX systems")
 def test_killed_and_resumed(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("coilarray.studies.optimize.store.code_version", lambda: "put back after the script has set it")
+    monkeypatch.setattr("coilarray.compute.store.code_version", lambda: "put back after the script has set it")
     script = tmp_path / "script.py"
     script.write_text(SCRIPT)
     run = runpy.run_path(str(script))["run"]

@@ -22,7 +22,7 @@ from support.patience import PATIENCE
 from coilarray import load_design
 from coilarray.errors import MissingDependencyError, OutputError
 from coilarray.studies.optimize import Trial, front_of, optimize_with, parse_goal
-from coilarray.studies.optimize.store import FILE, open_store, points_found, study_name
+from coilarray.studies.optimize.study_file import FILE, open_study, points_found, study_name
 
 # quantities of the stand-in below, which computes them from the entries alone
 GOAL = """
@@ -107,7 +107,7 @@ def points_of(result):
 def test_finds_the_least(design, tmp_path):
     goal = goal_of(trials=80, batch=8)
     seen = []
-    result = optimize_with(design, goal, tmp_path, Points(), lambda *told: seen.append(told))
+    result = optimize_with(design, goal, tmp_path, Points(), progress=lambda *now: seen.append(now))
     assert result.best.changes["array.columns"] == 6
     assert result.best.changes["circuit.default_termination"] == "short"
     # the bowl's floor is 0, the start is at 1.6; 80 points in four variables come within a tenth of that
@@ -320,7 +320,7 @@ def test_files_that_are_none_of_ours(design, tmp_path, name):
     (tmp_path / name).write_text("no database, " * 100)
     with pytest.raises(OutputError, match=f"cannot (use|write) .*{name}"):
         optimize_with(design, goal_of(), tmp_path, Points())
-    with pytest.raises(OutputError) as caught, open_store(tmp_path, design, goal_of()):
+    with pytest.raises(OutputError) as caught, open_study(tmp_path, design, goal_of()):
         pass
     assert "(sqlite3." not in str(caught.value)  # the class of an error tells nobody anything
     (tmp_path / name).unlink()
@@ -334,7 +334,7 @@ def test_files_that_are_none_of_ours(design, tmp_path, name):
 
 def test_folder_that_cannot_be(design, tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(OutputError, match="cannot make the folder"), open_store(tmp_path / "file", design, goal_of()):
+    with pytest.raises(OutputError, match="cannot make the folder"), open_study(tmp_path / "file", design, goal_of()):
         pass
 
 

@@ -10,11 +10,11 @@ import pytest
 from support import worker_tasks
 
 from coilarray import load_design
+from coilarray.compute.store import open_store
 from coilarray.compute.workers import workers
 from coilarray.compute.workers.pool import InProcess
 from coilarray.design.vary import vary
 from coilarray.errors import GoalError
-from coilarray.studies.cache import open_cache
 from coilarray.studies.evaluate import evaluate_points, run_cached
 from coilarray.studies.quantities import evaluate
 from coilarray.studies.tolerance.perturb import perturb
@@ -29,7 +29,7 @@ def starter():
 
 @pytest.fixture
 def cache(tmp_path):
-    return open_cache(tmp_path)
+    return open_store(tmp_path)
 
 
 def pitches(*millimetres):
@@ -61,7 +61,9 @@ class Wide(Counting):
     capacity = 8
 
     def collect(self):
-        self._tasks.rotate(1)
+        *earlier, last = [self._done.get() for _ in range(self._done.qsize())]
+        for future in (last, *earlier):
+            self._done.put(future)
         return super().collect()
 
 
@@ -136,7 +138,7 @@ def test_everything_that_decides_an_outcome_is_in_its_key(starter, cache, monkey
     assert computed(changes=pitches(15)) == 1
     assert computed(design=load_design("gast_fem")) == 1
     assert computed() == 0
-    monkeypatch.setattr("coilarray.studies.cache.code_version", lambda: "9.9.9+0")
+    monkeypatch.setattr("coilarray.compute.store.code_version", lambda: "9.9.9+0")
     assert computed() == 1
 
 
@@ -157,11 +159,18 @@ def test_an_interrupted_run_goes_on(starter, cache):
     assert [found[k] for k in range(3)] == done
 
 
-def test_an_unreadable_entry_is_computed_again(starter, cache):
+@pytest.mark.parametrize(
+    "text",
+    [
+        "{", "null", "[]", '{"values": [1.0]}', '{"values": {"a": "1"}}', '{"values": {"a": true}}',
+        '{"values": {"a": 1}}', '{"reason": 3}', '{"other": {}}',
+    ],
+)  # fmt: skip
+def test_an_unreadable_entry_is_computed_again(starter, cache, text):
     pool = Counting()
     expected = list(evaluate_points(starter, pitches(12, 13), QUANTITIES, pool, cache))
     for path in cache.folder.rglob("*.json"):
-        path.write_text("{", encoding="utf-8")
+        path.write_text(text, encoding="utf-8")
     assert list(evaluate_points(starter, pitches(12, 13), QUANTITIES, pool, cache)) == expected
     assert pool.computed == 4
     list(evaluate_points(starter, pitches(12, 13), QUANTITIES, pool, cache))
@@ -178,7 +187,7 @@ def test_equal_points_in_flight_are_computed_once(starter, cache, kept):
             QUANTITIES,
             pool,
             cache if kept else None,
-            lambda done, total: told.append((done, total)),
+            progress=lambda done, total: told.append((done, total)),
         )
     )
     assert pool.computed == 2
@@ -215,7 +224,9 @@ def test_quantities_and_design_are_checked_at_once(starter):
 def test_any_function_of_plain_data_can_be_cached(cache):
     first, second, told = Counting(), Counting(), []
     for pool in (first, second):
-        found = dict(run_cached(worker_tasks.refuse_odd, [2, 3, 4], pool, cache, lambda *now: told.append(now), 3))
+        found = dict(
+            run_cached(worker_tasks.refuse_odd, [2, 3, 4], pool, cache, progress=lambda *now: told.append(now), total=3)
+        )
         assert found == {0: {"half": 1.0}, 1: "3 is odd.", 2: {"half": 2.0}}
     assert (first.computed, second.computed) == (3, 0)
     assert told == [(1, 3), (2, 3), (3, 3)] * 2

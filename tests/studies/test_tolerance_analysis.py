@@ -20,11 +20,11 @@ from support.tolerance_boards import (
 )
 
 from coilarray import load_design
+from coilarray.compute.store import open_store
 from coilarray.compute.workers import workers
 from coilarray.constants import MU_0
 from coilarray.design.vary import vary
 from coilarray.errors import GoalError, LocalizeError
-from coilarray.studies.cache import open_cache
 from coilarray.studies.quantities import evaluate
 from coilarray.studies.tolerance import (
     Limit,
@@ -215,7 +215,7 @@ def test_seeds_and_workers_repeat_to_the_last_digit(tmp_path):
     np.testing.assert_array_equal(one.effect, other.effect)
     with workers(2) as pool:
         xr.testing.assert_identical(run(1, pool=pool), one)
-    cache = open_cache(tmp_path)
+    cache = open_store(tmp_path)
     xr.testing.assert_identical(run(1, cache=cache), one)
     kept = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.json")}
     assert kept

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import time
+from multiprocessing.connection import Connection
 from pathlib import Path
 
 from threadpoolctl import threadpool_info
@@ -55,6 +56,20 @@ def die_once(item):
         Path(marker).touch()
         os.kill(os.getpid(), signal.SIGKILL)
     return number
+
+
+def die_while_sending(marker):
+    """End the process in the middle of a result, the first time that the marker is not there."""
+    send = Connection._send
+
+    def send_half(self, data, *rest):
+        send(self, data[: len(data) // 2], *rest)
+        os.kill(os.getpid(), signal.SIGKILL)
+
+    if not Path(marker).exists():
+        Path(marker).touch()
+        Connection._send = send_half
+    return bytes(1_000_000)
 
 
 def die(x):

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from coilarray.errors import MissingDependencyError, OutputError
-from coilarray.studies.optimize.store import FILE, quiet
+from coilarray.studies.optimize.study_file import FILE, quiet
 
 if TYPE_CHECKING:
     from optuna.study import Study

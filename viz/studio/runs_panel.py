@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from coilarray.errors import CoilarrayError
-from coilarray.studies.optimize.store import FILE
+from coilarray.studies.optimize.study_file import FILE
 from coilarray.viz.studio.runs import Run, front_rows, read_runs, run_folders
 
 if TYPE_CHECKING:

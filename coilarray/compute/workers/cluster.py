@@ -1,4 +1,4 @@
-"""Tasks on a Dask cluster: what `workers.workers` opens for an address. It alone imports ``distributed``."""
+"""Tasks on a Dask cluster; the only module that imports ``distributed``."""
 
 from __future__ import annotations
 
@@ -8,23 +8,21 @@ import importlib
 import logging
 import pickle
 import time
-import uuid
-from collections.abc import Callable, Iterator
-from concurrent.futures import CancelledError, ThreadPoolExecutor
+from collections.abc import Iterator
+from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from contextlib import ExitStack, closing, contextmanager, suppress
-from queue import Empty, SimpleQueue
 from typing import Any
 
 from coilarray.compute.code_version import code_version
-from coilarray.compute.workers.pool import IN_FLIGHT, Pool, one_thread, outcome_of
+from coilarray.compute.workers.pool import IN_FLIGHT, Pool, Task, one_thread, outcome_of
 from coilarray.errors import ClusterError, MissingDependencyError
 
 Client = Any
 """A ``distributed.Client``; its package is optional, and has no types."""
 ANSWER_WITHIN = 10.0
-"""Time in s in which a scheduler must answer and have a worker."""
-_ALONE = 60.0  # s without any worker after which a run ends; a nanny starts a worker again within a few
-_LOOK = 1.0  # s between looks at the workers that there are
+"""Time in s within which a scheduler must answer and have a worker."""
+_ALONE = 60.0  # s without any worker after which a run ends; a nanny restarts a worker within a few seconds
+_CHECK = 1.0  # s between counts of the workers
 _LIMITS = ExitStack()  # keeps a worker's limit of threads for as long as its process lives
 
 
@@ -53,8 +51,8 @@ def connect(address: str) -> Client:
     MissingDependencyError
         No package ``distributed``.
     ClusterError
-        Another form of address; nothing there that answers as a scheduler within `ANSWER_WITHIN`; no worker;
-        another version of coilarray, or none, on a worker.
+        An address of another form, no scheduler that answers within `ANSWER_WITHIN`, no worker, or another version of
+        coilarray, or none, on a worker.
     """
     dask = _distributed()
     scheme, _, host = address.partition("://")
@@ -75,8 +73,12 @@ def connect(address: str) -> Client:
     except OSError as error:
         raise ClusterError(f"cannot connect to the Dask scheduler at {address}: {error}") from None
     try:
-        _await_worker(client, address)
+        if not client.nthreads():
+            client.wait_for_workers(1, timeout=ANSWER_WITHIN)
         _check_versions(client)
+    except TimeoutError:
+        client.close()
+        raise ClusterError(f"the Dask scheduler at {address} has no worker; start one: dask worker {address}") from None
     except BaseException:
         client.close()
         raise
@@ -84,75 +86,46 @@ def connect(address: str) -> Client:
 
 
 class ClusterPool(Pool):
-    """The workers of a Dask scheduler; one that is lost costs what it was computing, which others compute again.
+    """The workers of a Dask scheduler; what a lost one was computing is computed again by others.
 
     Parameters
     ----------
     client : distributed.Client
-        As `connect` returns it; `close` closes it and leaves the cluster as it is.
+        Connection made by `connect`; `close` closes it and leaves the cluster as it is.
     """
 
     def __init__(self, client: Client) -> None:
-        self._client = client
-        self._name = uuid.uuid4().hex
-        self._ticket = 0
-        self._tags: dict[str, tuple[int, Any]] = {}
-        self._done: SimpleQueue[str] = SimpleQueue()
+        super().__init__()
+        self._client, self._executor = client, client.get_executor(pure=False)
         self._threads = 1
-        self._looked = 0.0
         self._alone_since: float | None = None
-        self._look()
+        self._check()
 
     @property
     def capacity(self) -> int:
         """See `Pool.capacity`; it follows workers that come and go."""
-        if time.monotonic() - self._looked > _LOOK:
-            self._look()
+        if time.monotonic() - self._checked > _CHECK:
+            self._check()
         return IN_FLIGHT * self._threads
 
-    @property
-    def in_flight(self) -> int:
-        """See `Pool.in_flight`."""
-        return len(self._tags)
-
-    def submit(self, tag: int, function: Callable[[Any], Any], item: Any) -> None:
-        """See `Pool.submit`."""
-        self._ticket += 1
-        key = f"coilarray-{self._name}-{self._ticket}"
-        payload = pickle.dumps((function, item))
-        future = self._client.submit(compute, code_version(), payload, key=key, pure=False)
-        self._tags[key] = tag, future
-        future.add_done_callback(lambda done: self._done.put(done.key))
-
-    def collect(self) -> tuple[int, Any]:
-        """See `Pool.collect`."""
-        if not self._tags:
-            raise IndexError("no task is in flight.")
-        while True:
-            try:
-                key = self._done.get(timeout=_LOOK)
-            except Empty:
-                self._look()
-                continue
-            if key in self._tags:  # else it was dropped
-                tag, future = self._tags.pop(key)
-                return tag, self._result(future)
-
     def drop(self) -> None:
-        """See `Pool.drop`; what is being computed goes on, and its outcome is thrown away."""
-        futures = [future for _, future in self._tags.values()]
-        self._tags.clear()
-        if futures and self._client.status == "running":
-            with suppress(Exception):  # a scheduler that is gone has forgotten them
-                self._client.cancel(futures)
+        """See `Pool.drop`."""
+        super().drop()
+        with suppress(Exception):  # a lost scheduler has forgotten the tasks
+            self._executor.shutdown(wait=False)
+        self._executor = self._client.get_executor(pure=False)
 
     def close(self) -> None:
         """See `Pool.close`."""
         self.drop()
-        with suppress(Exception):  # of a scheduler that is gone
+        with suppress(Exception):  # of a lost scheduler
             self._client.close(timeout=2)
 
-    def _look(self) -> None:
+    def _start(self, task: Task) -> Future[Any]:
+        future: Future[Any] = self._executor.submit(compute, code_version(), pickle.dumps((task.function, task.item)))
+        return future
+
+    def _check(self) -> None:
         """Count the workers' threads; a run goes on while there are none, but not for ever."""
         try:
             if self._client.status != "running":
@@ -160,15 +133,21 @@ class ClusterPool(Pool):
             threads = sum(self._client.nthreads().values())
         except Exception as error:  # comm errors, timeouts and cancellations have no common base
             raise ClusterError(f"the Dask scheduler is lost ({type(error).__name__}).") from None
-        self._looked = time.monotonic()
+        self._checked = time.monotonic()
         if threads:
             self._threads, self._alone_since = threads, None
         elif self._alone_since is None:
-            self._alone_since = self._looked
-        elif self._looked - self._alone_since > _ALONE:
+            self._alone_since = self._checked
+        elif self._checked - self._alone_since > _ALONE:
             raise ClusterError(f"all workers of the cluster are lost, and none came back within {_ALONE:g} s.")
 
-    def _result(self, future: Any) -> Any:
+    def _next(self) -> Future[Any] | None:
+        future = super()._next()
+        if future is None:
+            self._check()
+        return future
+
+    def _result(self, future: Future[Any]) -> Any:
         try:
             return future.result()
         except _distributed().KilledWorker:
@@ -180,12 +159,12 @@ class ClusterPool(Pool):
                 raise
             raise ClusterError("a worker of the cluster has no coilarray, or another version of it.") from None
         except CancelledError:
-            self._look()
+            self._check()
             raise ClusterError("the Dask scheduler is lost, or it has cancelled a task.") from None
 
 
 def compute(version: str, payload: bytes) -> Any:
-    """Compute one task on a worker, which must have the version of coilarray of who gave it out."""
+    """Compute one task on a worker, whose version of coilarray must be that of the caller."""
     if version != code_version():
         raise ClusterError(_differs("a worker", code_version(), version))
     _limit_threads()
@@ -216,23 +195,15 @@ async def _identity(address: str) -> str:
         return str((await asyncio.wait_for(server.identity(), ANSWER_WITHIN))["type"])
 
 
-def _await_worker(client: Client, address: str) -> None:
-    begun = time.monotonic()
-    while not client.nthreads():
-        if time.monotonic() - begun > ANSWER_WITHIN:
-            raise ClusterError(f"the Dask scheduler at {address} has no worker; start one: dask worker {address}")
-        time.sleep(0.2)
-
-
 def _check_versions(client: Client) -> None:
-    """Refuse a worker with another coilarray before any task; those that join later are checked by `compute`."""
+    """Refuse workers with another coilarray before the first task; `compute` checks those that join later."""
     for worker, version in client.run(_version, on_error="return").items():
         if version != code_version():
             raise ClusterError(_differs(f"the worker {worker}", version, code_version()))
 
 
 def _version() -> str:
-    """Return the version where this runs: a name of this module, so that workers look up their own."""
+    """Return the version where this runs; a function of this module, so that every worker calls its own."""
     return code_version()
 
 
@@ -244,7 +215,7 @@ def _differs(where: str, found: object, wanted: str) -> str:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep Dask's log off the terminal while the block runs: what matters of it becomes an error of ours."""
+    """Keep Dask's log off the terminal while the block runs; what matters is raised as ClusterError."""
     names = [name for name in logging.root.manager.loggerDict if name.partition(".")[0] == "distributed"]
     levels = {name: logging.getLogger(name).level for name in names}
     for name in names:

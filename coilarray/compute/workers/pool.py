@@ -1,62 +1,105 @@
-"""What every pool of workers does, and the simplest one: this process."""
+"""What every pool of workers does, on an executor of `concurrent.futures`, and the simplest one: this process."""
 
 from __future__ import annotations
 
 import os
 from abc import ABC, abstractmethod
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from concurrent.futures import Future
+from contextlib import closing, contextmanager, suppress
+from dataclasses import dataclass
+from queue import Empty, SimpleQueue
 from typing import Any, TypeVar
 
+from coilarray.compute.threads import cores, serial_algebra
 from coilarray.errors import ClusterError, CoilarrayError, MissingDependencyError
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 IN_FLIGHT = 2
-"""Tasks that one worker has at most: one that it computes and one that waits, so that it is never idle."""
+"""Largest number of tasks per worker: one that it computes and one that waits, so that it is never idle."""
+_LOOK = 1.0  # s
+MOST_WORKERS = 1024
+"""Largest number of local processes."""
 # read by the linear algebra when it is loaded, and by coilarray.compute.threads
 _THREAD_VARIABLES = ("COILARRAY_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
 
+@dataclass(eq=False)
+class Task:
+    """A task in flight: the caller's tag, the function and its argument, its worker, and how often that was lost."""
+
+    tag: int
+    function: Callable[[Any], Any]
+    item: Any
+    worker: Any = None
+    losses: int = 0
+
+
 class Pool(ABC):
-    """Something that runs tasks; `workers` makes one.
+    """Something that runs tasks; `coilarray.compute.workers.workers` makes one.
 
     `run` is all that most callers need. `submit` and `collect` are for a caller that decides on the next task when it
     knows earlier results.
     """
 
+    def __init__(self) -> None:
+        self._tasks: dict[Future[Any], Task] = {}
+        self._done: SimpleQueue[Future[Any]] = SimpleQueue()
+
     @property
     @abstractmethod
     def capacity(self) -> int:
-        """Tasks that may be in flight at once."""
+        """Number of tasks that may be in flight at once."""
+
+    @abstractmethod
+    def _start(self, task: Task) -> Future[Any]:
+        """Give a task to an executor."""
+
+    def _restarted(self, future: Future[Any]) -> bool:
+        """Start the task of a future again where its worker was lost; else return False."""
+        return False
+
+    def _result(self, future: Future[Any]) -> Any:
+        """Return the outcome of a finished task."""
+        return future.result()
+
+    def _next(self) -> Future[Any] | None:
+        """Wait for a finished task, but not long: another thread may take an interrupt, which does not end the wait."""
+        with suppress(Empty):
+            return self._done.get(timeout=_LOOK)
+        return None
+
+    def close(self) -> None:
+        """End processes and connections at once."""
+        self.drop()
 
     @property
-    @abstractmethod
     def in_flight(self) -> int:
-        """Tasks submitted and not yet collected."""
-
-    @abstractmethod
-    def submit(self, tag: int, function: Callable[[Any], Any], item: Any) -> None:
-        """Give out one task; `tag` names it when it is collected."""
-
-    @abstractmethod
-    def collect(self) -> tuple[int, Any]:
-        """Wait for a task in flight, and return its tag and outcome as `run` does."""
-
-    @abstractmethod
-    def drop(self) -> None:
-        """Forget all tasks in flight."""
-
-    @abstractmethod
-    def close(self) -> None:
-        """End processes and connections, at once."""
+        """Number of tasks submitted and not yet collected."""
+        return len(self._tasks)
 
     @property
     def full(self) -> bool:
         """Whether a task must be collected before the next one is submitted."""
         return self.in_flight >= self.capacity
+
+    def submit(self, tag: int, function: Callable[[Any], Any], item: Any) -> None:
+        """Start a task; `tag` identifies it when it is collected."""
+        self._send(Task(tag, function, item))
+
+    def collect(self) -> tuple[int, Any]:
+        """Wait for a task in flight, and return its tag and its outcome as `run` does."""
+        while self._tasks:
+            future = self._next()
+            if future in self._tasks and not self._restarted(future):  # else nothing yet, or it was dropped
+                return self._tasks.pop(future).tag, self._result(future)
+        raise IndexError("no task is in flight.")
+
+    def drop(self) -> None:
+        """Forget all tasks in flight. What is being computed goes on, and its outcome is discarded."""
+        self._tasks.clear()
 
     def run(self, function: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[tuple[int, Result | str]]:
         """Apply a function to every item; outcomes come as they are ready.
@@ -64,22 +107,22 @@ class Pool(ABC):
         Parameters
         ----------
         function : callable
-            Defined in a module, so that other processes find it; it takes one item and returns no text. Items and
-            results travel pickled.
+            Function of one item that returns no str. It must be defined in a module, so that other processes find it.
+            Items and results are pickled.
         items : iterable
-            Read as there is room, `IN_FLIGHT` a worker ahead.
+            Inputs of the tasks, read as workers become free, `IN_FLIGHT` for each worker ahead.
 
         Yields
         ------
         index : int
-            Of the item, from 0.
+            Number of the item, from 0.
         outcome : object
             What the function returned, or the one line of the CoilarrayError that it raised.
 
         Raises
         ------
         ClusterError
-            Lost workers: a task whose process ended three times, a scheduler or all workers gone.
+            A task whose worker was lost three times, a lost scheduler, or no worker left.
         Exception
             Any other error of the function.
         """
@@ -97,40 +140,28 @@ class Pool(ABC):
         finally:
             self.drop()
 
+    def _send(self, task: Task) -> None:
+        future = self._start(task)
+        self._tasks[future] = task
+        future.add_done_callback(self._done.put)
+
 
 class InProcess(Pool):
-    """Computes a task when it is collected."""
+    """Computes a task in this process when it is submitted."""
 
     capacity = 1
 
-    def __init__(self) -> None:
-        self._tasks: deque[tuple[int, Callable[[Any], Any], Any]] = deque()
-
-    @property
-    def in_flight(self) -> int:
-        """See `Pool.in_flight`."""
-        return len(self._tasks)
-
-    def submit(self, tag: int, function: Callable[[Any], Any], item: Any) -> None:
-        """See `Pool.submit`."""
-        self._tasks.append((tag, function, item))
-
-    def collect(self) -> tuple[int, Any]:
-        """See `Pool.collect`."""
-        tag, function, item = self._tasks.popleft()
-        return tag, outcome_of(function, item)
-
-    def drop(self) -> None:
-        """See `Pool.drop`."""
-        self._tasks.clear()
-
-    def close(self) -> None:
-        """See `Pool.close`."""
-        self.drop()
+    def _start(self, task: Task) -> Future[Any]:
+        future: Future[Any] = Future()
+        try:
+            future.set_result(outcome_of(task.function, task.item))
+        except Exception as error:
+            future.set_exception(error)
+        return future
 
 
 def outcome_of(function: Callable[[Any], Any], item: Any) -> Any:
-    """Return what a function returns, or the line of its CoilarrayError; a library that is missing is an error."""
+    """Return what a function returns, or the line of its CoilarrayError; a missing library is raised as an error."""
     try:
         return function(item)
     except (ClusterError, MissingDependencyError):
@@ -142,8 +173,6 @@ def outcome_of(function: Callable[[Any], Any], item: Any) -> Any:
 @contextmanager
 def one_thread() -> Iterator[None]:
     """Compute with one thread while the block runs: the linear algebra and the blocks of our own work."""
-    from coilarray.compute.threads import serial_algebra
-
     before = {name: os.environ.get(name) for name in _THREAD_VARIABLES}
     os.environ.update(dict.fromkeys(_THREAD_VARIABLES, "1"))
     import scipy.linalg  # noqa: F401 - loads every library there is to limit
@@ -157,3 +186,61 @@ def one_thread() -> Iterator[None]:
                 del os.environ[name]
             else:
                 os.environ[name] = value
+
+
+@contextmanager
+def workers(count: int = 1, cluster: str | None = None) -> Iterator[Pool]:
+    """Open a pool of workers for a ``with`` block; the workers end with the block, however it is left.
+
+    Every worker computes with one thread. Results do not depend on the kind or number of workers: they agree to the
+    last bit on machines of one kind, and to rounding elsewhere.
+
+    Parameters
+    ----------
+    count : int
+        Number of local processes; 1 computes in this process. Processes are started by "spawn": a script that asks for
+        more than one must do so under ``if __name__ == "__main__":``.
+    cluster : str, optional
+        Address of a Dask scheduler, ``tcp://host:port``, whose workers are used instead.
+
+    Yields
+    ------
+    Pool
+
+    Raises
+    ------
+    ClusterError
+        A count outside 1 to 1024, a wrong address, no scheduler or worker that answers within 10 s, or workers with
+        another version of coilarray.
+    MissingDependencyError
+        A cluster is asked for and the package ``distributed`` is not installed.
+
+    Examples
+    --------
+    >>> import math
+    >>> with workers() as pool:
+    ...     for index, root in pool.run(math.sqrt, [4.0, 9.0]):
+    ...         print(index, root)
+    0 2.0
+    1 3.0
+    """
+    if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= MOST_WORKERS:
+        raise ClusterError(f"the number of workers must be 1 to {MOST_WORKERS}; got {count!r}.")
+    if cluster is not None:
+        from coilarray.compute.workers.cluster import cluster_pool
+
+        with cluster_pool(cluster) as remote:
+            yield remote
+    elif count > 1:
+        from coilarray.compute.workers.processes import LocalPool
+
+        with closing(LocalPool(count)) as local:
+            yield local
+    else:
+        with one_thread():
+            yield InProcess()
+
+
+def default_count() -> int:
+    """Return the default number of local processes: one for each core that this process may use."""
+    return min(cores(), MOST_WORKERS)

@@ -6,50 +6,65 @@ import os
 import pickle
 import signal
 import traceback
-from collections import deque
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
-from multiprocessing import get_context, resource_tracker
-from multiprocessing.connection import Connection, wait
-from multiprocessing.process import BaseProcess
-from queue import SimpleQueue
+from collections.abc import Iterator
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import ExitStack, contextmanager
+from multiprocessing import get_context, parent_process, resource_tracker
 from threading import Thread
 from typing import Any
 
-from coilarray.compute.workers.pool import IN_FLIGHT, Pool, one_thread, outcome_of
+from coilarray.compute.workers.pool import IN_FLIGHT, Pool, Task, one_thread, outcome_of
 from coilarray.errors import ClusterError
 
 _TRIES = 3  # of a task whose process ends
-_GOODBYE = 5.0  # s that a process has to end by itself
+_LIMITS = ExitStack()  # keeps a worker's limit of threads for as long as its process lives
 
 
-@dataclass
-class _Task:
-    """A task in flight in a local process, pickled."""
-
-    tag: int
-    payload: bytes
-    tries: int = 0
-
-
-@dataclass
 class _Worker:
-    """A local process, and the tickets of what it was sent, in that order."""
+    """One process with an executor of its own, so that only its own tasks are lost with it."""
 
-    process: BaseProcess
-    connection: Connection
-    tickets: deque[int] = field(default_factory=deque)
+    def __init__(self) -> None:
+        # "spawn": OpenMP kills forked children
+        self._executor = ProcessPoolExecutor(1, mp_context=get_context("spawn"), initializer=_begin)
+        self._process: Any = None
+        self.pending: set[Future[Any]] = set()
+
+    def submit(self, payload: bytes) -> Future[Any]:
+        """Start a task; BrokenProcessPool where the process has ended."""
+        if self._process is None:
+            with _no_interrupt():  # an interrupt is for this process, which then ends the others
+                future = self._executor.submit(_perform, payload)
+            inside: Any = self._executor
+            (self._process,) = inside._processes.values()
+            inside._result_queue._writer.close()  # else reading half a result of a lost process would never end
+        else:
+            future = self._executor.submit(_perform, payload)
+        self.pending.add(future)
+        future.add_done_callback(self.pending.discard)
+        return future
+
+    def end(self) -> int:
+        """End the process at once, whatever it does; return its exit code."""
+        if self._process is None:
+            return 0
+        self._process.kill()
+        self._executor.shutdown()
+        return self._process.exitcode or 0
 
 
 class LocalPool(Pool):
-    """Processes of this machine, started when there is work; one that ends is replaced, and its tasks sent again."""
+    """Processes of this machine, started when there is work; one that ends is replaced, and its tasks sent again.
+
+    Parameters
+    ----------
+    count : int
+        Largest number of processes.
+    """
 
     def __init__(self, count: int) -> None:
+        super().__init__()
         self._count = count
-        self._context = get_context("spawn")  # OpenMP kills forked children
-        self._tasks: dict[int, _Task] = {}
-        self._ticket = 0
         self._workers: list[_Worker] = []
 
     @property
@@ -57,88 +72,50 @@ class LocalPool(Pool):
         """See `Pool.capacity`."""
         return IN_FLIGHT * self._count
 
-    @property
-    def in_flight(self) -> int:
-        """See `Pool.in_flight`."""
-        return len(self._tasks)
-
-    def submit(self, tag: int, function: Callable[[Any], Any], item: Any) -> None:
-        """See `Pool.submit`."""
-        self._ticket += 1
-        self._tasks[self._ticket] = _Task(tag, pickle.dumps((function, item)))
-        if len(self._workers) < self._count and all(worker.tickets for worker in self._workers):
-            self._workers.append(self._start())
-        self._send(min(self._workers, key=lambda worker: len(worker.tickets)), self._ticket)
-
-    def collect(self) -> tuple[int, Any]:
-        """See `Pool.collect`."""
-        while self._tasks:
-            by_connection = {worker.connection: worker for worker in self._workers if worker.tickets}
-            for connection in wait(list(by_connection)):
-                worker = by_connection[connection]  # type: ignore[index]  # wait returns what it was given
-                try:
-                    ticket, outcome, error = worker.connection.recv()
-                except (EOFError, OSError):
-                    self._replace(worker)
-                    break
-                worker.tickets.remove(ticket)
-                task = self._tasks.pop(ticket, None)
-                if task is None:  # dropped
-                    break
-                if error is not None:
-                    raise error
-                return task.tag, outcome
-        raise IndexError("no task is in flight.")
-
-    def drop(self) -> None:
-        """See `Pool.drop`; what is being computed goes on, and its outcome is thrown away."""
-        self._tasks.clear()
-
     def close(self) -> None:
         """See `Pool.close`."""
-        self._tasks.clear()
+        self.drop()
         for worker in self._workers:
-            worker.connection.close()  # which ends the process, whatever it does
-        for worker in self._workers:
-            _end(worker.process)
+            worker.end()
+        self._workers.clear()
 
-    def _start(self) -> _Worker:
-        ours, theirs = self._context.Pipe()
-        process = self._context.Process(target=_serve, args=(theirs,), daemon=True, name="coilarray-worker")
-        with _no_interrupt():  # an interrupt is for this process, which then ends the others
-            process.start()
-        theirs.close()
-        return _Worker(process, ours)
+    def _start(self, task: Task) -> Future[Any]:
+        payload = pickle.dumps((task.function, task.item))
+        while True:
+            if len(self._workers) < self._count and all(worker.pending for worker in self._workers):
+                self._workers.append(_Worker())
+            worker = min(self._workers, key=lambda worker: len(worker.pending))
+            try:
+                future = worker.submit(payload)
+            except BrokenProcessPool:
+                self._replace(worker)
+            else:
+                task.worker = worker
+                return future
 
-    def _send(self, worker: _Worker, ticket: int) -> None:
-        worker.tickets.append(ticket)
-        try:
-            worker.connection.send((ticket, self._tasks[ticket].payload))
-        except OSError:
-            self._replace(worker)
+    def _restarted(self, future: Future[Any]) -> bool:
+        lost = isinstance(future.exception(), BrokenProcessPool)
+        if lost:
+            self._replace(self._tasks[future].worker)
+        return lost
 
     def _replace(self, worker: _Worker) -> None:
-        """Start another process for one that ended, and send what it had again."""
-        worker.connection.close()
-        _end(worker.process)
+        """Remove a worker whose process has ended, and send its tasks again."""
+        code = worker.end()
         self._workers.remove(worker)
-        tickets = [ticket for ticket in worker.tickets if ticket in self._tasks]
-        if not tickets:
-            return
-        first = self._tasks[tickets[0]]  # which it computed; the other only waited
-        first.tries += 1
-        if first.tries >= _TRIES:
-            self.drop()
-            code = worker.process.exitcode or 0
-            script = 'a script must ask for workers under if __name__ == "__main__".'
-            hint = "is there memory enough?" if code < 0 else script
-            raise ClusterError(
-                f"a local process ended {_TRIES} times at one task, with exit code {code}; {hint}"
-            ) from None
-        fresh = self._start()
-        self._workers.append(fresh)
-        for ticket in tickets:
-            self._send(fresh, ticket)
+        mine = [future for future, task in self._tasks.items() if task.worker is worker]
+        lost = [self._tasks.pop(future) for future in mine if isinstance(future.exception(), BrokenProcessPool)]
+        if lost:
+            lost[0].losses += 1  # which it computed; the other only waited
+            if lost[0].losses >= _TRIES:
+                self.drop()
+                script = 'a script must ask for workers under if __name__ == "__main__".'
+                hint = "is there memory enough?" if code < 0 else script
+                raise ClusterError(
+                    f"a local process ended {_TRIES} times at one task, with exit code {code}; {hint}"
+                ) from None
+        for task in lost:
+            self._send(task)
 
 
 @contextmanager
@@ -155,47 +132,28 @@ def _no_interrupt() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _end(process: BaseProcess) -> None:
-    """Wait for a process that was told to end, not for long."""
-    process.join(_GOODBYE)
-    if process.exitcode is None:
-        process.kill()
-        process.join()
+def _begin() -> None:
+    """Prepare a worker process: it computes with one thread, and ends with the process that started it."""
+    Thread(target=_end_with_parent, daemon=True).start()
+    _LIMITS.enter_context(one_thread())
 
 
-def _serve(connection: Connection) -> None:
-    """Compute tasks until the other side closes the connection."""
-    tasks: SimpleQueue[bytes] = SimpleQueue()
-    Thread(target=_receive, args=(connection, tasks), daemon=True).start()
-    with one_thread():
-        while True:
-            ticket, payload = pickle.loads(tasks.get())
-            connection.send_bytes(_reply(ticket, payload))
+def _end_with_parent() -> None:
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(0)
 
 
-def _receive(connection: Connection, tasks: SimpleQueue[bytes]) -> None:
-    """Take tasks from the connection; its end, even in the middle of a task, ends the process."""
-    with suppress(EOFError, OSError):
-        while True:
-            tasks.put(connection.recv_bytes())
-    os._exit(0)
-
-
-def _reply(ticket: int, payload: bytes) -> bytes:
-    """Compute one task, and pickle its ticket, its outcome and what went wrong."""
+def _perform(payload: bytes) -> Any:
+    """Compute one task; its error can be sent to the other process."""
+    function, item = pickle.loads(payload)
     try:
-        function, item = pickle.loads(payload)
-        return pickle.dumps((ticket, outcome_of(function, item), None))
+        return outcome_of(function, item)
     except Exception as error:
-        return pickle.dumps((ticket, None, _portable(error)))
-
-
-def _portable(error: Exception) -> Exception:
-    """Return an error as it can be sent, with the place where it was raised as a note."""
-    text = "in a worker process:\n" + "".join(traceback.format_exception(error))
-    try:
-        pickle.loads(pickle.dumps(error))
-    except Exception:
-        return RuntimeError(text)
-    error.add_note(text)
-    return error
+        try:
+            pickle.loads(pickle.dumps(error))
+        except Exception:
+            text = "".join(traceback.format_exception(error))
+            raise RuntimeError(f"in a worker process:\n{text}") from None
+        raise

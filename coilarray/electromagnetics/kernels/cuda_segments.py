@@ -64,19 +64,19 @@ def magnetic_field_on_gpu(
     Parameters
     ----------
     points : ndarray, shape (n, 3)
-        In m.
+        Positions in m.
     vertices, starts, weights : ndarray
-        As in `coilarray.electromagnetics.kernels.segments.add_magnetic_field`.
+        Polylines; see `coilarray.electromagnetics.kernels.segments.add_magnetic_field`.
 
     Returns
     -------
     ndarray, shape (n, 3)
-        In T.
+        Flux density in T.
 
     Raises
     ------
     MissingDependencyError
-        No GPU that numba can use.
+        Numba finds no usable GPU.
     """
     if not cuda.is_available():  # type: ignore[no-untyped-call]
         raise MissingDependencyError(

@@ -56,15 +56,15 @@ def radial_cut(vertices: FloatArray, widths: FloatArray) -> tuple[IntArray, Floa
     return found
 
 
-def nearest_crossing(vertices: FloatArray, crossed: IntArray, reach: float) -> IntArray:
-    """Crossed segment nearest along the path to every segment, within `reach` in height; −1 where there is none."""
+def nearest_crossing(vertices: FloatArray, crossed: IntArray, height_range: float) -> IntArray:
+    """Crossed segment nearest along the path to every segment, within `height_range`; −1 where there is none."""
     length = np.linalg.norm(np.diff(vertices, axis=0), axis=1)
     place = np.cumsum(length) - 0.5 * length
     height = 0.5 * (vertices[1:, 2] + vertices[:-1, 2])
     if not len(crossed):
         return np.full(len(length), -1)
     distance = np.abs(place[:, None] - place[crossed])
-    distance[np.abs(height[:, None] - height[crossed]) > reach] = np.inf
+    distance[np.abs(height[:, None] - height[crossed]) > height_range] = np.inf
     nearest = distance.argmin(axis=1)
     return np.where(np.isfinite(distance.min(axis=1)), nearest, -1)
 

@@ -282,24 +282,27 @@ def _touching_parallel_bars(a: FloatArray, b: FloatArray, dx: float, dy: float, 
 
 
 @inner_kernel
-def _ends_meet(dx: float, dy: float, dz: float, a: FloatArray, b: FloatArray, reach: float) -> bool:
-    """Say whether an end of one segment is within `reach` of an end of the other."""
+def _ends_meet(dx: float, dy: float, dz: float, a: FloatArray, b: FloatArray, tolerance: float) -> bool:
+    """Say whether an end of one segment is within `tolerance` of an end of the other."""
     for i in range(2):
         for j in range(2):
             s, t = i * a[6], j * b[6]
             x = dx + t * b[3] - s * a[3]
             y = dy + t * b[4] - s * a[4]
             z = dz + t * b[5] - s * a[5]
-            if x * x + y * y + z * z < reach * reach:
+            if x * x + y * y + z * z < tolerance * tolerance:
                 return True
     return False
 
 
 @kernel
-def bar_pair(a: FloatArray, b: FloatArray, shift: FloatArray, reach: float, extra: int, rule: FloatArray) -> float:
+def bar_pair(
+    a: FloatArray, b: FloatArray, shift: FloatArray, near_widths: float, extra: int, rule: FloatArray
+) -> float:
     """∬ dl·dl'/R of two bars, rows `a` and `b` of segment tables, the second moved by `shift`, averaged.
 
-    Farther apart than `reach` widths they are their centre lines: that leaves out about (1/reach)²/12 of the pair.
+    Bars farther apart than `near_widths` widths are taken as their centre lines, which leaves out about
+    (1/near_widths)²/12 of the pair.
     `extra` adds nodes to every rule, for convergence studies. `rule` is scratch of shape (RULE_SIZE, 4): weights and
     offsets of one filament against the other.
     """
@@ -316,10 +319,10 @@ def bar_pair(a: FloatArray, b: FloatArray, shift: FloatArray, reach: float, extr
         nodes = min(math.ceil(-tolerance / (2.0 * log_rho)) + extra, MAX_NODES)
     count = 1
     rule[0, 0], rule[0, 1], rule[0, 2], rule[0, 3] = 1.0, 0.0, 0.0, 0.0
-    if size > 0.0 and centre_distance - 0.5 * (a[6] + b[6]) < reach * size:
+    if size > 0.0 and centre_distance - 0.5 * (a[6] + b[6]) < near_widths * size:
         gx, gy, gz = closest_offset(dx, dy, dz, a, b)
         distance = math.sqrt(gx * gx + gy * gy + gz * gz)
-        if distance < reach * size:
+        if distance < near_widths * size:
             parallel = 1.0 - cosine * cosine < PARALLEL_SIN2
             level = dz == 0.0 and a[5] == 0.0 and b[5] == 0.0
             if parallel and a[10] == b[10] and a[11] == b[11]:
@@ -353,7 +356,7 @@ def bar_pair(a: FloatArray, b: FloatArray, shift: FloatArray, reach: float, extr
 
 @inner_kernel
 def _collect(
-    a: FloatArray, b: FloatArray, shift: FloatArray, reach: float, extra: int, count: int, batch: FloatArray
+    a: FloatArray, b: FloatArray, shift: FloatArray, near_widths: float, extra: int, count: int, batch: FloatArray
 ) -> int:
     """Collect the nodes of a pair of bars that lie apart, see `kernels.far_pairs`; −1 where they do not.
 
@@ -363,7 +366,7 @@ def _collect(
     dx, dy, dz, centre_distance = _between(a, b, shift)
     size = max(a[10], b[10], a[11], b[11])
     distance = centre_distance - 0.5 * (a[6] + b[6])
-    if distance < max(b[6], reach * size):
+    if distance < max(b[6], near_widths * size):
         gx, gy, gz = closest_offset(dx, dy, dz, a, b)
         distance = math.sqrt(gx * gx + gy * gy + gz * gz)
         if distance < APART * size or distance < 0.01 * b[6] or distance < 0.01 * a[6]:
@@ -375,7 +378,7 @@ def _collect(
     sx, sy, sz, tx, ty, tz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     cosine = a[3] * b[3] + a[4] * b[4] + a[5] * b[5]
     sides = 1
-    if distance < reach * size:
+    if distance < near_widths * size:
         if 1.0 - cosine * cosine < PARALLEL_SIN2 and a[10] == b[10] and a[11] == b[11]:
             if distance < NODE_PAIR * size:
                 return -1
@@ -396,7 +399,14 @@ def _collect(
 
 @kernel
 def _rows_sum(
-    first: FloatArray, second: FloatArray, shift: FloatArray, start: int, stop: int, reach: float, extra: int, own: bool
+    first: FloatArray,
+    second: FloatArray,
+    shift: FloatArray,
+    start: int,
+    stop: int,
+    near_widths: float,
+    extra: int,
+    own: bool,
 ) -> float:
     """Sum of the rows start:stop of `first` with all of `second`, or of one path's `own` pairs i < j."""
     rule = np.empty((RULE_SIZE, 4))
@@ -409,9 +419,9 @@ def _rows_sum(
         for j in range(begin, second.shape[0] + 1):
             last = j == second.shape[0]  # so that `batch_sum` is called, and compiled into this, at one place
             if not last:
-                collected = _collect(first[i], second[j], shift, reach, extra, count, batch)
+                collected = _collect(first[i], second[j], shift, near_widths, extra, count, batch)
                 if collected < 0:
-                    near += bar_pair(first[i], second[j], shift, reach, extra, rule)
+                    near += bar_pair(first[i], second[j], shift, near_widths, extra, rule)
                     continue
                 count = collected
             if last or count > CAPACITY - 4 * MOST_NODES - 8:
@@ -425,12 +435,12 @@ def _rows_sum(
 
 
 def mutual_sum(
-    first: FloatArray, second: FloatArray, shift: FloatArray, start: int, stop: int, reach: float, extra: int
+    first: FloatArray, second: FloatArray, shift: FloatArray, start: int, stop: int, near_widths: float, extra: int
 ) -> float:
     """Sum of `bar_pair` over rows start:stop of `first` and all rows of `second` moved by `shift`."""
-    return _rows_sum(first, second, shift, start, stop, reach, extra, False)
+    return _rows_sum(first, second, shift, start, stop, near_widths, extra, False)
 
 
-def own_mutual_sum(path: FloatArray, start: int, stop: int, reach: float, extra: int) -> float:
+def own_mutual_sum(path: FloatArray, start: int, stop: int, near_widths: float, extra: int) -> float:
     """Twice the sum of `bar_pair` over the pairs i < j of one path with start ≤ i < stop."""
-    return 2.0 * _rows_sum(path, path, np.zeros(3), start, stop, reach, extra, True)
+    return 2.0 * _rows_sum(path, path, np.zeros(3), start, stop, near_widths, extra, True)

@@ -128,7 +128,7 @@ def _distance(a: FloatArray, b: FloatArray, shift: FloatArray) -> float:
 
 @inner_kernel
 def _width(path: FloatArray, series: IntArray) -> float:
-    """How far a series reaches from its first member to its last."""
+    """Distance of the last member of a series from its first."""
     last = series[0] + (series[2] - 1) * series[1]
     square = 0.0
     for axis in range(3):
@@ -138,7 +138,7 @@ def _width(path: FloatArray, series: IntArray) -> float:
 
 @inner_kernel
 def _sum_two_series(
-    first: FloatArray, second: FloatArray, shift: FloatArray, a: IntArray, b: IntArray, own: bool, reach: float,
+    first: FloatArray, second: FloatArray, shift: FloatArray, a: IntArray, b: IntArray, own: bool, near_widths: float,
     members: IntArray, weights: FloatArray, check: FloatArray, counts: IntArray, rule: FloatArray,
 ) -> float:  # fmt: skip
     """Sum of two series, or of the pairs i < j of one's `own`.
@@ -174,7 +174,7 @@ def _sum_two_series(
             better, worse = 0.0, 0.0
             for k in range(counts[count]):
                 t = begin + members[count, k]
-                value = bar_pair(first[i + t * di], second[j + t * dj], shift, reach, int(0.0), rule)
+                value = bar_pair(first[i + t * di], second[j + t * dj], shift, near_widths, int(0.0), rule)
                 better += weights[count, k] * value
                 worse += check[count, k] * value
             if count <= _MEMBERS or abs(better - worse) <= _AGREE * abs(better):  # of a few, all are taken
@@ -190,34 +190,34 @@ def _sum_two_series(
 @kernel
 def _series_sum(
     first: FloatArray, second: FloatArray, shift: FloatArray, of_first: IntArray, of_second: IntArray, own: bool,
-    reach: float, members: IntArray, weights: FloatArray, check: FloatArray, counts: IntArray,
+    near_widths: float, members: IntArray, weights: FloatArray, check: FloatArray, counts: IntArray,
 ) -> float:  # fmt: skip
     rule = np.empty((RULE_SIZE, 4))
     total = 0.0
     for a in range(of_first.shape[0]):
         for b in range(a if own else int(0.0), of_second.shape[0]):
             total += _sum_two_series(
-                first, second, shift, of_first[a], of_second[b], own and a == b, reach,
+                first, second, shift, of_first[a], of_second[b], own and a == b, near_widths,
                 members, weights, check, counts, rule,
             )  # fmt: skip
     return total
 
 
 def series_sum(
-    first: FloatArray, second: FloatArray, shift: FloatArray, of_first: IntArray, of_second: IntArray, reach: float,
-    members: IntArray, weights: FloatArray, check: FloatArray, counts: IntArray,
+    first: FloatArray, second: FloatArray, shift: FloatArray, of_first: IntArray, of_second: IntArray,
+    near_widths: float, members: IntArray, weights: FloatArray, check: FloatArray, counts: IntArray,
 ) -> float:  # fmt: skip
     """Sum of `bar_pair` over all rows of `first` and all of `second` moved by `shift`."""
     return _series_sum(
-        first, second, shift, of_first, of_second, False, reach, members, weights, check, counts
+        first, second, shift, of_first, of_second, False, near_widths, members, weights, check, counts
     )  # fmt: skip
 
 
 def own_series_sum(
-    path: FloatArray, series: IntArray, reach: float,
+    path: FloatArray, series: IntArray, near_widths: float,
     members: IntArray, weights: FloatArray, check: FloatArray, counts: IntArray,
 ) -> float:  # fmt: skip
     """Twice the sum of `bar_pair` over the pairs i < j of one path."""
     return 2.0 * _series_sum(
-        path, path, np.zeros(3), series, series, True, reach, members, weights, check, counts
+        path, path, np.zeros(3), series, series, True, near_widths, members, weights, check, counts
     )  # fmt: skip

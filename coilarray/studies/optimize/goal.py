@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import itertools
 import json
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
+from coilarray.compute.toml_files import parse_toml, read_text
 from coilarray.design.tables import first_error
 from coilarray.design.units import Table
 from coilarray.electromagnetics.inductance import Accuracy
@@ -270,31 +270,17 @@ def load_goal(name_or_path: str | Path) -> Goal:
     path = Path(given)
     if given in goals.names() and not path.is_file():
         return parse_goal(goals.read(given), given)
-    try:
-        text = path.read_text(encoding="utf-8-sig")  # some editors put a byte order mark first
-    except (FileNotFoundError, IsADirectoryError):
-        raise GoalError(
-            f"there is no goal file {given[:_LONGEST_NAME]!r}, nor a bundled goal of that name "
-            f"({', '.join(goals.names())})."
-        ) from None
-    except UnicodeDecodeError:
-        raise GoalError(f"{given} is no text file in UTF-8.") from None
-    except OSError as error:
-        raise GoalError(f"cannot read {given[:_LONGEST_NAME]}: {error.strerror}.") from None
-    except ValueError as error:  # a name with a zero byte
-        raise GoalError(f"cannot read {given!r}: {error}.") from None
+    bundled = ", ".join(goals.names())
+    missing = f"there is no goal file {given[:_LONGEST_NAME]!r}, nor a bundled goal of that name ({bundled})."
+    if path.is_dir():
+        raise GoalError(missing)
+    text = read_text(path, missing, GoalError)
     return parse_goal(text, given)
 
 
 def parse_goal(text: str, origin: str = "goal") -> Goal:
     """Read a goal from the text of a TOML file; `origin` names it in messages. See `load_goal`."""
-    try:
-        document = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise GoalError(f"{origin}: not valid TOML: {error}.") from None
-    except RecursionError:
-        raise GoalError(f"{origin}: not valid TOML: nested too deeply.") from None
-    return check_goal(document, origin)
+    return check_goal(parse_toml(text, origin, GoalError), origin)
 
 
 def check_goal(document: Mapping[str, Any], origin: str = "goal") -> Goal:

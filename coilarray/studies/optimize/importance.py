@@ -1,4 +1,4 @@
-"""Which variables decide: PED-ANOVA over the points of a search.
+"""Importance of the variables: PED-ANOVA over the points of a search.
 
 S. Watanabe, A. Bansal, F. Hutter, PED-ANOVA: Efficiently Quantifying Hyperparameter Importance in Arbitrary Subspaces,
 IJCAI 2023. For each variable, how differently it is distributed among the best tenth of the points than among all of
@@ -13,30 +13,31 @@ from collections.abc import Sequence
 
 from coilarray.studies.optimize.goal import Goal
 from coilarray.studies.optimize.space import Axis, distributions_of
-from coilarray.studies.optimize.store import quiet
+from coilarray.studies.optimize.study_file import quiet
 from coilarray.studies.optimize.trials import Trial
 
 LEAST_POINTS = 30
-"""Feasible points of the search below which nothing is said: the best tenth would be two of them."""
+"""Smallest number of feasible points for an importance; the best tenth of fewer would be two points."""
 
 
 def importance(goal: Goal, axes: Sequence[Axis], trials: Sequence[Trial]) -> list[dict[str, float]]:
-    """Part that each variable has in reaching the best tenth.
+    """Return the share of each variable in reaching the best tenth of the points.
 
     Parameters
     ----------
     goal : Goal
-        As `load_goal` returns it.
+        Goal of the search.
     axes : sequence of Axis
-        As `axes_of` returns them.
+        Variables of the goal, from `axes_of`.
     trials : sequence of Trial
-        Any; the feasible ones of the search count. Those of the local solver lie in one place, and would say little.
+        Evaluated points, of which the feasible ones of the search count. Those of the local solver lie close together
+        and would say little.
 
     Returns
     -------
     list of dict
-        For each objective the parts by entry, the largest first; empty where there are fewer than `LEAST_POINTS`
-        feasible points, or all alike.
+        For each objective the shares by entry, the largest first; empty where there are fewer than `LEAST_POINTS`
+        feasible points, or where all are equal.
     """
     from optuna import create_study
     from optuna.importance import PedAnovaImportanceEvaluator, get_param_importances

@@ -19,15 +19,15 @@ import numpy.typing as npt
 from coilarray.studies.optimize.goal import Goal
 from coilarray.studies.optimize.search import Evaluate, frozen_trial, stored_trial
 from coilarray.studies.optimize.space import Axis
-from coilarray.studies.optimize.store import Store
+from coilarray.studies.optimize.study_file import StudyFile
 from coilarray.studies.optimize.trials import Trial, trial_of
 
 FloatArray = npt.NDArray[np.float64]
 
-_FIRST_RADIUS = 0.05  # of the unit box: the sampler has been everywhere else
+_FIRST_RADIUS = 0.05  # of the unit box; the sampler has explored the rest
 _LAST_RADIUS = 1e-7
-_WORSE = 10.0  # cost of a point that cannot be, in that of the first
-_INSIDE = 1e-7  # of a bound: the solver's own tolerance, so that what it takes for allowed is
+_WORSE = 10.0  # cost of an impossible point, relative to that of the first
+_INSIDE = 1e-7  # of a bound: the solver's own tolerance, so that points which it allows are allowed
 _MOST_EVALUATIONS = 1_000_000
 
 
@@ -48,35 +48,35 @@ def polish(
     goal: Goal,
     axes: Sequence[Axis],
     best: Trial,
-    store: Store,
+    store: StudyFile,
     evaluate: Evaluate,
-    told: Callable[[Trial], None],
+    report: Callable[[Trial], None],
 ) -> None:
-    """Improve a point; what the store has is not evaluated again, what it has not is added to it.
+    """Improve a point; trials in the study are not evaluated again, new ones are added to it.
 
     Parameters
     ----------
     goal : Goal
-        With one objective.
+        Goal with one objective.
     axes : sequence of Axis
-        As `axes_of` returns them, one of them continuous at least.
+        Variables of the goal, from `axes_of`, at least one of them continuous.
     best : Trial
-        Where to begin.
-    store : Store
-        Takes every trial, at most as many as the goal says.
+        Point to start from.
+    store : StudyFile
+        Study that keeps every trial, at most as many as the goal says.
     evaluate : callable
         See `coilarray.studies.optimize.search.Evaluate`.
-    told : callable
-        Called with each trial as it is known.
+    report : callable
+        Called with each trial once it is known.
 
     Raises
     ------
     OutputError
-        The store cannot be written.
+        The study cannot be written.
     """
     from scipy.optimize import Bounds, NonlinearConstraint, minimize
 
-    local = _Local(goal, axes, best, store, evaluate, told)
+    local = _Local(goal, axes, best, store, evaluate, report)
     n = len(local.begin)
     constraints = [NonlinearConstraint(local.violations, -np.inf, -_INSIDE)] if best.violations else []
     with suppress(_EnoughError):
@@ -95,23 +95,23 @@ def polish(
 
 
 class _EnoughError(Exception):
-    """As many points are evaluated as the goal says."""
+    """The number of points that the goal says are evaluated."""
 
 
 class _Local:
-    """The point, cost and violations that the solver asks for, one trial for each point."""
+    """Cost and violations of the points that the solver asks for, one trial for each point."""
 
     def __init__(
         self,
         goal: Goal,
         axes: Sequence[Axis],
         best: Trial,
-        store: Store,
+        store: StudyFile,
         evaluate: Evaluate,
-        told: Callable[[Trial], None],
+        report: Callable[[Trial], None],
     ) -> None:
         self._goal, self._axes, self._best = goal, axes, best
-        self._store, self._evaluate, self._told = store, evaluate, told
+        self._store, self._evaluate, self._report = store, evaluate, report
         self._free = [axis for axis in axes if axis.continuous]
         self.begin = np.array([axis.part(best.changes[axis.entry]) for axis in self._free])
         self._tried = 0
@@ -122,7 +122,7 @@ class _Local:
         self._unit = abs(best.scores[0]) or 1.0
 
     def cost(self, point: FloatArray) -> float:
-        """Return what the solver makes small; 1 or −1 at the first point."""
+        """Return the value that the solver minimizes; 1 or −1 at the first point."""
         trial = self._at(point)
         if trial.reason:
             return _WORSE
@@ -132,12 +132,12 @@ class _Local:
         return -score if self._objective.maximized else score
 
     def violations(self, point: FloatArray) -> FloatArray:
-        """Return by how much each bound is broken; a point that cannot be breaks them all."""
+        """Return by how much each bound is violated; an impossible point violates them all."""
         trial = self._at(point)
         return np.array([trial.violations.get(key, 1.0) for key in self._best.violations])
 
     def _at(self, point: FloatArray) -> Trial:
-        """Return the trial at a point of the unit box, whose cost and violations are asked for one after the other."""
+        """Return the trial at a point of the unit box; the solver asks for its cost and its violations separately."""
         key = point.tobytes()
         if key not in self._seen:
             self._seen[key] = self._try(point)
@@ -156,7 +156,7 @@ class _Local:
             self._store.add(frozen_trial(self._axes, parameters, trial))
             self._stored[_text(changes)] = trial
         self._tried += 1
-        self._told(trial)
+        self._report(trial)
         return trial
 
 

@@ -1,4 +1,4 @@
-"""Optimise a design: the start, the search, the local solver, and what came of it."""
+"""Optimise a design: the start, the search, the local solver and the result."""
 
 from __future__ import annotations
 
@@ -7,50 +7,50 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from coilarray.compute.store import Store
 from coilarray.compute.workers import Pool
 from coilarray.design.model import Design
 from coilarray.design.vary import vary
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import CoilarrayError, GoalError
 from coilarray.studies import quantities
-from coilarray.studies.cache import PointCache
 from coilarray.studies.evaluate import evaluate_points
 from coilarray.studies.optimize.goal import Goal
 from coilarray.studies.optimize.polish import polish, polish_problem
 from coilarray.studies.optimize.search import Evaluate, Outcome, search, stored_trial
 from coilarray.studies.optimize.space import Axis, axes_of, start_parameters
-from coilarray.studies.optimize.store import Store, open_store
+from coilarray.studies.optimize.study_file import StudyFile, open_study
 from coilarray.studies.optimize.trials import Trial, best_of, front_of, trial_of
 
-Told: TypeAlias = Callable[[int, int, Trial | None], None]
-"""Takes how many points are known, how many there will be at most, and the best for a goal with one objective."""
+SearchProgress: TypeAlias = Callable[[int, int, Trial | None], None]
+"""Called with the number of known points, their largest number, and the best one for a goal with one objective."""
 
 
 @dataclass(frozen=True, eq=False)
 class Optimization:
-    """What a search found.
+    """Result of an optimisation.
 
     Parameters
     ----------
     design : Design
-        As it was.
+        Design that the search started from.
     goal : Goal
-        What was wanted. Where an earlier run tried more points, as many trials as it had.
+        Goal of the search, with as many trials as an earlier run had where those were more.
     axes : tuple of Axis
         The variables, as `axes_of` returns them.
     start : Trial
-        The design as it was.
+        The design that the search started from, as a trial.
     start_inside : bool
-        True where that lies within the bounds of the variables, and is a point of the search too.
+        True where the start lies within the bounds of the variables, and is a point of the search too.
     trials : tuple of Trial
-        Of the search, then of the local solver, each in its order; those of earlier runs too.
+        Trials of the search, then of the local solver, each in their order, including those of earlier runs.
     front : tuple of Trial
         The Pareto front in the order of the first objective, see `front_of`; with one objective the best trial alone.
         Empty where no trial keeps all bounds.
     found : int
-        How many of the trials an earlier run had left.
+        Number of trials that an earlier run had left.
     polish_problem : str
-        Why there was nothing for the local solver to do; empty where there was.
+        Why the local solver did not run; empty where it did.
     """
 
     design: Design
@@ -82,25 +82,26 @@ def optimize_design(
     goal: Goal,
     folder: str | Path,
     pool: Pool,
-    cache: PointCache | None = None,
-    told: Told | None = None,
+    cache: Store | None = None,
+    *,
+    progress: SearchProgress | None = None,
 ) -> Optimization:
-    """Search for better designs; a run that was killed is taken up where it was.
+    """Search for better designs; a run that was killed is continued.
 
     Parameters
     ----------
     design : Design
-        Where to start from; its entries that are no variables stay as they are.
+        Design to start from; entries that are not variables stay as they are.
     goal : Goal
-        As `load_goal` returns it.
+        Goal of the search, from `load_goal`.
     folder : str or Path
-        Keeps the study, ``study.db``.
+        Folder of the study, ``study.db``.
     pool : Pool
-        From `coilarray.compute.workers.workers`. The points do not depend on it.
-    cache : PointCache, optional
-        From `coilarray.studies.cache.open_cache`.
-    told : callable, optional
-        See `Told`.
+        Workers, from `coilarray.compute.workers.workers`; the points do not depend on them.
+    cache : Store, optional
+        Where evaluated points are kept, from `coilarray.compute.store.open_store`.
+    progress : callable, optional
+        See `SearchProgress`.
 
     Returns
     -------
@@ -109,12 +110,12 @@ def optimize_design(
     Raises
     ------
     GoalError
-        A variable that does not fit the design, see `axes_of`; a quantity that the design as it is has not, say of a
-        coil that is not there.
+        A variable that does not fit the design, see `axes_of`, or a quantity that the design does not have, for example
+        of an unknown coil.
     OutputError
-        As `open_store`.
+        A study that cannot be used; see `open_study`.
     MissingDependencyError
-        No Optuna.
+        Optuna is not installed.
     """
     require_coils(design, goal)
 
@@ -125,18 +126,18 @@ def optimize_design(
                 _require_quantities(design, goal)
             yield index, outcome
 
-    return optimize_with(design, goal, folder, evaluate, told)
+    return optimize_with(design, goal, folder, evaluate, progress=progress)
 
 
 def optimize_with(
-    design: Design, goal: Goal, folder: str | Path, evaluate: Evaluate, told: Told | None = None
+    design: Design, goal: Goal, folder: str | Path, evaluate: Evaluate, *, progress: SearchProgress | None = None
 ) -> Optimization:
-    """Search as `optimize_design` does, with quantities from anywhere.
+    """Search as `optimize_design` does, with quantities from any function.
 
     Parameters
     ----------
-    design, goal, folder, told
-        As in `optimize_design`.
+    design, goal, folder, progress
+        See `optimize_design`.
     evaluate : callable
         See `coilarray.studies.optimize.search.Evaluate`.
 
@@ -147,16 +148,16 @@ def optimize_with(
     Raises
     ------
     GoalError, OutputError, MissingDependencyError
-        As `optimize_design`.
+        See `optimize_design`.
     """
     axes = axes_of(goal, design)
     inside = start_parameters(axes) is not None
-    with open_store(Path(folder), design, goal) as store:
+    with open_study(Path(folder), design, goal) as store:
         found = len(store.trials())
         goal = _with_known(goal, store)
         ((_, outcome),) = evaluate([{}], "full")
         start = trial_of(goal, "start", 0, {}, outcome)
-        count = _Count(goal, told)
+        count = _Count(goal, progress)
         tried = search(goal, axes, outcome, store, evaluate, count)
         single = len(goal.objectives) == 1
         best = best_of(tried, goal) if single else None
@@ -168,7 +169,7 @@ def optimize_with(
 
 
 def require_coils(design: Design, goal: Goal) -> None:
-    """Refuse a goal that names a coil which the design has not, before anything is computed: GoalError."""
+    """Refuse a goal that names a coil which the design does not have, before anything is computed: GoalError."""
     evaluation = quantities.Evaluation(design)
     for key in goal.quantities:
         options = quantities.request(key).options
@@ -177,8 +178,8 @@ def require_coils(design: Design, goal: Goal) -> None:
                 evaluation.coil(str(coil))
 
 
-def _with_known(goal: Goal, store: Store) -> Goal:
-    """Return the goal with as many trials as the store has at least: no point that is known is left out."""
+def _with_known(goal: Goal, store: StudyFile) -> Goal:
+    """Return the goal with at least as many trials as the study has, so that no known point is left out."""
     points = [trial.user_attrs["point"] for trial in store.trials()]
     known = max((point["place"] + 1 for point in points if point["kind"] == "search"), default=0)
     if known <= goal.search.trials:
@@ -186,14 +187,14 @@ def _with_known(goal: Goal, store: Store) -> Goal:
     return goal.model_copy(update={"search": goal.search.model_copy(update={"trials": known})})
 
 
-def _polished(goal: Goal, axes: Sequence[Axis], store: Store) -> list[Trial]:
-    """Return every point of the local solver, those from where an earlier run began too."""
+def _polished(goal: Goal, axes: Sequence[Axis], store: StudyFile) -> list[Trial]:
+    """Return every point of the local solver, including those of earlier runs with another start."""
     stored = [stored_trial(goal, axes, frozen) for frozen in store.trials()]
     return sorted((trial for trial in stored if trial.kind == "polish"), key=lambda trial: trial.place)
 
 
 def _confirmed(goal: Goal, trials: Sequence[Trial], evaluate: Evaluate) -> list[Trial]:
-    """Compute the front in full where it is not: screened points, and those that lack what is watched only now."""
+    """Compute the front in full accuracy, and the watched quantities that its points lack."""
     known = {trial.name: trial for trial in trials}
     full = {
         trial.name
@@ -209,7 +210,7 @@ def _confirmed(goal: Goal, trials: Sequence[Trial], evaluate: Evaluate) -> list[
 
 
 def _require_quantities(design: Design, goal: Goal) -> None:
-    """Refuse a goal that speaks of what the start has not: a coil, an indentation; other reasons may go away."""
+    """Refuse a goal with a coil or an indentation that the start does not have; other problems may disappear."""
     try:
         quantities.evaluate(design, goal.quantities)
     except GoalError:
@@ -221,8 +222,8 @@ def _require_quantities(design: Design, goal: Goal) -> None:
 class _Count:
     """Counts the points for a progress bar, and keeps the best."""
 
-    def __init__(self, goal: Goal, told: Told | None) -> None:
-        self._goal, self._told = goal, told
+    def __init__(self, goal: Goal, progress: SearchProgress | None) -> None:
+        self._goal, self._progress = goal, progress
         self._total = goal.search.trials + (goal.polish if len(goal.objectives) == 1 else 0)
         self._done = 0
         self._best: Trial | None = None
@@ -232,5 +233,5 @@ class _Count:
         if len(self._goal.objectives) == 1:
             known = [trial] if self._best is None else [self._best, trial]
             self._best = best_of(known, self._goal)
-        if self._told is not None:
-            self._told(self._done, self._total, self._best)
+        if self._progress is not None:
+            self._progress(self._done, self._total, self._best)

@@ -1,9 +1,9 @@
 """The search over the variables of a goal: batches of points from an Optuna sampler, the same on every run.
 
-A batch is asked for as a whole before any of its points is evaluated, and told as a whole, in its own order. A point
-thus depends on the goal, its place and the batches before it, and on nothing else: not on the number of workers, nor
-on which of them was faster, nor on how often the run was killed and resumed. The sampler is made anew for each point
-with a seed of its own, so that it has no state but the history.
+The sampler chooses all points of a batch before any of them is evaluated, and gets their results together, in the order
+of the batch. A point therefore depends only on the goal, its place and the batches before it: not on the number of
+workers, nor on which of them was faster, nor on how often the run was killed and resumed. The sampler is made anew for
+each point with a seed of its own, so that its only state is the history.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import MissingDependencyError
 from coilarray.studies.optimize.goal import Goal
 from coilarray.studies.optimize.space import Axis, changes_of, distributions_of, start_parameters
-from coilarray.studies.optimize.store import Store
+from coilarray.studies.optimize.study_file import StudyFile
 from coilarray.studies.optimize.trials import Trial, trial_of
 
 if TYPE_CHECKING:
@@ -28,49 +28,49 @@ if TYPE_CHECKING:
     from optuna.trial import Trial as AskedTrial
 
 Outcome: TypeAlias = Mapping[str, float] | str
-"""Every quantity of a point by name, or the reason why there is none."""
+"""Quantities of a point by name, or the reason why it has none."""
 Evaluate: TypeAlias = Callable[[Sequence[Mapping[str, Any]], Accuracy], Iterator[tuple[int, Outcome]]]
 """Takes the changes of several points and an accuracy; yields the index and outcome of each, in any order."""
 
-_REBUILT = "tpe:"  # system attributes that no later point reads; each would cost time on disk
+_REBUILT = "tpe:"  # prefix of system attributes that no later point reads; storing them costs time
 
 
 def search(
     goal: Goal,
     axes: Sequence[Axis],
     start: Outcome,
-    store: Store,
+    store: StudyFile,
     evaluate: Evaluate,
-    told: Callable[[Trial], None],
+    report: Callable[[Trial], None],
 ) -> list[Trial]:
-    """Try as many points as the goal says; those that the store has are not evaluated again.
+    """Try as many points as the goal says; those in the study are not evaluated again.
 
     Parameters
     ----------
     goal : Goal
-        As `load_goal` returns it.
+        Goal of the search.
     axes : sequence of Axis
-        As `axes_of` returns them.
+        Variables of the goal, from `axes_of`.
     start : mapping of str to float, or str
         Outcome of the design as it is, which is the first point where it lies within the bounds.
-    store : Store
-        Keeps every finished trial.
+    store : StudyFile
+        Study that keeps every finished trial.
     evaluate : callable
         See `Evaluate`.
-    told : callable
-        Called with each trial as it is known.
+    report : callable
+        Called with each trial once it is known.
 
     Returns
     -------
     list of Trial
-        In the order of their places.
+        Trials in the order of their places.
 
     Raises
     ------
     OutputError
-        The store cannot be written.
+        The study cannot be written.
     MissingDependencyError
-        The sampler cmaes without its package.
+        The sampler is cmaes and its package is not installed.
     """
     if goal.sampler == "cmaes" and importlib.util.find_spec("cmaes") is None:
         raise MissingDependencyError("the sampler cmaes needs the package cmaes: pip install cmaes.")
@@ -81,7 +81,7 @@ def search(
 
     def know(place: int, trial: Trial) -> None:
         trials[place] = trial
-        told(trial)
+        report(trial)
 
     for begin in range(0, goal.search.trials, goal.search.batch):
         batch = range(begin, min(begin + goal.search.batch, goal.search.trials))
@@ -103,7 +103,7 @@ def search(
 
 
 def stored_trial(goal: Goal, axes: Sequence[Axis], frozen: FrozenTrial) -> Trial:
-    """Return what the store has of a trial."""
+    """Return a trial of the study as a `Trial`."""
     point = frozen.user_attrs["point"]
     outcome = point["reason"] or frozen.user_attrs["quantities"]
     accuracy = "full" if point["kind"] == "polish" else goal.search.accuracy
@@ -117,16 +117,16 @@ def frozen_trial(
     on_trial: Mapping[str, Any] | None = None,
     on_study: Mapping[str, Any] | None = None,
 ) -> FrozenTrial:
-    """Return a finished trial as the store keeps it; a point that cannot be is pruned.
+    """Return a finished trial as the study keeps it; an impossible point is marked as pruned.
 
     Parameters
     ----------
     axes : sequence of Axis
-        As `axes_of` returns them.
+        Variables of the goal, from `axes_of`.
     parameters : mapping of str to object
-        Of the point.
+        Parameters of the point.
     trial : Trial
-        What came of it.
+        The evaluated point.
     on_trial, on_study : mapping of str to object, optional
         Attributes that a sampler has set on the trial and on the study as it asked for the point.
     """
@@ -147,10 +147,10 @@ def frozen_trial(
 
 
 class _Memory:
-    """The study that the sampler works on; the number of a trial in it is its place.
+    """The study in memory that the sampler works on; the number of a trial in it is its place.
 
-    Samplers keep what they need from point to point as attributes of trials and of the study. What a point has left is
-    stored with it, and recalled with it.
+    Samplers keep their state as attributes of trials and of the study. The attributes that a point has set are stored
+    and recalled with it.
     """
 
     def __init__(self, goal: Goal, axes: Sequence[Axis]) -> None:
@@ -164,7 +164,7 @@ class _Memory:
         self._on_study: dict[int, dict[str, Any]] = {}
 
     def ask(self, place: int) -> AskedTrial:
-        """Let the sampler decide on a point."""
+        """Let the sampler choose a point."""
         self._study.sampler = _sampler(self._goal, place)
         fixed = start_parameters(self._axes) if place == 0 else None
         if fixed is None and self._goal.sampler == "qmc":
@@ -178,7 +178,7 @@ class _Memory:
         return trial
 
     def left_by(self, place: int) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Return the attributes that a point left on itself and on the study, without those that no other one reads."""
+        """Return the attributes that a point has set on itself and the study, without those that no later one reads."""
         on_trial = self._study.get_trials(deepcopy=False)[place].system_attrs
         return {key: value for key, value in on_trial.items() if not key.startswith(_REBUILT)}, self._on_study[place]
 
@@ -198,7 +198,7 @@ class _Memory:
         )
 
     def tell(self, place: int, trial: Trial, asked: AskedTrial | None) -> None:
-        """Tell what came of a point; `asked` is None for one that was recalled, which has its constraints."""
+        """Report the outcome of a point; `asked` is None for a recalled one, which has its constraints already."""
         from optuna.trial import TrialState
 
         if asked is not None:
@@ -244,7 +244,7 @@ def _sobol_point(axes: Sequence[Axis], seed: int, place: int) -> dict[str, Any]:
 def _outcomes(
     goal: Goal, axes: Sequence[Axis], asked: Mapping[int, AskedTrial], start: Outcome, evaluate: Evaluate
 ) -> Iterator[tuple[int, Outcome]]:
-    """Evaluate the points of a batch that are not known; the start is, where it is wanted in full."""
+    """Evaluate the points of a batch; the outcome of the start is known, in full accuracy."""
     places = list(asked)
     if 0 in asked and start_parameters(axes) is not None and goal.search.accuracy == "full":
         yield places.pop(0), start

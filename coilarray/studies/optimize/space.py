@@ -29,22 +29,22 @@ _ON_GRID = 1e-9  # of a step: how near to a step a value must be to stand on it
 
 @dataclass(frozen=True)
 class Axis:
-    """One variable with what the design says of it.
+    """One variable of a goal, together with its value in the design.
 
     Parameters
     ----------
     entry : str
-        Dotted key.
+        Dotted key of the entry in the design file.
     choices : tuple of str
-        As JSON texts; empty for a number.
+        Allowed values as JSON texts; empty for a number.
     low, high : float
         Bounds of a number, in the unit of the entry.
     step : float or None
-        Between the values that it may take; None for any.
+        Distance of the values that it may take; None for any value.
     log : bool
-        Searched over its logarithm.
+        True for a variable that is searched over its logarithm.
     whole : bool
-        Takes whole numbers alone.
+        True for an entry that takes only whole numbers.
     start : object
         Value in the design; None where it has none.
     """
@@ -129,7 +129,7 @@ def axes_of(goal: Goal, design: Design) -> tuple[Axis, ...]:
     Parameters
     ----------
     goal : Goal
-        As `load_goal` returns it.
+        Goal with the variables.
     design : Design
         Whose entries they are.
 

@@ -12,26 +12,26 @@ from coilarray.studies.optimize.goal import Goal
 
 @dataclass(frozen=True)
 class Trial:
-    """A point that was tried.
+    """An evaluated point of a search.
 
     Parameters
     ----------
     kind : {"start", "search", "polish"}
-        The design as it is where that is not within the bounds, a point of the sampler, or one of the local solver.
+        Origin of the point: the design as it is where that lies outside the bounds, the sampler, or the local solver.
     place : int
-        Counts the points of a kind from 0.
+        Number of the point among those of its kind, from 0.
     changes : mapping of str to object
-        Entries of the design, in the units of their keys; none for the start.
+        Changed entries of the design, in the units of their keys; none for the start.
     quantities : mapping of str to float
-        By name, in the unit of the name; empty where the point cannot be.
+        Values by name, in the unit of the name; empty for an impossible point.
     scores : tuple of float
-        One for each objective, as `Goal.scores`; empty where the point cannot be.
+        Score of every objective, see `Goal.scores`; empty for an impossible point.
     violations : mapping of str to float
-        As `Goal.violations`.
+        Violation of every bound; see `Goal.violations`.
     reason : str
-        Why the point cannot be, in one line; empty where it can.
+        Why the point is impossible, in one line; else empty.
     accuracy : {"full", "screen"}
-        Of its inductances: `coilarray.electromagnetics.inductance.Accuracy`.
+        Accuracy of the inductances; see `coilarray.electromagnetics.inductance.Accuracy`.
     """
 
     kind: Literal["start", "search", "polish"]
@@ -45,7 +45,7 @@ class Trial:
 
     @property
     def feasible(self) -> bool:
-        """True where the point can be and keeps every bound."""
+        """True where the point is possible and keeps every bound."""
         return not self.reason and all(violation <= 0 for violation in self.violations.values())
 
     @property
@@ -67,13 +67,12 @@ def trial_of(
     Parameters
     ----------
     goal : Goal
-        As `load_goal` returns it.
-    kind, place, changes
-        As in `Trial`.
+        Goal that judges the point.
+    kind, place, changes, accuracy
+        See `Trial`.
     outcome : mapping of str to float, or str
-        Every quantity of the goal, but for those that are watched alone; or the reason why there is none.
-    accuracy
-        As in `Trial`.
+        Quantities of the goal by name, of which those that are only watched may be missing; or the reason why the point
+        has none.
     """
     if isinstance(outcome, str):
         return Trial(kind, place, changes, {}, (), {}, outcome, accuracy)
@@ -88,19 +87,19 @@ def best_of(trials: Sequence[Trial], goal: Goal) -> Trial | None:
 
 
 def front_of(trials: Sequence[Trial], goal: Goal) -> tuple[Trial, ...]:
-    """Return the Pareto front: feasible trials that no other one beats, in the order of the first objective.
+    """Return the Pareto front: feasible trials that no other trial beats, in the order of the first objective.
 
     Parameters
     ----------
     trials : sequence of Trial
-        Any number.
+        Points to compare.
     goal : Goal
-        Says which scores are to be large.
+        Goal with the directions of the objectives.
 
     Returns
     -------
     tuple of Trial
-        One alone of several with equal scores.
+        Best trials; of several with equal scores only one.
     """
     signs = [-1 if objective.maximized else 1 for objective in goal.objectives]
     costs = {

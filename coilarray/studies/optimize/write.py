@@ -24,14 +24,15 @@ _DESIGN_NAME = re.compile(r"best\.toml|pareto_\d{2,}\.toml")
 
 
 def write_optimization(result: Optimization, folder: str | Path) -> tuple[Path, ...]:
-    """Write all files but the report.
+    """Write all files except the report.
 
     Parameters
     ----------
     result : Optimization
-        As `coilarray.studies.optimize.optimize_design` returns it.
+        Result of `coilarray.studies.optimize.optimize_design`.
     folder : str or Path
-        Made where it does not exist. Designs that its ``result.json`` says an earlier search left are removed.
+        Folder of the files, made where it does not exist. Designs of an earlier search, which its ``result.json``
+        lists, are removed.
 
     Returns
     -------
@@ -84,16 +85,16 @@ def design_text(design: Design, trial: Trial, label: str) -> str:
     Parameters
     ----------
     design : Design
-        That was varied.
+        Design that the search started from.
     trial : Trial
-        Says what changed.
+        Point with the changed entries.
     label : str
-        Added to the name of the design.
+        Text to append to the name of the design.
 
     Returns
     -------
     str
-        TOML that `coilarray.load_design` reads. What was chosen is no longer assumed.
+        TOML that `coilarray.load_design` reads. Entries that were chosen are no longer marked as assumed.
     """
     document = vary_document(design.document, trial.changes)
     document["name"] = f"{design.name}-{label}"

@@ -28,7 +28,7 @@ _TEXT = re.compile(r"([^\[\]]*)(?:\[([^\[\]]*)\])?")
 
 
 def request(asked: str | Mapping[str, Any]) -> Request:
-    """Read what is asked for.
+    """Read the name and the options of a quantity.
 
     Parameters
     ----------
@@ -83,24 +83,24 @@ def evaluate(
     Parameters
     ----------
     design : Design
-        As `coilarray.load_design` returns it.
+        Design to evaluate.
     asked : iterable of str or mapping
-        As `request` reads them. What they need in common is computed once.
+        Quantities, each as `request` reads it; shared intermediate results are computed once.
     accuracy : {"full", "screen"}
-        Of the inductances: `coilarray.electromagnetics.inductance.Accuracy`.
+        Accuracy of the inductances; see `coilarray.electromagnetics.inductance.Accuracy`.
 
     Returns
     -------
     dict of str to float
-        By the keys of the requests, in their order; always finite.
+        Values by the keys of the requests, in their order; always finite.
 
     Raises
     ------
     GoalError
-        What `request` refuses, before anything is computed; a coil that the design does not have; a quantity that it
-        does not have, for example a response without an indenter.
+        A request that `request` refuses, before anything is computed, or a coil or quantity that the design does not
+        have, for example a response without an indenter.
     CoilarrayError
-        What keeps the physics from being solved, for example a state without a resonance.
+        Physics that cannot be solved, for example a state without a resonance.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""What the quantities of one design share, computed once and only where one of them asks for it."""
+"""Intermediate results that the quantities of one design share, each computed once when it is first needed."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ _CONTACT_ENDS = 4.0  # depths above the tip of an indenter, beyond which it neve
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """The intermediate results of a design.
+    """Intermediate results of a design.
 
     Parameters
     ----------
     design : Design
-        As `coilarray.load_design` returns it.
+        Design to evaluate.
     accuracy : {"full", "screen"}
-        Of the inductances: `coilarray.electromagnetics.inductance.Accuracy`.
+        Accuracy of the inductances; see `coilarray.electromagnetics.inductance.Accuracy`.
     """
 
     design: Design
@@ -41,7 +41,7 @@ class Evaluation:
 
     @cached_property
     def margins(self) -> tuple[Margin, ...]:
-        """Of the fabrication rules, as `coilarray.geometry.check_rules` returns them."""
+        """Margins of the fabrication rules, see `coilarray.geometry.check_rules`."""
         return check_rules(self.design.array, self.design.rules)
 
     @cached_property
@@ -70,7 +70,7 @@ class Evaluation:
 
     @property
     def indentation(self) -> Indentation:
-        """How the design is pressed; GoalError where it says nothing of it."""
+        """Indentation of the design; GoalError where it has none."""
         if self.design.indentation is None:
             raise GoalError(f"the design {self.design.name} has no [indenter] and [indentation].")
         return self.design.indentation
@@ -106,14 +106,14 @@ class Evaluation:
         return float(x), float(y)
 
     def window(self, depth: float, beyond: float = 0.0) -> Rectangle:
-        """Return where the indenter may press: over the coils' outlines and `beyond`, contact inside the sample.
+        """Return where the indenter may press: over the coils' outlines and `beyond`, its contact inside the sample.
 
         Parameters
         ----------
         depth : float
-            Of the indentation in m.
+            Depth of the indentation in m.
         beyond : float
-            Outside the outlines in m.
+            Distance by which the rectangle exceeds the outlines in m.
 
         Returns
         -------
@@ -129,9 +129,9 @@ class Evaluation:
         low, high = points.min(axis=0) - setup.origin_point, points.max(axis=0) - setup.origin_point
         low, high = low - beyond, high + beyond
         if setup.sample_bounds is not None:
-            reach = setup.indenter.radius_at(_CONTACT_ENDS * depth)
-            low = np.maximum(low, np.array(setup.sample_bounds[:2]) + reach)
-            high = np.minimum(high, np.array(setup.sample_bounds[2:]) - reach)
+            margin = setup.indenter.radius_at(_CONTACT_ENDS * depth)
+            low = np.maximum(low, np.array(setup.sample_bounds[:2]) + margin)
+            high = np.minimum(high, np.array(setup.sample_bounds[2:]) - margin)
         if not (low < high).all():
             raise GoalError(f"the sample of {self.design.name} leaves no room for the indenter over the coils.")
         return float(low[0]), float(high[0]), float(low[1]), float(high[1])

@@ -26,7 +26,7 @@ NOISE = 1e-5
 _STEPS = 5  # positions of the table in the thickness of all sheets
 _DEPTHS = (0.85, 1.0, 1.15)  # of the table, in the depth that is asked for; δ = 0 at the depth 0 too
 _LEAST_PLACES = 4  # along x and along y
-_PLACES = (40, 20)  # of the median; even numbers leave out the middle line of a board, where y is not told
+_PLACES = (40, 20)  # of the median; even numbers leave out the middle line of a board, where y is not determined
 
 
 def position_error(evaluation: Evaluation, options: Mapping[str, Any]) -> float:

@@ -14,8 +14,8 @@ from coilarray.studies.quantities.evaluation import Evaluation
 Value: TypeAlias = str | float | tuple[str, ...] | tuple[float, ...]
 
 Cost: TypeAlias = Literal["geometry", "coupling", "circuit", "response", "table"]
-"""What must be computed: shapes alone; inductances; the circuit of every state; an indentation at some places; at a
-whole table of places and depths."""
+"""Most expensive result that a quantity needs: shapes alone, inductances, the circuit of every state, an indentation at
+some places, or one at a whole table of places and depths."""
 
 
 @dataclass(frozen=True)
@@ -25,13 +25,13 @@ class Option:
     Parameters
     ----------
     name : str
-        In tables and texts.
+        Name in tables and texts.
     must_be : str
-        What is allowed, for messages.
+        Allowed values, for messages.
     read : callable
-        Takes a text or what TOML gives; returns the value, or None where it is not allowed.
+        Function that takes a text or a TOML value and returns the value, or None where it is not allowed.
     says : str
-        What it does; the default too.
+        Meaning of the option and its default.
     required : bool
         True where there is no default.
     bare : bool
@@ -48,22 +48,22 @@ class Option:
 
 @dataclass(frozen=True)
 class Quantity:
-    """Something of a design that can be wanted, limited or tabulated: one number.
+    """One number of a design that can be optimized, limited or tabulated.
 
     Parameters
     ----------
     name : str
-        With its unit at the end; none where it has none.
+        Name of the quantity, which ends with its unit if it has one.
     unit : str
-        As shown: "mm", "µH"; "1" for pure numbers.
+        Unit as shown: "mm", "µH"; "1" for pure numbers.
     says : str
-        What it is.
+        Meaning of the quantity.
     cost : {"geometry", "coupling", "circuit", "response", "table"}
-        What must be computed for it.
+        Most expensive result that it needs; see `Cost`.
     compute : callable
-        Takes an `Evaluation` and the given options and returns the number.
+        Function of an `Evaluation` and the given options that returns the number.
     options : tuple of Option
-        What it takes.
+        Options of the quantity.
     """
 
     name: str
@@ -101,9 +101,9 @@ class Request:
     Parameters
     ----------
     quantity : Quantity
-        What.
+        The quantity.
     options : mapping of str to value
-        Those that were given, in the order of the quantity's.
+        The given options, in the order of those of the quantity.
     """
 
     quantity: Quantity

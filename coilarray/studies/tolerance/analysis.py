@@ -1,4 +1,4 @@
-"""The whole analysis: boards around the design, boards drawn at random, and what both say of the spread."""
+"""The whole analysis: boards around the design, boards drawn at random, and the spread that both give."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ import xarray as xr
 
 from coilarray.circuit.coupling import provenance
 from coilarray.compute.memory import require_memory
+from coilarray.compute.store import Store
 from coilarray.compute.threads import Progress
 from coilarray.compute.workers import Pool, workers
 from coilarray.design.model import Design, build_design
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import GoalError, LocalizeError
 from coilarray.localize.forward import PARAMETERS, forward_model, table_for, table_grid
-from coilarray.studies.cache import Outcome, PointCache
-from coilarray.studies.evaluate import run_cached
+from coilarray.studies.evaluate import Outcome, run_cached
 from coilarray.studies.quantities import QUANTITIES, canonical
 from coilarray.studies.tolerance.outputs import Outputs, default_quantities, evaluate_board, wanted_outputs
 from coilarray.studies.tolerance.position import Shifts, shifts_at
@@ -31,7 +31,7 @@ from coilarray.studies.tolerance.tolerances import UNITS, Contributor, Limit, To
 
 FloatArray = npt.NDArray[np.float64]
 
-_UNTOLD = 0.5  # of the thickness of all sheets: over such a length δ changes much
+_LEAST_KNOWN = 0.5  # of the thickness of all sheets, a length over which δ changes much
 _LINEAR_SAMPLES = 1 << 16  # of the linear model, for its yield: errs by less than 1e-3
 
 
@@ -46,7 +46,7 @@ def analyse(
     accuracy: Accuracy = "screen",
     table: xr.Dataset | None = None,
     pool: Pool | None = None,
-    cache: PointCache | None = None,
+    cache: Store | None = None,
     progress: Progress | None = None,
 ) -> xr.Dataset:
     """Spread of a design's quantities over the boards that a fabricator makes of it.
@@ -54,28 +54,28 @@ def analyse(
     Parameters
     ----------
     design : Design
-        As `coilarray.load_design` returns it.
+        Nominal design.
     tolerances : Tolerances
         Distributions of the errors, positions and limits.
     quantities : sequence of str, optional
         Names as in `coilarray.studies.quantities`. By default those of the tolerances, and where they name none,
         `default_quantities`. What the limits name comes on top.
     samples : int
-        Boards to draw; 0 leaves it at the linearised spread, else at least 8.
+        Number of boards to draw, at least 8; 0 computes only the linearised spread.
     seed, sampling
-        As in `coilarray.studies.tolerance.sampling.draw`.
+        See `coilarray.studies.tolerance.sampling.draw`.
     accuracy : {"full", "screen"}
-        Of the inductances. ``screen`` shifts values by 1e-4 of L and 5e-5 in k, the same for all boards, so that their
-        spread is right to 1 % (tests/studies/test_tolerance_analysis.py).
+        Accuracy of the inductances. ``screen`` shifts values by 1e-4 of L and 5e-5 in k, the same for all boards, so
+        that their spread is right to 1 % (tests/studies/test_tolerance_analysis.py).
     table : xarray.Dataset, optional
-        What `coilarray.localize.forward.table_for` says of the design, for the located positions; computed here by
+        Response table of the design for locating positions, from `coilarray.localize.forward.table_for`; computed by
         default.
     pool : Pool, optional
-        Where boards are computed; in this process by default.
-    cache : PointCache, optional
-        Where boards are kept, so that an interrupted analysis goes on from there.
+        Workers that compute the boards; this process by default.
+    cache : Store, optional
+        Store that keeps the boards, so that an interrupted analysis can be continued.
     progress : callable, optional
-        Called with (done, total) boards.
+        Called with (done, total) as boards are done.
 
     Returns
     -------
@@ -95,11 +95,11 @@ def analyse(
     Raises
     ------
     GoalError
-        What `check_analysis` refuses, or a board next to the nominal one that cannot be.
+        Arguments that `check_analysis` refuses, or an impossible board next to the nominal one.
     CoilarrayError
-        What keeps the nominal board from being solved.
+        A nominal board that cannot be solved.
     ValueError
-        A design that is not what its document says.
+        A design that differs from its document.
 
     Examples
     --------
@@ -129,9 +129,9 @@ def analyse(
     nominal, linear = values[0], sensitivity(found, steps, values[1:])
     sampled = np.array([[np.nan] * len(nominal) if isinstance(o, str) else list(o.values()) for o in taken])
     sampled = sampled.reshape(samples, len(nominal))
-    told: dict[str, str] = {}
+    located: dict[str, str] = {}
     if shifts is not None:
-        nominal, linear, sampled, told = _with_shifts(shifts, outputs, nominal, linear, sampled)
+        nominal, linear, sampled, located = _with_shifts(shifts, outputs, nominal, linear, sampled)
     result = _linear_part(names, found, tolerances, nominal, linear)
     if samples:
         failures = [outcome if isinstance(outcome, str) else "" for outcome in taken]
@@ -139,7 +139,7 @@ def analyse(
     if limits:
         result = result.merge(_yields(limits, names, found, nominal, linear, sampled))
     about = {"seed": seed, "sampling": sampling, "accuracy": accuracy, "boards": len(boards)}
-    return result.assign_attrs({**provenance(design), **about, **told})
+    return result.assign_attrs({**provenance(design), **about, **located})
 
 
 def check_analysis(
@@ -153,14 +153,14 @@ def check_analysis(
     accuracy: Accuracy = "screen",
     with_table: bool = False,
 ) -> None:
-    """Refuse what `analyse` would, as far as it shows without a table and without a board: in milliseconds.
+    """Refuse what `analyse` would refuse, as far as that shows in milliseconds, without a table or a board.
 
     Parameters
     ----------
     design, tolerances, quantities, samples, seed, sampling, accuracy
-        As in `analyse`.
+        See `analyse`.
     with_table : bool
-        Whether there is a table already. Without, positions must lie in the one that is to be computed.
+        True where a response table is at hand. Without one, positions must lie in the table that will be computed.
 
     Raises
     ------
@@ -170,7 +170,7 @@ def check_analysis(
     LocalizeError
         A position outside the table that is to be computed, or fewer states than unknowns.
     ValueError
-        A design that is not what its document says.
+        A design that differs from its document.
 
     Examples
     --------
@@ -188,7 +188,7 @@ def check_analysis(
 
 @dataclass(frozen=True, eq=False)
 class _Asked:
-    """What an analysis is to compute, checked as far as it can be without computing."""
+    """Checked input of an analysis."""
 
     found: Sequence[Contributor]
     outputs: Outputs
@@ -259,7 +259,7 @@ def _shifts(design: Design, outputs: Outputs, table: xr.Dataset | None) -> Shift
         return None
     model = forward_model(table_for(design) if table is None else table)
     thickness = sum(sheet.thickness for sheet in design.sheets)
-    return shifts_at(model, outputs.positions, _UNTOLD * thickness)
+    return shifts_at(model, outputs.positions, _LEAST_KNOWN * thickness)
 
 
 def _evaluated(
@@ -267,13 +267,13 @@ def _evaluated(
     outputs: Outputs,
     boards: Sequence[Mapping[str, float]],
     pool: Pool,
-    cache: PointCache | None,
+    cache: Store | None,
     progress: Progress | None,
 ) -> list[Outcome]:
     """Outcomes in the order of the boards."""
     items = (outputs.item(design, errors) for errors in boards)
     outcomes: list[Outcome] = [""] * len(boards)
-    for k, outcome in run_cached(evaluate_board, items, pool, cache, progress, len(boards)):
+    for k, outcome in run_cached(evaluate_board, items, pool, cache, progress=progress, total=len(boards)):
         if k == 0 and isinstance(outcome, str):
             raise GoalError(outcome)  # no board at all
         outcomes[k] = outcome
@@ -296,18 +296,18 @@ def _near_values(
 def _with_shifts(
     shifts: Shifts, outputs: Outputs, nominal: FloatArray, linear: Sensitivity, sampled: FloatArray
 ) -> tuple[FloatArray, Sensitivity, FloatArray, dict[str, str]]:
-    """Put the shifts of the located positions behind the outputs; also what is to be told of them."""
+    """Append the shifts of the located positions to the outputs; also return attributes of the result."""
     first, by_delta = len(outputs.quantities), shifts.matrix()
     matrix = np.hstack((np.zeros((len(by_delta), first)), by_delta))
     good = np.isfinite(sampled).all(axis=1)
     located = np.full((len(sampled), len(by_delta)), np.nan)
     located[good], found = shifts.located(sampled[good, first:] - nominal[first:])
-    told = {
+    attributes = {
         "found": f"{int(found.sum())} of {int(good.sum()) * len(shifts.points)} readings",
-        "untold": "; ".join(shifts.untold(outputs.places())),
+        "untold": "; ".join(shifts.undetermined(outputs.places())),
     }
     none = np.zeros(len(by_delta))
-    return np.append(nominal, none), linear.joined(linear.through(matrix)), np.hstack((sampled, located)), told
+    return np.append(nominal, none), linear.joined(linear.through(matrix)), np.hstack((sampled, located)), attributes
 
 
 def _linear_part(

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Mapping
 from functools import cache
-from importlib import resources
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
+from coilarray.compute.toml_files import bundled_text, parse_toml, read_text
 from coilarray.design.tables import first_error
 from coilarray.design.units import Millimetres, Position, Table
 from coilarray.errors import GoalError
@@ -52,17 +51,7 @@ def load_tolerances(path: str | Path | None = None) -> Tolerances:
     if path is None:
         return _typical()
     shown = str(path)[:_LONGEST_NAME]
-    try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        raise GoalError(f"there is no tolerance file {shown}.") from None
-    except UnicodeDecodeError:
-        raise GoalError(f"{shown} is no text file in UTF-8.") from None
-    except OSError as error:
-        raise GoalError(f"cannot read {shown}: {error.strerror}.") from None
-    except ValueError as error:  # a name with a zero byte
-        raise GoalError(f"cannot read {shown!r}: {error}.") from None
-    return parse_tolerances(text, shown)
+    return parse_tolerances(read_text(path, f"there is no tolerance file {shown}.", GoalError), shown)
 
 
 def parse_tolerances(text: str, origin: str = "tolerances") -> Tolerances:
@@ -79,17 +68,12 @@ def parse_tolerances(text: str, origin: str = "tolerances") -> Tolerances:
 
 
 def typical_text() -> str:
-    """Text of the bundled tolerance file, to be changed."""
-    return resources.files("coilarray.studies.tolerance").joinpath("typical.toml").read_text(encoding="utf-8")
+    """Return the text of the bundled tolerance file, as a template."""
+    return bundled_text("coilarray.studies.tolerance", "typical")
 
 
 def _read(text: str, origin: str) -> _File:
-    try:
-        document = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise GoalError(f"{origin}: not valid TOML: {error}.") from None
-    except RecursionError:
-        raise GoalError(f"{origin}: not valid TOML: nested too deeply.") from None
+    document = parse_toml(text, origin, GoalError)
     try:
         return _File.model_validate(document)
     except ValidationError as error:

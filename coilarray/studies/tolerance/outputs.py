@@ -40,9 +40,9 @@ class Outputs:
     quantities : tuple of str
         Canonical names of `coilarray.studies.quantities`.
     positions : Positions or None
-        Where δ is computed.
+        Positions where δ is computed.
     accuracy : {"full", "screen"}
-        Of the inductances: `coilarray.electromagnetics.inductance.Accuracy`.
+        Accuracy of the inductances; see `coilarray.electromagnetics.inductance.Accuracy`.
     """
 
     quantities: tuple[str, ...]
@@ -85,13 +85,13 @@ def wanted_outputs(
     Parameters
     ----------
     design : Design
-        Of the boards.
+        Nominal design of the boards.
     quantities : sequence of str
-        As `coilarray.studies.quantities.request` reads them; the same one may stand there twice.
+        Quantities, each as `coilarray.studies.quantities.request` reads it; repeated ones count once.
     positions : Positions, optional
-        Where δ is wanted.
+        Positions where δ is wanted.
     accuracy : {"full", "screen"}
-        Of the inductances.
+        Accuracy of the inductances.
 
     Raises
     ------
@@ -115,19 +115,19 @@ def evaluate_board(item: Mapping[str, Any]) -> dict[str, float]:
     Parameters
     ----------
     item : mapping
-        As `Outputs.item` returns it.
+        Input of a board, from `Outputs.item`.
 
     Returns
     -------
     dict of str to float
-        By the names of `Outputs.names`.
+        Values by the names of `Outputs.names`.
 
     Raises
     ------
     GoalError
         Errors that leave no board, or a quantity that the board does not have.
     CoilarrayError
-        What keeps the physics from being solved.
+        Physics that cannot be solved.
     """
     document = item["document"]
     board = perturb(build_design(document, document["name"]), item["errors"])

@@ -46,8 +46,8 @@ def error_names(design: Design) -> tuple[str, ...]:
     Parameters
     ----------
     design : Design
-        Layers that carry no copper of a coil have neither etch nor registration; a design without an indentation has
-        no placement, one without magnetic sheets no permeability.
+        Design of the board. Layers that carry no copper of a coil have neither etch nor registration; a design without
+        an indentation has no placement, one without magnetic sheets no permeability.
 
     Examples
     --------
@@ -78,9 +78,9 @@ def perturb(design: Design, errors: Mapping[str, float]) -> Design:
     Parameters
     ----------
     design : Design
-        As it is meant.
+        Nominal design.
     errors : mapping of str to float
-        By the names of `error_names`, in SI; the others are zero.
+        Errors by the names of `error_names`, in SI; the others are zero.
 
     Returns
     -------

@@ -1,8 +1,8 @@
 """How far from the truth a board with errors locates the indenter, when it uses the table of the board without.
 
 The board reads δ + Δδ. Near the truth the likelihood of the table is that of a linear model with J = ∂δ/∂(x, y, depth),
-and with equal noise in all states its maximum is moved by (JᵀJ)⁻¹ Jᵀ Δδ. Unknowns of which the reading tells next to
-nothing are left out of J, that is taken as known: on the middle line of a board that is symmetric in y, y itself.
+and with equal noise in all states its maximum is moved by (JᵀJ)⁻¹ Jᵀ Δδ. Unknowns that the reading hardly determines
+are left out of J, that is, taken as known: y itself on the middle line of a board that is symmetric in y.
 """
 
 from __future__ import annotations
@@ -26,37 +26,37 @@ IntArray = npt.NDArray[np.intp]
 
 @dataclass(frozen=True, eq=False)
 class Shifts:
-    """What moves located positions.
+    """Shifts of located positions by errors of the board.
 
     Parameters
     ----------
     model : ForwardModel
-        Of the board without errors.
+        Response of the board without errors.
     points : ndarray, shape (places, 3)
         True x, y and depth in m.
     noise : float
         Standard deviation of δ.
-    told : tuple of tuple of int
-        At each place, which of x, y and depth a reading tells.
+    determined : tuple of tuple of int
+        At each place, which of x, y and depth a reading determines.
     """
 
     model: ForwardModel
     points: FloatArray
     noise: float
-    told: tuple[tuple[int, ...], ...]
+    determined: tuple[tuple[int, ...], ...]
 
     def names(self, places: Sequence[str]) -> tuple[str, ...]:
         """Names of the outputs, place by place, from the places' own names."""
         return tuple(
             f"shift_{PARAMETERS[axis]}_mm[{place}]"
-            for place, axes in zip(places, self.told, strict=True)
+            for place, axes in zip(places, self.determined, strict=True)
             for axis in axes
         )
 
-    def untold(self, places: Sequence[str]) -> tuple[str, ...]:
-        """Tell what no reading tells, one text a place: ``y at x_mm=0,y_mm=0,depth_mm=1``."""
+    def undetermined(self, places: Sequence[str]) -> tuple[str, ...]:
+        """Return the unknowns that no reading determines, one text a place: ``y at x_mm=0,y_mm=0,depth_mm=1``."""
         texts = []
-        for place, axes in zip(places, self.told, strict=True):
+        for place, axes in zip(places, self.determined, strict=True):
             missing = [PARAMETERS[axis] for axis in range(self.model.unknowns) if axis not in axes]
             if missing:
                 texts.append(f"{', '.join(missing)} at {place}")
@@ -66,7 +66,7 @@ class Shifts:
         """Shifts in mm per change of δ, shape (shifts, places · states), zero between different places."""
         states = len(self.model.states)
         rows = []
-        for k, (point, axes) in enumerate(zip(self.points, self.told, strict=True)):
+        for k, (point, axes) in enumerate(zip(self.points, self.determined, strict=True)):
             inverse = np.linalg.pinv(self.model.jacobian(point)[:, list(axes)])
             for row in inverse * 1e3:
                 rows.append(np.zeros(len(self.points) * states))
@@ -86,12 +86,12 @@ class Shifts:
         shifts : ndarray, shape (n, shifts)
             Located less true in mm, of the mode next to the truth; NaN where a reading has no mode.
         found : ndarray of int, shape (n,)
-            At how many places each board has its position ``"found"``; elsewhere it is on the border of the table, or
-            the residuals are beyond noise.
+            Number of places where each board has its position ``"found"``; elsewhere it is on the border of the table,
+            or the residuals are beyond noise.
         """
         states = len(self.model.states)
         shifts, found = [], np.zeros(len(changes), dtype=np.intp)
-        for k, (point, axes) in enumerate(zip(self.points, self.told, strict=True)):
+        for k, (point, axes) in enumerate(zip(self.points, self.determined, strict=True)):
             readings = self.model.delta(point) + changes[:, k * states : (k + 1) * states]
             locations = locate_all(self.model, readings, noise=self.noise)
             found += np.array([location.verdict == "found" for location in locations], dtype=bool)
@@ -111,11 +111,11 @@ def shifts_at(model: ForwardModel, positions: Positions, largest: float) -> Shif
     Parameters
     ----------
     model : ForwardModel
-        Of the board without errors.
+        Response of the board without errors.
     positions : Positions
-        In the table, with the noise of readings.
+        Positions within the table, with the noise of readings.
     largest : float
-        Standard deviation in m by noise alone beyond which an unknown counts as not told: a length over which δ
+        Largest standard deviation in m, by noise alone, of an unknown that counts as determined: a length over which δ
         changes much, beyond which nothing is linear.
 
     Raises
@@ -129,10 +129,10 @@ def shifts_at(model: ForwardModel, positions: Positions, largest: float) -> Shif
             f"{model.unknowns} unknowns need at least as many states; the scan has {', '.join(model.states)}."
         )
     information = fisher_information(model, points, positions.noise)
-    return Shifts(model, points, positions.noise, tuple(_told(one, largest) for one in information))
+    return Shifts(model, points, positions.noise, tuple(_determined(one, largest) for one in information))
 
 
-def _told(information: FloatArray, largest: float) -> tuple[int, ...]:
+def _determined(information: FloatArray, largest: float) -> tuple[int, ...]:
     """Leave out the least known unknown until the others are known well enough."""
     axes = list(range(len(information)))
     while axes:

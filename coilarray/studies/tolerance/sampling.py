@@ -28,23 +28,23 @@ def draw(contributors: Sequence[Contributor], count: int, seed: int = 0, samplin
     Parameters
     ----------
     contributors : sequence of Contributor
-        Independent of each other.
+        Independent errors.
     count : int
         Number of boards; a power of 2 suits Sobol points best.
     seed : int
-        Of the sequence; equal seeds give equal boards, and the first of many boards are those of few.
+        Seed of the sequence. Equal seeds give equal boards; a larger count begins with the same boards.
     sampling : {"sobol", "random"}
         Kind of points.
 
     Returns
     -------
     ndarray, shape (count, contributors)
-        In SI.
+        Values of the contributors in SI.
 
     Raises
     ------
     GoalError
-        A count that is not 0 to 1 000 000, a negative seed, more contributors than Sobol points have dimensions.
+        A count outside 0 to 1 000 000, a negative seed, or more contributors than Sobol points have dimensions.
 
     Examples
     --------
@@ -72,19 +72,19 @@ def draw(contributors: Sequence[Contributor], count: int, seed: int = 0, samplin
 
 
 def errors_of(contributors: Sequence[Contributor], values: npt.ArrayLike) -> dict[str, float]:
-    """Add up what the contributors do to every error of one board.
+    """Add up the contributions to every error of one board.
 
     Parameters
     ----------
     contributors : sequence of Contributor
-        Of the board.
+        Contributors of the board.
     values : array_like, shape (contributors,)
-        In SI.
+        Their values in SI.
 
     Returns
     -------
     dict of str to float
-        For `coilarray.studies.tolerance.perturb.perturb`.
+        Errors by name, for `coilarray.studies.tolerance.perturb.perturb`.
 
     Examples
     --------

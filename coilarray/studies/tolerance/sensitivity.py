@@ -87,11 +87,11 @@ def sensitivity(contributors: Sequence[Contributor], steps: dict[str, float], va
     Parameters
     ----------
     contributors : sequence of Contributor
-        Of the boards.
+        Contributors of the boards.
     steps : dict of str to float
-        As `error_steps` returns them.
+        Standard deviation of every error, from `error_steps`.
     values : ndarray, shape (points, outputs)
-        In the order of `difference_points`.
+        Outputs of the boards in the order of `difference_points`.
 
     Returns
     -------

@@ -15,7 +15,7 @@ FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
 LEAST_SAMPLES = 8
-"""Boards below which no spread is told."""
+"""Smallest number of boards for a sampled spread."""
 CENTRAL = (2.5, 97.5)
 """Percentiles between which 95 % of the boards lie."""
 
@@ -52,9 +52,9 @@ def kept(limits: Sequence[Limit], names: Sequence[str], values: FloatArray) -> B
     Parameters
     ----------
     limits : sequence of Limit
-        Of named outputs.
+        Limits of named outputs.
     names : sequence of str
-        Of the outputs.
+        Names of the outputs.
     values : ndarray, shape (n, outputs)
         One row a board.
 
@@ -75,7 +75,7 @@ class Yield:
     Parameters
     ----------
     share : float
-        Of the drawn boards.
+        Share of the drawn boards that keep the limits.
     low, high : float
         Wilson's interval. Of independent boards it holds the true share with 95 %; boards of Sobol points are not
         independent, and come only near that.

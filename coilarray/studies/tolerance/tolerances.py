@@ -47,7 +47,7 @@ class Spread:
     Parameters
     ----------
     distribution : {"normal", "uniform"}
-        Of each part.
+        Distribution of each part.
     board, layer : float
         Standard deviation of the part that all layers of a board share, and of the part of each layer, in SI; the
         parts are independent and add up.
@@ -67,7 +67,7 @@ class Positions:
     x, y : tuple of float
         Rising, in m from the map's origin; every x with every y.
     depth : float
-        In m.
+        Depth of the indentation in m.
     noise : float
         Standard deviation of δ, with which readings are weighted when they are located.
     """
@@ -80,14 +80,14 @@ class Positions:
 
 @dataclass(frozen=True)
 class Limit:
-    """What a good board keeps.
+    """Bounds that a good board keeps.
 
     Parameters
     ----------
     quantity : str
         Name of an output.
     at_least, at_most : float
-        In the unit of the name; infinite where there is none.
+        Bounds in the unit of the name; infinite where there is none.
     """
 
     quantity: str
@@ -109,15 +109,15 @@ class Tolerances:
     Parameters
     ----------
     spreads : mapping of str to Spread
-        By table; tables that are not there have no error.
+        Spreads by table; a missing table means no error.
     assumed : mapping of str to str
-        Tables that no one gave, with the reason for their values.
+        Tables that are not given, with the reason for their values.
     quantities : tuple of str
         Names of outputs that the file asks for; empty where it asks for none.
     positions : Positions or None
-        Where the response is asked for.
+        Positions where the response is wanted.
     limits : tuple of Limit
-        Of the outputs.
+        Limits of the outputs.
     """
 
     spreads: Mapping[str, Spread]
@@ -134,15 +134,15 @@ class Contributor:
     Parameters
     ----------
     name : str
-        For people: ``etch, board``, ``dielectric, layer L1-L2``.
+        Name for people: ``etch, board``, ``dielectric, layer L1-L2``.
     table : str
         Table of the file that it comes from.
     part : {"board", "layer"}
-        Whether it is common to all layers of a board.
+        ``board`` for an error common to all layers of a board, ``layer`` for one of its own for each.
     targets : tuple of str
         Errors of `coilarray.studies.tolerance.perturb.perturb` to which it is added.
     distribution : {"normal", "uniform"}
-        With mean zero.
+        Distribution, with mean zero.
     deviation : float
         Standard deviation in SI.
     """
@@ -161,14 +161,15 @@ def contributors(design: Design, tolerances: Tolerances) -> tuple[Contributor, .
     Parameters
     ----------
     design : Design
-        Says which layers and sheets there are.
+        Design with the layers and sheets.
     tolerances : Tolerances
-        As `load_tolerances` returns them.
+        Spreads of the errors.
 
     Returns
     -------
     tuple of Contributor
-        Without those that have no spread. Where a kind has one layer or sheet alone, board and layer part stay apart.
+        Contributors with a spread. The board part and the layer part stay separate even where there is a single layer
+        or sheet.
 
     Raises
     ------

@@ -2,23 +2,14 @@
 
 from __future__ import annotations
 
-from importlib import resources
+from coilarray.compute.toml_files import bundled_names, bundled_text
 
 
 def names() -> tuple[str, ...]:
-    """Names of the bundled goals, sorted."""
-    folder = resources.files("coilarray.studies.optimize.goals")
-    return tuple(sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml")))
+    """Return the names of the bundled goals, sorted."""
+    return bundled_names(__name__)
 
 
 def read(name: str) -> str:
-    """Text of the bundled goal `name`.
-
-    Raises
-    ------
-    KeyError
-        No such goal.
-    """
-    if name not in names():
-        raise KeyError(name)
-    return resources.files("coilarray.studies.optimize.goals").joinpath(f"{name}.toml").read_text(encoding="utf-8")
+    """Return the text of a bundled goal; KeyError where there is none of that name."""
+    return bundled_text(__name__, name)

@@ -1,25 +1,23 @@
-"""The trials of a search on disk: an Optuna study in SQLite that holds nothing but finished trials.
+"""The trials of a search on disk: an Optuna study in SQLite that holds only finished trials.
 
-Optuna's own way, one study on disk that is asked and told, takes a transaction for every parameter and attribute:
-45 ms a trial with six variables. Here the sampler works on a study in memory, and a trial is written when it is
-finished, whole and in one transaction. A killed run leaves no half-finished trial behind.
+A sampler that works on a study on disk takes one transaction for every parameter and attribute: 45 ms a trial with six
+variables. Here the sampler works on a study in memory, and each trial is written once it is finished, in one
+transaction. A killed run leaves no half-finished trial behind.
 """
 
 from __future__ import annotations
 
-import hashlib
-import json
 import os
 import re
 import sqlite3
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from coilarray.compute.code_version import code_version
 from coilarray.compute.files import make_folder
+from coilarray.compute.store import content_key, locked_database
 from coilarray.design.model import Design
 from coilarray.errors import MissingDependencyError, OutputError
 from coilarray.studies.optimize.goal import Goal
@@ -32,8 +30,8 @@ FILE = "study.db"
 """Name of the database in the folder of the results; any tool for Optuna reads it."""
 
 
-class Store:
-    """The study on disk; `open_store` makes one."""
+class StudyFile:
+    """The study on disk; `open_study` makes one."""
 
     def __init__(self, study: Study) -> None:
         self._study = study
@@ -53,28 +51,28 @@ class Store:
 
 
 @contextmanager
-def open_store(folder: Path, design: Design, goal: Goal) -> Iterator[Store]:
-    """Open the study of a design and a goal in a folder for the length of a ``with`` block, new where there is none.
+def open_study(folder: Path, design: Design, goal: Goal) -> Iterator[StudyFile]:
+    """Open the study of a design and a goal in a folder for a ``with`` block; make it where there is none.
 
     Parameters
     ----------
     folder : Path
-        Made where it does not exist. It may hold studies of other designs and goals too.
+        Folder of the file, made where it does not exist. It may hold studies of other designs and goals too.
     design : Design
-        As it is.
+        Design that the search starts from.
     goal : Goal
-        All of it but its trials, polish and watch tells studies apart, and so does the code.
+        Goal of the search. All of it except its trials, polish and watch identifies the study, as does the code.
 
     Yields
     ------
-    Store
+    StudyFile
 
     Raises
     ------
     OutputError
-        A file that cannot be written or is none of ours, or a folder in which another search is running.
+        A file that cannot be written or holds something else, or a folder in which another search is running.
     MissingDependencyError
-        No Optuna.
+        Optuna is not installed.
     """
     try:
         import optuna
@@ -85,7 +83,8 @@ def open_store(folder: Path, design: Design, goal: Goal) -> Iterator[Store]:
 
     make_folder(folder)
     path = folder / FILE
-    with _alone(folder / "study.lock", folder), quiet():
+    busy = f"another search is running in {folder}; wait for it or give another folder."
+    with locked_database(folder / "study.lock", busy), quiet():
         try:
             storage = RDBStorage(f"sqlite:///{path.resolve()}")
             event.listen(storage.engine, "connect", _without_waiting)
@@ -96,38 +95,35 @@ def open_store(folder: Path, design: Design, goal: Goal) -> Iterator[Store]:
         except Exception as error:  # Optuna lets through what SQLAlchemy and Alembic raise
             raise OutputError(f"cannot use {path}: {_first_line(error)}.") from None
         try:
-            yield Store(study)
+            yield StudyFile(study)
         finally:
             storage.remove_session()
             storage.engine.dispose()
 
 
 def points_found(folder: Path, design: Design, goal: Goal) -> int:
-    """Return how many points an earlier run left, which `open_store` would take up; errors as there.
-
-    Makes nothing where there is no study.
-    """
+    """Return the number of points that an earlier run left; errors as `open_study`, but it makes no files."""
     if not os.path.exists(folder / FILE):  # pathlib's raises where the folder may not be read
         return 0
-    with open_store(folder, design, goal) as store:
+    with open_study(folder, design, goal) as store:
         return len(store.trials())
 
 
 def study_name(design: Design, goal: Goal) -> str:
     """Return the name of a study: that of the design, and a hash of all that decides which points are tried."""
-    text = json.dumps([design.digest, goal.searched(), code_version(), metadata.version("optuna")], sort_keys=True)
-    return f"{design.name}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
+    key = content_key(design.digest, goal.searched(), metadata.version("optuna"))
+    return f"{design.name}-{key[:16]}"
 
 
 def _without_waiting(connection: sqlite3.Connection, _: object) -> None:
-    """Do not wait for the disk at every trial: a killed process loses nothing, a power cut the last trials at most."""
+    """Do not wait for the disk at every trial: a killed process loses nothing, a power cut at most the last trials."""
     connection.execute("PRAGMA journal_mode = WAL")
     connection.execute("PRAGMA synchronous = NORMAL")
 
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Keep Optuna's notes on standard error back while the block runs; warnings stay."""
+    """Silence Optuna's notes on standard error while the block runs; warnings stay."""
     from optuna import logging
 
     before = logging.get_verbosity()
@@ -138,26 +134,7 @@ def quiet() -> Iterator[None]:
         logging.set_verbosity(before)
 
 
-@contextmanager
-def _alone(path: Path, folder: Path) -> Iterator[None]:
-    """Hold a lock while the block runs: SQLite's, which ends with the process on every system."""
-    try:
-        connection = sqlite3.connect(path, timeout=0, isolation_level=None)
-    except sqlite3.Error as error:
-        raise OutputError(f"cannot write {path}: {error}.") from None
-    with closing(connection):
-        try:
-            connection.execute("BEGIN EXCLUSIVE")
-        except sqlite3.OperationalError as error:
-            if "locked" not in str(error):
-                raise OutputError(f"cannot write {path}: {error}.") from None
-            raise OutputError(f"another search is running in {folder}; wait for it or give another folder.") from None
-        except sqlite3.DatabaseError as error:
-            raise OutputError(f"cannot use {path}: {error}.") from None
-        yield
-
-
 def _first_line(error: Exception) -> str:
-    """Return what an error says, without the class that SQLAlchemy puts before: "(sqlite3.DatabaseError) "."""
+    """Return the first line of an error without the class that SQLAlchemy puts before it."""
     line = (str(error).strip().splitlines() or [type(error).__name__])[0].rstrip(".")
     return re.sub(r"^\([\w.]+\) ", "", line)

@@ -1,20 +1,28 @@
-"""The cache of points and the version of the code: what is kept is found again, and nothing else."""
+"""The store and the version of the code: what is kept is found again, and nothing else; locks have one holder."""
 
 from __future__ import annotations
 
+import copy
+import dataclasses
 import functools
 import json
 import os
 import stat
+import subprocess
+import sys
 import threading
+from pathlib import Path
 
+import numpy as np
 import pytest
+import xarray as xr
 from hypothesis import given
 from hypothesis import strategies as st
 
 from coilarray.compute import code_version as versions
+from coilarray.compute.large_file import Variable
+from coilarray.compute.store import FOLDER_VARIABLE, Store, content_key, locked_database, open_store
 from coilarray.errors import OutputError
-from coilarray.studies.cache import FOLDER_VARIABLE, PointCache, open_cache, point_key
 
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
 PLAIN = st.recursive(
@@ -31,7 +39,7 @@ def files(cache):
 
 @pytest.fixture(scope="module")
 def shared(tmp_path_factory):
-    return open_cache(tmp_path_factory.mktemp("points"))
+    return open_store(tmp_path_factory.mktemp("points"))
 
 
 @given(outcome=st.dictionaries(st.text(), NUMBERS) | st.text())
@@ -45,23 +53,17 @@ def test_an_outcome_comes_back_to_the_last_bit(shared, outcome):
 
 
 def test_what_is_not_there_is_none(tmp_path):
-    cache = open_cache(tmp_path)
+    cache = open_store(tmp_path)
     cache.put(KEY, {"a": 1.0})
     assert cache.get("ab" + 62 * "1") is None
-    assert PointCache(tmp_path / "no" / "such").get(KEY) is None
+    assert Store(tmp_path / "no" / "such").get(KEY) is None
     assert len(files(cache)) == 1  # one small file a point, nothing beside it
     assert files(cache)[0].stat().st_size < 100
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        "", "{", '{"values": {"a": 1.0}', "null", "[]", '{"values": [1.0]}', '{"values": {"a": "1"}}',
-        '{"values": {"a": true}}', '{"values": {"a": 1}}', '{"reason": 3}', '{"other": {}}', "\x00" * 40,
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize("text", ["", "{", '{"values": {"a": 1.0}', "null", "\x00" * 40])
 def test_an_unreadable_entry_counts_as_none_and_is_written_anew(tmp_path, text):
-    cache = open_cache(tmp_path)
+    cache = open_store(tmp_path)
     cache.put(KEY, {"a": 1.0})
     (path,) = files(cache)
     path.write_text(text, encoding="utf-8")
@@ -70,8 +72,79 @@ def test_an_unreadable_entry_counts_as_none_and_is_written_anew(tmp_path, text):
     assert cache.get(KEY) == {"a": 2.0}
 
 
+def test_a_dataset_is_computed_once_and_again_where_it_is_damaged_or_the_code_is_another(tmp_path, monkeypatch):
+    store, made = open_store(tmp_path / "store"), []
+
+    def kept(*parts):
+        def compute():
+            made.append(parts)
+            return xr.Dataset({"a": ("n", [1.0, 2.0])})
+
+        assert store.dataset(parts, compute).a.values.tolist() == [1.0, 2.0]
+        return len(made)
+
+    assert [kept("part"), kept("part")] == [1, 1]
+    (path,) = files(store)
+    for number, damage in enumerate((b"", path.read_bytes()[:200], b"not netCDF"), start=2):
+        path.write_bytes(damage)
+        assert [kept("part"), kept("part")] == [number, number]
+    assert kept("part", np.zeros(2)) == 5
+    first = store.keys()
+    assert len(first) == 2
+    monkeypatch.setattr("coilarray.compute.store.code_version", lambda: "0.2")
+    assert [kept("part"), kept("part")] == [6, 6]
+    (store.folder / "notes.txt").touch()
+    store.discard(store.keys() - first)
+    assert store.keys() == first
+    store.discard(first)
+    assert [path.name for path in store.folder.iterdir()] == ["notes.txt"]  # not the store's
+    (store.folder / "notes.txt").unlink()
+    store.discard(())
+    assert not store.folder.exists()
+
+
+def test_arrays_and_dataclasses_are_part_of_a_key_by_their_values():
+    one = Variable("B", ("x",), "T", "flux density")
+    parts = [np.zeros(2), np.zeros((2, 1)), np.zeros(2, complex), np.ones(2), one, dataclasses.replace(one, name="H")]
+    keys = {content_key(part) for part in parts}
+    assert len(keys) == len(parts)
+    assert {content_key(copy.deepcopy(part)) for part in parts} == keys
+    assert content_key(np.float64(2.5)) == content_key(2.5)
+    with pytest.raises(TypeError, match=r"a \w*Path cannot be part of a key\."):
+        content_key(Path())
+
+
+LOCK = """
+import sys, time
+from pathlib import Path
+from coilarray.compute.store import locked_database
+with locked_database(Path(sys.argv[1]), "busy."):
+    print("locked", flush=True)
+    time.sleep(600)
+"""
+
+
+def test_a_lock_is_held_by_one_process_and_ends_with_it(tmp_path):
+    path = tmp_path / "lock"
+    with subprocess.Popen([sys.executable, "-c", LOCK, path], stdout=subprocess.PIPE) as process:
+        assert process.stdout.readline() == b"locked\n"
+        with pytest.raises(OutputError, match=r"^busy\.$"), locked_database(path, "busy."):
+            pass
+        process.kill()
+    with locked_database(path, "busy.") as connection:
+        connection.execute("CREATE TABLE t (x)")
+        with pytest.raises(OutputError, match=r"^busy\.$"), locked_database(path, "busy."):
+            pass
+    path.write_bytes(b"no database" * 100)
+    with pytest.raises(OutputError, match=r"cannot use .*lock: file is not a database"), locked_database(path, "busy."):
+        pass
+    for wrong in (tmp_path / "none" / "lock", Path("zero\0byte")):
+        with pytest.raises(OutputError, match="cannot write "), locked_database(wrong, "busy."):
+            pass
+
+
 def test_bytes_that_are_no_text_and_a_folder_in_the_place_count_as_none(tmp_path):
-    cache = open_cache(tmp_path)
+    cache = open_store(tmp_path)
     cache.put(KEY, "why")
     (path,) = files(cache)
     path.write_bytes(b"\xff\xfe{}")
@@ -83,7 +156,7 @@ def test_bytes_that_are_no_text_and_a_folder_in_the_place_count_as_none(tmp_path
 
 def test_several_writers_leave_whole_entries(tmp_path):
     """Every reader sees one of the outcomes, never a part: the file is replaced, not written into."""
-    cache = open_cache(tmp_path)
+    cache = open_store(tmp_path)
     outcomes = [{f"quantity{k}": float(n) for k in range(200)} for n in range(4)]
     cache.put(KEY, outcomes[0])
     writers = [threading.Thread(target=lambda one=one: [cache.put(KEY, one) for _ in range(30)]) for one in outcomes]
@@ -98,7 +171,7 @@ def test_several_writers_leave_whole_entries(tmp_path):
 
 @pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="the superuser may write everywhere")
 def test_a_folder_without_permission_is_one_line(tmp_path):
-    cache = open_cache(tmp_path / "points")
+    cache = open_store(tmp_path / "points")
     cache.folder.chmod(stat.S_IRUSR | stat.S_IXUSR)
     with pytest.raises(OutputError, match="cannot make the folder"):
         cache.put(KEY, "why")
@@ -107,9 +180,9 @@ def test_a_folder_without_permission_is_one_line(tmp_path):
 def test_a_file_in_the_place_of_the_folder_is_one_line(tmp_path):
     (tmp_path / "points").write_text("mine", encoding="utf-8")
     with pytest.raises(OutputError, match="a file has that name"):
-        open_cache(tmp_path / "points")
+        open_store(tmp_path / "points")
     (tmp_path / "points").unlink()
-    cache = open_cache(tmp_path / "points")
+    cache = open_store(tmp_path / "points")
     (cache.folder / KEY[:2]).write_text("mine", encoding="utf-8")
     with pytest.raises(OutputError, match="a file has that name"):
         cache.put(KEY, "why")
@@ -117,26 +190,26 @@ def test_a_file_in_the_place_of_the_folder_is_one_line(tmp_path):
 
 def test_the_folder_is_the_one_given_or_named_or_the_users(tmp_path, monkeypatch):
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path / "named"))
-    assert open_cache(tmp_path / "given").folder == tmp_path / "given"
-    assert open_cache().folder == tmp_path / "named"
+    assert open_store(tmp_path / "given").folder == tmp_path / "given"
+    assert open_store().folder == tmp_path / "named"
     monkeypatch.delenv(FOLDER_VARIABLE)
     monkeypatch.setattr("platformdirs.user_cache_dir", lambda name, appauthor: str(tmp_path / "user" / name))
-    assert open_cache().folder == tmp_path / "user" / "coilarray" / "points"
-    assert (tmp_path / "user" / "coilarray" / "points").is_dir()
+    assert open_store().folder == tmp_path / "user" / "coilarray"
+    assert (tmp_path / "user" / "coilarray").is_dir()
 
 
 @given(one=PLAIN, other=PLAIN)
 def test_keys_are_equal_exactly_for_equal_parts(one, other):
     same = json.dumps(one, sort_keys=True) == json.dumps(other, sort_keys=True)
-    assert (point_key(one) == point_key(other)) == same
-    assert len(point_key(one)) == 64
+    assert (content_key(one) == content_key(other)) == same
+    assert len(content_key(one)) == 64
 
 
 def test_another_version_of_the_code_has_other_keys(monkeypatch):
-    before = point_key("part")
-    assert point_key("part") == before
-    monkeypatch.setattr("coilarray.studies.cache.code_version", lambda: "9.9.9+0")
-    assert point_key("part") != before
+    before = content_key("part")
+    assert content_key("part") == before
+    monkeypatch.setattr("coilarray.compute.store.code_version", lambda: "9.9.9+0")
+    assert content_key("part") != before
 
 
 @pytest.fixture

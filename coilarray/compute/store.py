@@ -1,0 +1,210 @@
+"""Computed results on disk, each under a hash of what it was computed from, and the lock of files with one writer.
+
+An entry is a small JSON file or a netCDF file. Its name is the SHA-256 of everything that decides the result: the
+inputs, the source code of the package and the versions of numpy, scipy and numba. The processor is not part of it,
+although it changes last digits. Entries are written whole or not at all, and one that cannot be read counts as missing.
+The folder may be deleted at any time, and several runs may use it at once.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import os
+import re
+import sqlite3
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import closing, contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from coilarray.compute.code_version import code_version
+from coilarray.compute.files import make_folder, write_text
+from coilarray.errors import OutputError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+FOLDER_VARIABLE = "COILARRAY_CACHE"
+"""Environment variable that names the default folder of the store."""
+
+_ENTRY = re.compile(r"([0-9a-f]{64})\.(json|nc)")
+
+
+@dataclasses.dataclass(frozen=True)
+class Store:
+    """Results in a folder; `open_store` makes one.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of the entries, which lie in subfolders named by the first two digits of their key.
+    """
+
+    folder: Path
+
+    def get(self, key: str) -> Any | None:
+        """Return the JSON value kept under a key; None where there is none, or none that can be read."""
+        try:
+            return json.loads(self._path(key, "json").read_text(encoding="utf-8"))
+        except (OSError, ValueError):  # ValueError also for blocks that the disk has lost
+            return None
+
+    def put(self, key: str, value: Any) -> None:
+        """Keep a JSON value under a key; OutputError where the file cannot be written."""
+        path = self._path(key, "json")
+        make_folder(path.parent)
+        write_text(path, json.dumps(value) + "\n")
+
+    def get_dataset(self, key: str) -> xr.Dataset | None:
+        """Return the dataset kept under a key; None where there is none, or none that can be read."""
+        from coilarray.compute.netcdf import load_part
+
+        return load_part(self._path(key, "nc"))
+
+    def put_dataset(self, key: str, dataset: xr.Dataset) -> None:
+        """Keep a dataset under a key; OutputError where the file cannot be written."""
+        from coilarray.compute.netcdf import save_dataset
+
+        path = self._path(key, "nc")
+        make_folder(path.parent)
+        save_dataset(dataset, path)
+
+    def dataset(self, parts: Iterable[Any], compute: Callable[[], xr.Dataset]) -> xr.Dataset:
+        """Return the dataset that an earlier run kept, or compute and keep it.
+
+        Parameters
+        ----------
+        parts : iterable of object
+            Everything that decides the result besides the code, as `content_key` takes it.
+        compute : callable
+            Called where no readable dataset is kept.
+
+        Returns
+        -------
+        xarray.Dataset
+
+        Raises
+        ------
+        OutputError
+            A file that cannot be written.
+        """
+        key = content_key(*parts)
+        found = self.get_dataset(key)
+        if found is None:
+            found = compute()
+            self.put_dataset(key, found)
+        return found
+
+    def keys(self) -> set[str]:
+        """Return the keys of all entries."""
+        return {match[1] for path in self.folder.glob("??/*") if (match := _ENTRY.fullmatch(path.name))}
+
+    def discard(self, keys: Iterable[str]) -> None:
+        """Delete entries, and the store's folder once it is empty."""
+        for key in keys:
+            for suffix in ("json", "nc"):
+                self._path(key, suffix).unlink(missing_ok=True)
+            with suppress(OSError):  # other entries are in it
+                self._path(key, "").parent.rmdir()
+        with suppress(OSError):
+            self.folder.rmdir()
+
+    def _path(self, key: str, suffix: str) -> Path:
+        return self.folder / key[:2] / f"{key}.{suffix}"
+
+
+def open_store(folder: Path | None = None) -> Store:
+    """Open a store, in a new folder where there is none.
+
+    Parameters
+    ----------
+    folder : Path, optional
+        By default the folder that the environment variable ``COILARRAY_CACHE`` names, else the user's cache folder.
+
+    Raises
+    ------
+    OutputError
+        The folder cannot be made.
+    """
+    import platformdirs
+
+    if folder is None:
+        folder = Path(os.environ.get(FOLDER_VARIABLE) or platformdirs.user_cache_dir("coilarray", appauthor=False))
+    make_folder(folder)
+    return Store(folder)
+
+
+def content_key(*parts: Any) -> str:
+    """Return the key of a result.
+
+    Parameters
+    ----------
+    *parts : object
+        Everything that decides the result besides the code: tables, lists, texts, numbers, arrays and dataclasses of
+        these.
+
+    Returns
+    -------
+    str
+        SHA-256 of the parts and of `coilarray.compute.code_version.code_version`, hexadecimal. The order of a table's
+        entries does not matter; 1 and 1.0 are different.
+
+    Examples
+    --------
+    >>> content_key({"a": 1, "b": [2.5]}) == content_key({"b": [2.5], "a": 1})
+    True
+    >>> content_key(np.zeros(2)) == content_key(np.zeros(3))
+    False
+    """
+    text = json.dumps([code_version(), *parts], sort_keys=True, default=_plain)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+@contextmanager
+def locked_database(path: Path, message: str) -> Iterator[sqlite3.Connection]:
+    """Open a SQLite file that no other process can use meanwhile; the lock ends with this process on every system.
+
+    Parameters
+    ----------
+    path : Path
+        The file, made where it does not exist. An empty one serves as a plain lock.
+    message : str
+        What the error says where another process holds the lock.
+
+    Yields
+    ------
+    sqlite3.Connection
+        In autocommit mode.
+
+    Raises
+    ------
+    OutputError
+        A file that another process has locked, that cannot be written, or that is not a database.
+    """
+    try:
+        connection = sqlite3.connect(path, timeout=0, isolation_level=None)
+    except (sqlite3.Error, OSError, ValueError) as error:  # ValueError: a name with a zero byte
+        raise OutputError(f"cannot write {path}: {error}.") from None
+    with closing(connection):
+        try:
+            connection.execute("PRAGMA locking_mode = EXCLUSIVE")
+            connection.execute("BEGIN EXCLUSIVE")
+            connection.execute("COMMIT")  # in this mode the lock stays
+        except sqlite3.Error as error:
+            raise OutputError(message if "locked" in str(error) else f"cannot use {path}: {error}.") from None
+        yield connection
+
+
+def _plain(value: Any) -> Any:
+    """Return arrays and dataclasses as JSON can hold them."""
+    if isinstance(value, np.ndarray):
+        return [value.dtype.str, value.shape, hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()]
+    if isinstance(value, np.generic):
+        return value.item()
+    if dataclasses.is_dataclass(value):
+        return [type(value).__name__, {item.name: getattr(value, item.name) for item in dataclasses.fields(value)}]
+    raise TypeError(f"a {type(value).__name__} cannot be part of a key.")
