@@ -15,11 +15,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from coilarray.errors import HardwareError
-from coilarray.hardware.board.chips import ATTEMPTS, BUS_FAULTS, Chips, Orders, no_sample
+from coilarray.hardware.board.chip_driver import ATTEMPTS, BUS_FAULTS, Chips, Orders, no_sample
 from coilarray.hardware.chips.ldc1614_registers import DEVICE, MANUFACTURER
-from coilarray.hardware.scan.legal_switching import check_switching
-from coilarray.hardware.scan.reader import Identity
-from coilarray.hardware.scan.scans import RawSample, RawScan, SampleFault
+from coilarray.hardware.scan.reader import Identity, RawSample, RawScan, SampleFault
 from coilarray.hardware.scan.settings import ScanSettings
 from coilarray.hardware.wire.buses import Clock, RegisterBus, SwitchChain
 from coilarray.hardware.wire.faults import BoardRestarted, BusFault, BusTimeout, SwitchFault
@@ -97,7 +95,7 @@ class DirectReader:
         self._differing.clear()
         if self._closed:
             raise HardwareError("the board is closed; open it again.")
-        check_switching(settings)
+        settings.check_switching()
         orders = Orders.of(settings)
         if len(settings.safe_words) != len(self._safe_words):
             raise HardwareError(

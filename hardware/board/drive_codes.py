@@ -7,8 +7,8 @@ from dataclasses import dataclass, fields, replace
 
 from coilarray.errors import HardwareError
 from coilarray.hardware.chips.ldc1614_registers import register
-from coilarray.hardware.scan.ldc1614_result import Reason, judge
 from coilarray.hardware.scan.reader import Reader
+from coilarray.hardware.scan.readings import Reason, judge
 from coilarray.hardware.scan.settings import ScanSettings, StateSettings
 
 _CONFIG, _DRIVE_CURRENT = register("CONFIG"), register("DRIVE_CURRENT0")

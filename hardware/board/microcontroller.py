@@ -9,9 +9,7 @@ from dataclasses import dataclass
 
 from coilarray.errors import HardwareError
 from coilarray.hardware.board.session import Session, read_nothing
-from coilarray.hardware.scan.legal_switching import check_switching
-from coilarray.hardware.scan.reader import Identity
-from coilarray.hardware.scan.scans import RawScan, SampleFault
+from coilarray.hardware.scan.reader import Identity, RawScan, SampleFault
 from coilarray.hardware.scan.settings import ScanSettings
 from coilarray.hardware.wire.buses import Clock
 from coilarray.hardware.wire.faults import (
@@ -24,9 +22,10 @@ from coilarray.hardware.wire.faults import (
     VersionMismatch,
 )
 from coilarray.hardware.wire.link import LinkCounts, LinkTimes, Wait
-from coilarray.hardware.wire.protocol.commands import draft_commands
+from coilarray.hardware.wire.protocol.lines import draft_commands
 from coilarray.hardware.wire.protocol.messages import (
     Answer,
+    Greeting,
     Heartbeat,
     Message,
     MessageError,
@@ -35,10 +34,10 @@ from coilarray.hardware.wire.protocol.messages import (
     StreamEnd,
     StreamEndReason,
     hexadecimal,
+    read_pong,
     read_scan,
 )
-from coilarray.hardware.wire.protocol.replies import Greeting, read_pong
-from coilarray.hardware.wire.protocol.scan_gate import GateCounts, ScanGate
+from coilarray.hardware.wire.protocol.scan_stream import GateCounts, ScanGate
 from coilarray.hardware.wire.serial_ports import BAUD, BytePort, PortInfo, choose_serial_port, open_serial_port
 
 LONGEST_INTERVAL = 2147.0
@@ -204,7 +203,7 @@ class MicrocontrollerReader:
         CommandRefused, BusFault
             The board refuses them, or a chip does not take them; then it has no settings.
         """
-        check_switching(settings)
+        settings.check_switching()
         greeting = self._session.greeting
         for what, count, most in (
             ("states", len(settings.states), greeting.most_states),

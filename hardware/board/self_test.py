@@ -9,11 +9,10 @@ from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 
 from coilarray.compute.threads import Progress
-from coilarray.hardware.board.chips import BUS_FAULTS
-from coilarray.hardware.scan.closure import Fault, Sight, Trial, faults, trials
-from coilarray.hardware.scan.reader import Reader
+from coilarray.hardware.board.chip_driver import BUS_FAULTS
+from coilarray.hardware.board.fault_model import Fault, Prediction, Trial, single_faults, trials
+from coilarray.hardware.scan.reader import Reader, SampleFault
 from coilarray.hardware.scan.readings import read_scan
-from coilarray.hardware.scan.scans import SampleFault
 from coilarray.hardware.scan.settings import ScanSettings, StateSettings
 from coilarray.hardware.scan.wiring import Wiring
 from coilarray.hardware.wire.faults import BusFault, SwitchFault
@@ -128,7 +127,7 @@ def self_test(reader: Reader, wiring: Wiring, settings: ScanSettings, *, progres
             progress(k + 1, len(groups))
     reader.rest()
     checks = tuple(_check(coil, seen) for coil in wiring.coils)
-    return _judged(checks, seen, faults(wiring))
+    return _judged(checks, seen, single_faults(wiring))
 
 
 def _parts(group: Sequence[Trial]) -> list[tuple[Trial, ...]]:
@@ -204,7 +203,7 @@ def _judged(checks: tuple[CoilCheck, ...], seen: Sequence[_Seen], suspects: Sequ
 def _harmless(fault: Fault, good: Fault, words: Set[bytes]) -> bool:
     """Whether a map is another one without any effect: the two ends of every coil may be exchanged."""
     same_parts = not (fault.stuck or fault.missing or fault.shorted)
-    return same_parts and all(fault.sight(one) == good.sight(one) for one in words)
+    return same_parts and all(fault.predict(one) == good.predict(one) for one in words)
 
 
 def _symptom(one: _Seen, rise: int | None) -> str:
@@ -221,11 +220,11 @@ def _symptom(one: _Seen, rise: int | None) -> str:
 
 def _differences(fault: Fault, judged: Sequence[tuple[_Seen, int | None]]) -> Iterator[tuple[_Seen, int | None]]:
     """Yield what was seen that the fault would not show; with its rise where that is what differs."""
-    sights: dict[bytes, Sight] = {}
+    sights: dict[bytes, Prediction] = {}
 
-    def sight(words: bytes) -> Sight:
+    def sight(words: bytes) -> Prediction:
         if words not in sights:
-            sights[words] = fault.sight(words)
+            sights[words] = fault.predict(words)
         return sights[words]
 
     for one, rise in judged:
@@ -238,7 +237,7 @@ def _differences(fault: Fault, judged: Sequence[tuple[_Seen, int | None]]) -> It
                 yield one, rise
 
 
-def _expected(predicted: Sight, reference: Sight) -> int | None:
+def _expected(predicted: Prediction, reference: Prediction) -> int | None:
     """Whether a frequency rises (1), stays (0) or falls (−1); None where more than one coil changes."""
     gained, lost = len(predicted.shorted - reference.shorted), len(reference.shorted - predicted.shorted)
     return gained - lost if gained + lost <= 1 else None

@@ -18,10 +18,17 @@ from coilarray.hardware.wire.faults import (
     VersionMismatch,
 )
 from coilarray.hardware.wire.link import Link, LinkCounts, LinkTimes, Wait
-from coilarray.hardware.wire.protocol.board_time import BoardTime
-from coilarray.hardware.wire.protocol.commands import IDS
-from coilarray.hardware.wire.protocol.messages import Message
-from coilarray.hardware.wire.protocol.replies import VERSION, Greeting, Pong, read_greeting, read_pong, read_version
+from coilarray.hardware.wire.protocol.lines import IDS
+from coilarray.hardware.wire.protocol.messages import (
+    VERSION,
+    Greeting,
+    Message,
+    Pong,
+    read_greeting,
+    read_pong,
+    read_version,
+)
+from coilarray.hardware.wire.protocol.scan_stream import BoardTime
 from coilarray.hardware.wire.serial_ports import BytePort
 
 _QUIET = 0.05  # s without a line after which everything old has come

@@ -46,24 +46,6 @@ def switch_word(closed: Iterable[str], bits: Sequence[str] = SWITCHES) -> int:
     return word
 
 
-def closed_switches(word: int, bits: Sequence[str] = SWITCHES) -> tuple[str, ...]:
-    """Names of the switches that a word closes; the inverse of `switch_word`.
-
-    Raises
-    ------
-    HardwareError
-        A word that is not 0 to 255, or bits that are not the eight switches.
-
-    Examples
-    --------
-    >>> closed_switches(0x22)
-    ('S2A', 'S2B')
-    """
-    if not 0 <= word <= 0xFF:
-        raise HardwareError(f"the word of a switch must be 0 to 255; got {word}.")
-    return tuple(name for bit, name in enumerate(check_bits(bits)) if word >> bit & 1)
-
-
 def chain_bytes(words: Sequence[int]) -> bytes:
     """Bytes to shift into a chain: the first goes through to the far end, so that the order turns round.
 
@@ -88,11 +70,6 @@ def chain_bytes(words: Sequence[int]) -> bytes:
         if not 0 <= word <= 0xFF:
             raise HardwareError(f"the word of a switch must be 0 to 255; got {word}.")
     return bytes(reversed(words))
-
-
-def chain_words(shifted: bytes) -> tuple[int, ...]:
-    """Words of the devices, the one next to the computer first; the inverse of `chain_bytes`."""
-    return tuple(reversed(shifted))
 
 
 def check_bits(bits: Sequence[str]) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from coilarray.hardware.chips.ldc1614_timing import EXTERNAL_CLOCK_RANGE, INTERNAL_CLOCK, INTERNAL_CLOCK_RANGE
+from coilarray.hardware.chips.ldc1614 import EXTERNAL_CLOCK_RANGE, INTERNAL_CLOCK, INTERNAL_CLOCK_RANGE
 
 REFERENCE = INTERNAL_CLOCK / 2
 """Reference frequency in Hz: the internal oscillator's typical 43.4 MHz by the divider 2 that one channel needs."""

@@ -100,7 +100,22 @@ class Register:
     @property
     def writable(self) -> bool:
         """Whether the chip takes any of its bits."""
-        return any(field.writable for field in self.fields)
+        return self.writable_mask != 0
+
+    @property
+    def writable_mask(self) -> int:
+        """Bits that keep what is written to them."""
+        return sum(field.mask for field in self.fields if field.writable)
+
+    @property
+    def constant_mask(self) -> int:
+        """Reserved bits that must be written as they are after a reset."""
+        return sum(field.mask for field in self.fields if field.reserved and not field.meaning.startswith("RO"))
+
+    @property
+    def four_channels(self) -> bool:
+        """Whether chips of two channels lack the register."""
+        return all("LDC1614 only" in field.meaning for field in self.fields)
 
     def field(self, name: str) -> Field:
         """Return a field that is not reserved.

@@ -8,8 +8,8 @@ from coilarray.circuit.network import loaded_quality, resonate
 from coilarray.design.model import Design
 from coilarray.design.scan_states import ScanState
 from coilarray.errors import HardwareError
+from coilarray.hardware.chips.ldc1614 import BUS_RATE, INTERNAL_CLOCK
 from coilarray.hardware.chips.ldc1614_limits import drive_for
-from coilarray.hardware.chips.ldc1614_timing import BUS_RATE, INTERNAL_CLOCK
 from coilarray.hardware.scan.board_network import board_network
 from coilarray.hardware.scan.kept_parts import keep_folder
 from coilarray.hardware.scan.settings import ScanSettings, scan_settings

@@ -16,10 +16,7 @@ from coilarray.design.scan_states import ScanState, paper_plan
 from coilarray.design.tables import first_error
 from coilarray.design.units import Table
 from coilarray.errors import HardwareError
-from coilarray.hardware.chips.ldc1614_limits import check_clock, deglitch_for, input_divider, reference_divider
-from coilarray.hardware.chips.ldc1614_limits import settle_count as settle_count_of
-from coilarray.hardware.chips.ldc1614_registers import check_value, encode
-from coilarray.hardware.chips.ldc1614_timing import (
+from coilarray.hardware.chips.ldc1614 import (
     BUS_RATE,
     EXTERNAL_CLOCK_RANGE,
     INTERNAL_CLOCK,
@@ -32,6 +29,10 @@ from coilarray.hardware.chips.ldc1614_timing import (
     rcount_for,
     state_time,
 )
+from coilarray.hardware.chips.ldc1614_limits import check_clock, deglitch_for, input_divider, reference_divider
+from coilarray.hardware.chips.ldc1614_limits import settle_count as settle_count_of
+from coilarray.hardware.chips.ldc1614_registers import check_value, encode
+from coilarray.hardware.scan.closure import check_switching
 from coilarray.hardware.scan.wiring import Wiring
 
 FULL_RESOLUTION = LARGEST_RCOUNT
@@ -173,6 +174,10 @@ class ScanSettings:
         if not self.external_clock:
             slowest *= self.clock / min(self.clock, INTERNAL_CLOCK_RANGE[0])
         return math.ceil((_MARGIN * slowest + _RESTART) * 1e6)
+
+    def check_switching(self) -> None:
+        """Refuse words that could join what must not be joined."""
+        check_switching(self.wiring, self.safe_words, [(state.name, state.words) for state in self.states])
 
     @cached_property  # it is compared with that of every scan
     def hash(self) -> int:

@@ -17,20 +17,16 @@ from coilarray.design.units import Name, Table
 from coilarray.errors import HardwareError
 from coilarray.hardware.chips.adg739 import chain_bytes, check_bits, switch_word
 from coilarray.hardware.scan import wirings
+from coilarray.hardware.scan.closure import UNUSED, Net, WiredSwitch
 
 End = Literal["a", "b"]
 """The two ends of a coil."""
-Net = Literal["ground", "INA", "INB", "other"]
-"""What an end can be joined to: ground, the two pins of the converter, or anything else."""
 
 SCHEMA = 1
 """Version of the wiring file format."""
-UNUSED = 0xFF
-"""Code of a switch that the wiring does not use."""
-_MOST_COILS = 31  # a switch is told in a byte, 4·terminal + net, of which 0xFF is taken
+_MOST_COILS = 31  # the code of a switch is a byte, 4·terminal + net, and 0xFF means that it is not wired
 _MOST_DEVICES = 255
 _LONGEST_NAME = 200  # characters shown of a file name
-_NETS = get_args(Net)
 _GROUNDED: Mapping[Passive, tuple[End, ...]] = {
     "ground": ("a", "b"), "ground one end": ("a",), "ground other end": ("b",), "open": (),
 }  # fmt: skip
@@ -46,18 +42,17 @@ class Terminal(NamedTuple):
         return f"{self.coil}.{self.end}"
 
 
-@dataclass(frozen=True)
-class Switch:
+class Switch(NamedTuple):
     """One switch.
 
     Parameters
     ----------
     name : str
-        In its device, as ``"S1A"``.
+        Name of the switch in its device, as ``"S1A"``.
     terminal : Terminal
-        The end of a coil that it joins
+        End of a coil on one side of it.
     net : {"ground", "INA", "INB", "other"}
-        to this.
+        Net on the other side.
     """
 
     name: str
@@ -193,14 +188,12 @@ class Wiring:
     def encode(self) -> bytes:
         """Eight bytes a device in the order of the words, bit 0 first: 4·terminal + net, 0xFF for an unused switch."""
         codes = bytearray()
-        terminals = self.terminals
         for device in reversed(self.devices):
-            by_name = {switch.name: switch for switch in device.switches}
-            for name in device.bits:
-                switch = by_name.get(name)
-                codes.append(
-                    UNUSED if switch is None else 4 * terminals.index(switch.terminal) + _NETS.index(switch.net)
-                )
+            by_name = {
+                name: WiredSwitch((self.coils.index(coil), get_args(End).index(end)), net).code
+                for name, (coil, end), net in device.switches
+            }
+            codes += bytes(by_name.get(name, UNUSED) for name in device.bits)
         return bytes(codes)
 
     def _close(self, joins: set[tuple[Terminal, Net]]) -> bytes:
@@ -299,7 +292,7 @@ def one_device_a_coil(coils: Sequence[str]) -> Wiring:
             pattern,
             name=f"U{k}",
             switches=tuple(
-                replace(switch, terminal=Terminal(coil, switch.terminal.end)) for switch in pattern.switches
+                switch._replace(terminal=Terminal(coil, switch.terminal.end)) for switch in pattern.switches
             ),
         )
         for k, coil in enumerate(coils, start=1)

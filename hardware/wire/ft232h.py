@@ -13,8 +13,8 @@ from typing import Any
 
 from coilarray.errors import HardwareError
 from coilarray.geometry.extras import import_extra
+from coilarray.hardware.wire.buses import ShiftSettings
 from coilarray.hardware.wire.faults import BusFault, BusTimeout, DeviceLost, SwitchFault
-from coilarray.hardware.wire.shift_settings import ShiftSettings
 
 I2C_SPEED = 100e3
 """In Hz. The converter allows 400 kHz where the pull-ups are strong enough."""

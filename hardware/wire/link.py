@@ -16,8 +16,7 @@ from coilarray.hardware.wire.faults import (
     NoAnswer,
     NotABoard,
 )
-from coilarray.hardware.wire.protocol.commands import IDS, command_line
-from coilarray.hardware.wire.protocol.lines import LineCounts, LineParser
+from coilarray.hardware.wire.protocol.lines import IDS, LineCounts, LineParser, command_line
 from coilarray.hardware.wire.protocol.messages import (
     Answer,
     Message,

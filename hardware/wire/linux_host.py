@@ -12,8 +12,8 @@ from typing import Any
 
 from coilarray.errors import HardwareError
 from coilarray.geometry.extras import import_extra
+from coilarray.hardware.wire.buses import ShiftSettings
 from coilarray.hardware.wire.faults import BusFault, BusTimeout, DeviceLost, SwitchFault
-from coilarray.hardware.wire.shift_settings import ShiftSettings
 
 DEVICES = Path("/dev")
 """Where the system keeps its devices."""

@@ -9,11 +9,11 @@ from typing import Any
 from urllib.parse import parse_qsl, urlsplit
 
 from coilarray.errors import HardwareError, MissingDependencyError
-from coilarray.hardware.chips.ldc1614_timing import BUS_RATE
+from coilarray.hardware.chips.ldc1614 import BUS_RATE
+from coilarray.hardware.wire.buses import ShiftSettings
 from coilarray.hardware.wire.ft232h import I2C_SPEED, SwitchPins, ft232h_adapters
 from coilarray.hardware.wire.linux_host import linux_buses
 from coilarray.hardware.wire.serial_ports import BAUD, PROBED_BAUDS
-from coilarray.hardware.wire.shift_settings import ShiftSettings
 
 EMULATOR = "emulator"
 """The port of a board that is not there."""

@@ -18,6 +18,7 @@ from coilarray.hardware import emulator
 from coilarray.hardware.board.connect import Board, open_board, wiring_of_board
 from coilarray.hardware.emulator import VirtualClock, plain_board
 from coilarray.hardware.wire import ports
+from coilarray.hardware.wire.buses import ShiftSettings
 from coilarray.hardware.wire.ft232h import SwitchPins
 from coilarray.hardware.wire.ports import (
     EmulatorPort,
@@ -28,7 +29,6 @@ from coilarray.hardware.wire.ports import (
     found_ports,
     parse_port,
 )
-from coilarray.hardware.wire.shift_settings import ShiftSettings
 
 
 @pytest.fixture(autouse=True)

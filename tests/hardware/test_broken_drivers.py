@@ -9,8 +9,7 @@ import pytest
 from support.broken_drivers import BROKEN, CAPACITANCE, DRIVES, RCOUNT, WIRING, Reading, RightDriver, findings
 
 from coilarray.hardware.board.direct import DirectReader
-from coilarray.hardware.scan.ldc1614_result import Reason
-from coilarray.hardware.scan.readings import read_scan
+from coilarray.hardware.scan.readings import Reason, read_scan
 from coilarray.hardware.scan.settings import scan_settings
 
 # what must be found, in whatever words; a driver that were caught for another reason would not count

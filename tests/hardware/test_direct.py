@@ -12,9 +12,8 @@ import pytest
 from support.emulated_reader import WIRING, at_rest, plain, quick_settings, reader_of
 
 from coilarray.errors import HardwareError
-from coilarray.hardware.scan.ldc1614_result import judge
-from coilarray.hardware.scan.readings import read_scan
-from coilarray.hardware.scan.scans import SampleFault
+from coilarray.hardware.scan.reader import SampleFault
+from coilarray.hardware.scan.readings import judge, read_scan
 from coilarray.hardware.scan.settings import scan_settings
 from coilarray.hardware.wire.faults import BoardRestarted, BusFault, BusTimeout, DeviceLost, SwitchFault
 

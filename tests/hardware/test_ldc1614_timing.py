@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from coilarray.errors import HardwareError
-from coilarray.hardware.chips.ldc1614_timing import (
+from coilarray.hardware.chips.ldc1614 import (
     bus_time,
     conversion_time,
     rcount_for,

@@ -18,9 +18,9 @@ from support.emulated_reader import WIRING
 from coilarray.errors import HardwareError, MissingDependencyError
 from coilarray.hardware.board.connect import open_board
 from coilarray.hardware.wire import linux_host
+from coilarray.hardware.wire.buses import ShiftSettings
 from coilarray.hardware.wire.faults import BusFault, BusTimeout, DeviceLost, SwitchFault
 from coilarray.hardware.wire.linux_host import LinuxRegisterBus, SpiSwitchChain, linux_buses
-from coilarray.hardware.wire.shift_settings import ShiftSettings
 
 if sys.platform != "linux":
     pytest.skip("no i2c-dev on this system", allow_module_level=True)

@@ -8,13 +8,13 @@ from dataclasses import replace
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.converter_words import oscillation_frequency, result_words
 
 from coilarray.design.scan_states import ScanState
 from coilarray.errors import HardwareError
-from coilarray.hardware.chips.ldc1614 import frequency_from_inductance, frequency_to_code
-from coilarray.hardware.scan.ldc1614_result import READY, Reason, Result, encode_result
-from coilarray.hardware.scan.readings import read_scan
-from coilarray.hardware.scan.scans import RawSample, RawScan, SampleFault
+from coilarray.hardware.chips.ldc1614 import frequency_to_code
+from coilarray.hardware.scan.reader import RawSample, RawScan, SampleFault
+from coilarray.hardware.scan.readings import READY, Reason, Result, read_scan
 from coilarray.hardware.scan.settings import scan_settings
 from coilarray.hardware.scan.wiring import load_wiring
 
@@ -58,9 +58,9 @@ def test_inductance_there_and_back(L, capacitance, quality, offset, divider):
     settings = scan_settings(
         WIRING, [ScanState("coil1", (("coil1", 1),))], frequency=8e6, offset=offset, fin_divider=divider
     )
-    f = frequency_from_inductance(L, capacitance, quality)
+    f = oscillation_frequency(L, capacitance, quality)
     code = frequency_to_code(f, settings.reference, divider=divider, offset=offset)
-    sample = RawSample(*encode_result(Result(code)), READY)
+    sample = RawSample(*result_words(Result(code)), READY)
     (state,) = read_scan(_scan([sample], settings), settings, capacitance, qualities=quality).states
     if f > 10e6:
         assert (state.inductance, state.verdict) == (None, "bad")
@@ -111,14 +111,14 @@ def test_capacitances_and_qualities_by_name():
     qualities = {coil: 20.0 + k for k, coil in enumerate(WIRING.coils)}
     states = read_scan(_scan([GOOD] * 6), SETTINGS, capacitances, qualities=qualities).states
     for state in states:
-        f = frequency_from_inductance(state.inductance, capacitances[state.name], qualities[state.name])
+        f = oscillation_frequency(state.inductance, capacitances[state.name], qualities[state.name])
         assert f == pytest.approx(state.frequency, rel=1e-13)  # rounding
 
 
 def test_least_quality_has_an_inductance_up_to_the_highest_frequency():
     code = frequency_to_code(9.99e6, ONE.reference)
-    state = _one(RawSample(*encode_result(Result(code)), READY), qualities=2.0)
-    assert frequency_from_inductance(state.inductance, C, 2.0) == pytest.approx(9.99e6, rel=1e-7)  # a step is 8e-9
+    state = _one(RawSample(*result_words(Result(code)), READY), qualities=2.0)
+    assert oscillation_frequency(state.inductance, C, 2.0) == pytest.approx(9.99e6, rel=1e-7)  # a step is 8e-9
 
 
 def test_a_better_clock():

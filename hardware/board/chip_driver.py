@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from coilarray.errors import HardwareError
 from coilarray.hardware.chips.ldc1614_registers import ASLEEP, DEVICE, MANUFACTURER, register, registers
-from coilarray.hardware.scan.scans import RawSample, SampleFault
+from coilarray.hardware.scan.reader import RawSample, SampleFault
 from coilarray.hardware.scan.settings import ScanSettings
 from coilarray.hardware.wire.buses import Clock, RegisterBus, SwitchChain
 from coilarray.hardware.wire.faults import BusFault
