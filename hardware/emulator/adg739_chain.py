@@ -18,7 +18,8 @@ class Adg739Chain:
     Parameters
     ----------
     devices : tuple of tuple of WiredSwitch or None
-        Switches as `switch_table` returns them: the first device is at the far end of the chain and gets the first byte.
+        Switches as `coilarray.hardware.scan.closure.switch_table` returns them: the first device is at the far end of
+        the chain and gets the first byte.
     before_change, after_change : callable
         Called before and after switches move.
     readback : bool

@@ -7,7 +7,6 @@ firmware has the rules of `check_switching` in C++ (`hardware/firmware/PROTOCOL.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal, NamedTuple, get_args
 
@@ -158,8 +157,7 @@ class Branch(NamedTuple):
     ends: tuple[Node, Node]
 
 
-@dataclass(frozen=True)
-class Seen:
+class Seen(NamedTuple):
     """What the converter sees.
 
     Parameters

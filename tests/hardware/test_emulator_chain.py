@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 from coilarray.design.scan_states import ScanState, paper_plan
 from coilarray.errors import HardwareError
 from coilarray.hardware.emulator import plain_board
-from coilarray.hardware.emulator.adg739_chain import Adg739Chain, WiredSwitch, switch_table
-from coilarray.hardware.scan.closure import what_is_seen
+from coilarray.hardware.emulator.adg739_chain import Adg739Chain
+from coilarray.hardware.scan.closure import WiredSwitch, switch_table, what_is_seen
 from coilarray.hardware.scan.wiring import load_wiring
 
 COILS = ("coil1", "coil2", "coil3", "coil4", "coil5", "coil6")
