@@ -18,11 +18,11 @@ _DELAY = 5e-9  # s, of the converter's drive
 INTERNAL_CLOCK = 43.4e6
 """Typical frequency of the internal oscillator in Hz."""
 INTERNAL_CLOCK_RANGE = (35e6, 55e6)
-"""In Hz, over all units."""
+"""Smallest and largest frequency of the internal oscillator over all units in Hz."""
 EXTERNAL_CLOCK_RANGE = (2e6, 40e6)
-"""Of the pin CLKIN in Hz."""
+"""Smallest and largest frequency at the pin CLKIN in Hz."""
 BUS_RATE = 400e3
-"""Fastest clock of the I²C bus in Hz; `coilarray.hardware.wire.ports.bus_rate` tells what a board has."""
+"""Fastest clock of the I²C bus in Hz; `coilarray.hardware.wire.ports.bus_rate` returns that of a board."""
 SMALLEST_RCOUNT, LARGEST_RCOUNT = 5, 0xFFFF
 _WAKE_CLOCKS = 16384
 _READ_BITS, _WRITE_BITS = 48, 38  # start, stop and acknowledgements included
@@ -31,7 +31,7 @@ _LEAST_SETTLING = 2
 
 
 def code_to_frequency(code: int, reference: float, *, divider: int = 1, offset: int = 0) -> float:
-    """Sensor frequency of a conversion result, f = divider · f_ref · (code/2²⁸ + offset/2¹⁶).
+    """Return the sensor frequency of a conversion result, f = divider · f_ref · (code/2²⁸ + offset/2¹⁶).
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def code_to_frequency(code: int, reference: float, *, divider: int = 1, offset: 
     Returns
     -------
     float
-        In Hz.
+        Frequency in Hz.
 
     Raises
     ------
@@ -91,16 +91,16 @@ def inductance_from_frequency(frequency: float, capacitance: float, quality_fact
     Parameters
     ----------
     frequency : float
-        In Hz.
+        Frequency of the oscillation in Hz.
     capacitance : float
-        All capacitance across the coil in F, the converter's input pins included.
+        Total capacitance across the coil in F, the converter's input pins included.
     quality_factor : float
-        Of the tank, R_p √(C/L); by default no losses.
+        Quality factor of the tank, R_p √(C/L); by default no losses.
 
     Returns
     -------
     float
-        In H.
+        Inductance in H.
 
     Raises
     ------
@@ -111,8 +111,8 @@ def inductance_from_frequency(frequency: float, capacitance: float, quality_fact
     Notes
     -----
     Equation 1: f = √(1 − 1/Q² − 5 ns/(Q √(LC))) / (2π √(LC)). With u = √(LC) and Ω = 2πf it is the cubic
-    Ω² u³ − (1 − 1/Q²) u + 5 ns/Q = 0, of which the largest root is the inductance of a real sensor; at the others the
-    delay would be a large part of the period.
+    Ω² u³ − (1 − 1/Q²) u + 5 ns/Q = 0, whose largest root is the inductance of a real sensor; at the others the delay
+    would be a large part of the period.
 
     Examples
     --------
@@ -151,7 +151,7 @@ def _check(reference: float, divider: int, offset: int) -> None:
 
 
 def conversion_time(rcount: int, reference: float) -> float:
-    """Duration of a conversion in s, (16·RCOUNT + 4)/f_ref (equation 7).
+    """Return the duration of a conversion in s, (16·RCOUNT + 4)/f_ref (equation 7).
 
     Raises
     ------
@@ -170,7 +170,7 @@ def conversion_time(rcount: int, reference: float) -> float:
 
 
 def rcount_for(duration: float, reference: float) -> int:
-    """Largest RCOUNT whose conversion is not longer than `duration` in s; the inverse of `conversion_time`.
+    """Return the largest RCOUNT whose conversion is not longer than `duration` in s; the inverse of `conversion_time`.
 
     Raises
     ------
@@ -195,7 +195,7 @@ def rcount_for(duration: float, reference: float) -> int:
 
 
 def settle_time(settle_count: int, reference: float) -> float:
-    """Wait between starting the sensor and converting in s, 16·SETTLECOUNT/f_ref, and 32/f_ref for 0 and 1.
+    """Return the wait between starting the sensor and converting in s, 16·SETTLECOUNT/f_ref, and 32/f_ref for 0 and 1.
 
     Raises
     ------
@@ -209,7 +209,7 @@ def settle_time(settle_count: int, reference: float) -> float:
 
 
 def wake_time(internal_clock: float = INTERNAL_CLOCK) -> float:
-    """Time from leaving sleep to starting the sensor in s, 16384 cycles of the internal oscillator in Hz.
+    """Return the time from leaving sleep to starting the sensor in s, 16384 cycles of the internal oscillator in Hz.
 
     Raises
     ------
@@ -226,7 +226,7 @@ def wake_time(internal_clock: float = INTERNAL_CLOCK) -> float:
 
 
 def bus_time(*, reads: int = 0, writes: int = 0, rate: float = BUS_RATE) -> float:
-    """Time of reading and writing registers over I²C in s; `rate` is the bus clock in Hz.
+    """Return the time to read and write registers over I²C in s; `rate` is the bus clock in Hz.
 
     Raises
     ------
@@ -244,16 +244,16 @@ def bus_time(*, reads: int = 0, writes: int = 0, rate: float = BUS_RATE) -> floa
 
 @dataclass(frozen=True)
 class StateTime:
-    """Where the time of one state goes, in s.
+    """Times of the steps of one state, in s.
 
     Parameters
     ----------
     wake, settle, conversion : float
-        Of the converter.
+        Times of the converter itself.
     result : float
-        Reading its two data registers.
+        Time to read the two data registers.
     control : float
-        All else: status, sleep and wake, drive current, switches.
+        Time of all other transfers: status, sleep and wake, drive current, switches.
     """
 
     wake: float
@@ -264,17 +264,17 @@ class StateTime:
 
     @property
     def until_ready(self) -> float:
-        """From leaving sleep to the result."""
+        """Time from leaving sleep to the result."""
         return self.wake + self.settle + self.conversion
 
     @property
     def measuring(self) -> float:
-        """Until the result is read, control left out."""
+        """Time until the result is read, without control."""
         return self.until_ready + self.result
 
     @property
     def total(self) -> float:
-        """All of it."""
+        """Time of all steps."""
         return self.measuring + self.control
 
 
@@ -286,27 +286,18 @@ def state_time(
     internal_clock: float = INTERNAL_CLOCK,
     bus_rate: float = BUS_RATE,
 ) -> StateTime:
-    """Time of one state that is measured as the boards do it: sleep, switch, wake, convert, read.
+    """Return the times of one state that is measured as the boards do it: sleep, switch, wake, convert, read.
 
     Parameters
     ----------
     rcount, settle_count : int
-        Registers.
+        Registers RCOUNT and SETTLECOUNT.
     reference : float
-        f_ref in Hz.
+        Reference frequency f_ref in Hz.
     internal_clock : float
-        In Hz; waking is counted with it even where the conversions have another clock.
+        Frequency of the internal oscillator in Hz; waking is counted with it whatever clock the conversions have.
     bus_rate : float
         Clock of the I²C bus in Hz.
-
-    Returns
-    -------
-    StateTime
-
-    Raises
-    ------
-    HardwareError
-        A value outside its range.
 
     Notes
     -----

@@ -23,8 +23,8 @@ def keep_folder(folder: Path | None = None) -> Path:
     Parameters
     ----------
     folder : Path, optional
-        By default ``emulator`` in the folder that the environment variable ``COILARRAY_CACHE`` names, else in the
-        user's cache folder. It may be deleted at any time.
+        Folder to use; by default ``emulator`` in the folder that the environment variable ``COILARRAY_CACHE`` names,
+        else in the user's cache folder. It may be deleted at any time.
 
     Raises
     ------
@@ -48,15 +48,15 @@ def kept(folder: Path, kind: str, design: Design, what: str, compute: Callable[[
     Parameters
     ----------
     folder : Path
-        As `keep_folder` returns it.
+        Folder of the file, as `keep_folder` returns it.
     kind : str
-        Begins the name of the file.
+        First word of the name of the file.
     design : Design
-        Of the board.
+        Design of the board.
     what : str
-        All that decides the result besides the design and the code.
+        Everything that determines the result besides the design and the code.
     compute : callable
-        Called where nothing is kept that can be read.
+        Function that computes the dataset if no file of it can be read.
 
     Returns
     -------

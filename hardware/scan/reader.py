@@ -1,4 +1,7 @@
-"""The one interface to every kind of board: over a microcontroller, over the buses of this computer, or emulated."""
+"""The interface to every kind of board, and what it returns: raw scans, nothing converted.
+
+The board may be a microcontroller, chips on the buses of this computer, or an emulation.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,7 @@ from coilarray.hardware.scan.settings import ScanSettings
 
 
 class SampleFault(IntEnum):
-    """Why a state of a scan has no words: what the reader of the chips met. The numbers are those of the protocol."""
+    """Why a state of a scan has no result. The numbers are those of the protocol."""
 
     NONE = 0
     NOT_ACKNOWLEDGED = 1
@@ -32,7 +35,7 @@ class RawSample:
     status : int
         Register STATUS, read once, before the data.
     fault : SampleFault
-        Anything but NONE means that the words are 0 and no measurement.
+        Reason why the words are 0 and no measurement, or NONE.
     """
 
     msb: int
@@ -48,7 +51,7 @@ class RawScan:
     Parameters
     ----------
     sequence : int
-        Number of the scan since the stream began, as the board counts; a gap is scans that were lost.
+        Number of the scan since the stream began, counted by the board; a gap means lost scans.
     time : float
         Start of the scan in s by the board's clock, unwrapped; never the time of arrival.
     received : float
@@ -56,9 +59,9 @@ class RawScan:
     configuration : int
         16-bit hash of the settings the board measured with (`ScanSettings.hash`).
     boot : int
-        Of the session of the board; it changes when the board restarts.
+        Number of the board's session; it changes when the board restarts.
     samples : tuple of RawSample
-        In the order of the states of the settings.
+        Samples in the order of the states of the settings.
     """
 
     sequence: int
@@ -71,18 +74,18 @@ class RawScan:
 
 @dataclass(frozen=True)
 class Identity:
-    """What answers at a port.
+    """Identity of the board at a port.
 
     Parameters
     ----------
     kind : str
-        For people: "XMC 2Go, firmware 1.0", "I²C bus 1", "emulator".
+        Description of the board: "XMC 2Go, firmware 1.0", "I²C bus 1", "emulator".
     emulated : bool
-        True where no real board is behind it; then every line that a person reads says so.
+        Whether there is no real board; every output for people then says so.
     manufacturer, device : int
         Registers MANUFACTURER_ID and DEVICE_ID of the converter.
     boot : int
-        Of the session of the board.
+        Number of the board's session.
     """
 
     kind: str
@@ -97,22 +100,22 @@ class Reader(Protocol):
 
     @property
     def identity(self) -> Identity:
-        """What answers."""
+        """Identity of the board."""
 
     def configure(self, settings: ScanSettings) -> None:
-        """Write settings and read them back; refuses what would be unsafe."""
+        """Write settings and read them back; unsafe ones are refused."""
 
     def scan(self) -> RawScan:
         """Measure every state once."""
 
     def scans(self, interval: float = 0.0) -> Iterator[RawScan]:
-        """Scan without end, one each `interval` in s or as fast as it goes; closing the iterator stops the board."""
+        """Scan until the iterator is closed, once every `interval` in s, or as fast as possible for 0."""
 
     def peek(self, address: int) -> int:
-        """Read a register of the converter; not while it scans."""
+        """Read a register of the converter, which must not be scanning."""
 
     def rest(self) -> None:
         """Ground all coils and put the converter to sleep."""
 
     def close(self) -> None:
-        """Rest, as far as the board still answers, and let go of the port. Never raises; may be called again."""
+        """Put the board to rest, if it still answers, and close the port. Never raises; may be called again."""

@@ -20,12 +20,12 @@ from coilarray.hardware.scan.reader import RawSample, RawScan, SampleFault
 from coilarray.hardware.scan.settings import ScanSettings
 
 Verdict = Literal["good", "doubtful", "bad"]
-"""Of a result: good; usable, but beyond what the data sheet promises; no measurement."""
+"""Quality of a result: good; doubtful, outside what the data sheet promises; bad, no measurement."""
 
 READY = 0x0048
 """STATUS of a result without an error: DRDY and UNREADCONV0."""
 ALL_FLAGS = 0xF8FD
-"""ERROR_CONFIG that asks for every flag in result and STATUS."""
+"""ERROR_CONFIG that enables every flag in the result and in STATUS."""
 LARGEST_CODE = (1 << CODE_BITS) - 1
 QUARTER = 1 << (CODE_BITS - 2)
 """Code of a quarter of the reference frequency, with no offset; the input must stay below."""
@@ -38,7 +38,7 @@ _OFFSET_STEP = 1 << (CODE_BITS - 16)
 
 
 class Reason(StrEnum):
-    """Why a result is doubtful or bad; the most telling first."""
+    """Why a result is doubtful or bad, the most important reason first."""
 
     NOT_ACKNOWLEDGED = "the converter did not answer"
     BUS_TIMEOUT = "the bus hung"
@@ -72,9 +72,9 @@ class Result:
     Parameters
     ----------
     code : int
-        28 bits.
+        28-bit code of the frequency.
     under_range, over_range, watchdog, amplitude : bool
-        The flags, where ERROR_CONFIG asks for them; `amplitude` is too high or too low.
+        Error flags, if ERROR_CONFIG enables them; `amplitude` is set if it is too high or too low.
     """
 
     code: int
@@ -107,23 +107,23 @@ def decode_result(msb: int, lsb: int) -> Result:
 
 
 def judge(sample: RawSample, *, offset: int = 0, error_config: int = ALL_FLAGS) -> tuple[Verdict, tuple[Reason, ...]]:
-    """Tell whether a sample is a measurement.
+    """Judge whether a sample is a measurement.
 
     Parameters
     ----------
     sample : RawSample
-        Of channel 0, alone.
+        Sample of channel 0, the only one in use.
     offset : int
-        OFFSET0.
+        Register OFFSET0.
     error_config : int
-        ERROR_CONFIG; a flag that it does not ask for was not set by the converter.
+        Register ERROR_CONFIG; the converter cannot have set a flag that it does not enable.
 
     Returns
     -------
     verdict : {"good", "doubtful", "bad"}
-        Doubtful: an amplitude outside its range, or an input above a quarter of the reference. Bad: all else.
+        Doubtful for an amplitude outside its range or an input above a quarter of the reference, bad for all else.
     reasons : tuple of Reason
-        None where it is good.
+        Reasons of the verdict; empty if it is good.
 
     Raises
     ------
@@ -187,7 +187,7 @@ def _of_status(status: int) -> set[Reason]:
 
 
 def _shown(error_config: int) -> int:
-    """Return the flags of the upper word that ERROR_CONFIG asks for."""
+    """Return the flags of the upper word that ERROR_CONFIG enables."""
     amplitude = _AMPLITUDE if error_config & _AMPLITUDE_ASKED else 0
     return error_config & (_UNDER | _OVER | _WATCHDOG) | amplitude
 
@@ -199,15 +199,15 @@ class StateReading:
     Parameters
     ----------
     name : str
-        Of the state.
+        Name of the state.
     frequency : float or None
-        In Hz; None where the verdict is bad.
+        Frequency in Hz; None if the verdict is bad.
     inductance : float or None
-        In H; None where the verdict is bad.
+        Inductance in H; None if the verdict is bad.
     verdict : {"good", "doubtful", "bad"}
-        A doubtful value is outside what the data sheet promises.
+        Quality of the values; doubtful ones are outside what the data sheet promises.
     reasons : tuple of Reason
-        None where it is good.
+        Reasons of the verdict; empty if it is good.
     """
 
     name: str
@@ -224,9 +224,9 @@ class ScanReading:
     Parameters
     ----------
     sequence, time, received, boot
-        As of `RawScan`.
+        Parameters of `RawScan`.
     states : tuple of StateReading
-        In the order of the settings.
+        Readings in the order of the states of the settings.
     """
 
     sequence: int
@@ -237,7 +237,7 @@ class ScanReading:
 
     @property
     def verdict(self) -> Verdict:
-        """The worst of its states."""
+        """Worst verdict of the states."""
         verdicts = {state.verdict for state in self.states}
         return "bad" if "bad" in verdicts else "doubtful" if "doubtful" in verdicts else "good"
 
@@ -255,20 +255,20 @@ def read_scan(
     qualities: Mapping[str, float] | float = math.inf,
     clock: float | None = None,
 ) -> ScanReading:
-    """Convert the words of a scan.
+    """Convert the words of a scan to frequencies and inductances.
 
     Parameters
     ----------
     scan : RawScan
-        As a board returned it.
+        Scan as a board returned it.
     settings : ScanSettings
-        With which it was measured.
+        Settings with which it was measured.
     capacitances : mapping of str to float, or float
-        All capacitance across the coil in F, by the state's name or of all states.
+        Total capacitance across the coil in F, by the name of the state or for all states.
     qualities : mapping of str to float, or float
-        Quality factor of the tank likewise, at least 2. By default no losses, as in the simulated responses.
+        Quality factor of the tank likewise, at least 2; by default no losses, as in the simulated responses.
     clock : float, optional
-        Of the converter in Hz where it is known better than when the settings were made.
+        Clock of the converter in Hz, if it is known better than when the settings were made.
 
     Returns
     -------
@@ -277,8 +277,8 @@ def read_scan(
     Raises
     ------
     HardwareError
-        A scan that was measured with other settings or has another number of states, a capacitance, quality factor or
-        clock that is missing or outside its range, or words beyond 16 bits.
+        A scan of other settings or with another number of states, a capacitance, quality factor or clock that is
+        missing or outside its range, or words beyond 16 bits.
 
     Examples
     --------
@@ -305,10 +305,8 @@ def read_scan(
     reference = settings.reference if clock is None else clock / settings.fref_divider
     states = []
     for state, sample in zip(settings.states, scan.samples, strict=True):
-        capacitance, quality = (
-            _of(capacitances, state.name, "capacitance"),
-            _of(qualities, state.name, "quality factor"),
-        )
+        capacitance = _of(capacitances, state.name, "capacitance")
+        quality = _of(qualities, state.name, "quality factor")
         if not (math.isfinite(capacitance) and capacitance > 0):
             raise HardwareError(f"the capacitance of {state.name} must be positive and finite; got {capacitance} F.")
         if not quality >= _LEAST_QUALITY:

@@ -1,4 +1,4 @@
-"""Which switch joins which end of which coil to what, the words of a state, and the words that must never be sent."""
+"""Wiring of a board: which switch joins which end of which coil to what, and the words that make a state."""
 
 from __future__ import annotations
 
@@ -66,12 +66,14 @@ class Device:
 
     Parameters
     ----------
-    name, part : str
-        On the board, and of the maker.
+    name : str
+        Name of the package on the board.
+    part : str
+        Name of the part.
     bits : tuple of str
         Names of its eight switches from bit 0 to bit 7 of its word.
     switches : tuple of Switch
-        Those that are used.
+        Switches that are wired.
     """
 
     name: str
@@ -82,19 +84,21 @@ class Device:
 
 @dataclass(frozen=True)
 class Wiring:
-    """How the switches of a board are wired. Words are always whole chains, in the order in which they are sent.
+    """Wiring of the switches of a board. Words are those of the whole chain, in the order in which they are sent.
 
     Parameters
     ----------
-    name, title : str
-        For messages and for people.
+    name : str
+        Short name, for messages.
+    title : str
+        Description.
     coils : tuple of str
         Names of the coils.
     devices : tuple of Device
-        In the order in which data passes them: the first stands next to the computer. The first byte that is sent goes
-        through to the last one.
+        Devices in the order in which data passes them: the first is next to the computer. The first byte that is sent
+        goes to the last one.
     assumed : tuple of (str, str)
-        What of the wiring is not verified, with the reason.
+        Keys of the wiring that are not verified, each with the reason.
 
     Raises
     ------
@@ -148,17 +152,17 @@ class Wiring:
         return bytes(len(self.devices))
 
     def words(self, state: ScanState) -> bytes:
-        """Words of a state in which one coil is measured.
+        """Return the words of a state in which one coil is measured.
 
         Parameters
         ----------
         state : ScanState
-            Its coil's sense −1 joins the end a to INB and b to INA.
+            State to make. A sense of −1 joins the end a of the coil to INB, and b to INA.
 
         Returns
         -------
         bytes
-            One byte a device; the first goes to the far end of the chain.
+            One word for each device; the first goes to the far end of the chain.
 
         Raises
         ------
@@ -186,7 +190,7 @@ class Wiring:
         return self._close(joins)
 
     def encode(self) -> bytes:
-        """Eight bytes a device in the order of the words, bit 0 first: 4·terminal + net, 0xFF for an unused switch."""
+        """Return eight bytes a device, as `coilarray.hardware.scan.closure.switch_table` reads them."""
         codes = bytearray()
         for device in reversed(self.devices):
             by_name = {
@@ -240,7 +244,7 @@ def load_wiring(name_or_path: str | Path | None = None) -> Wiring:
     Raises
     ------
     HardwareError
-        An unknown name, an unreadable file, wrong TOML, an unknown key or a wiring that cannot be: one line that names
+        An unknown name, an unreadable file, invalid TOML, an unknown key or an impossible wiring: one line that names
         the file, the key, what was given and what is allowed.
 
     Examples
@@ -272,7 +276,7 @@ def load_wiring(name_or_path: str | Path | None = None) -> Wiring:
 
 
 def one_device_a_coil(coils: Sequence[str]) -> Wiring:
-    """Return the wiring of any coils with one ADG739 each, as the bundled one of six coils has it.
+    """Return a wiring with one ADG739 for each coil, like the bundled one of six coils.
 
     Raises
     ------
@@ -302,7 +306,7 @@ def one_device_a_coil(coils: Sequence[str]) -> Wiring:
 
 
 def parse_wiring(text: str, origin: str = "wiring") -> Wiring:
-    """Read a wiring from the text of a TOML file; `origin` names it in messages. See `load_wiring`."""
+    """Read a wiring from the text of a TOML file, as `load_wiring`; `origin` names the file in messages."""
     shown = origin[:_LONGEST_NAME]
     try:
         document = tomllib.loads(text)

@@ -22,10 +22,10 @@ class RegisterBus(Protocol):
         """Write a register; BusFault where the chip does not answer."""
 
     def clear(self) -> None:
-        """Free a bus that a chip holds down: nine clocks and a stop."""
+        """Free a bus that a chip holds low: nine clocks and a stop."""
 
     def close(self) -> None:
-        """Let go of the bus. Never raises."""
+        """Close the bus. Never raises."""
 
 
 class SwitchChain(Protocol):
@@ -37,11 +37,11 @@ class SwitchChain(Protocol):
         Returns
         -------
         bytes or None
-            What the chain held before, where its end is wired back; None where it is not.
+            Words that the chain held before, if its end is wired back; else None.
         """
 
     def close(self) -> None:
-        """Let go of the port. Never raises."""
+        """Close the port. Never raises."""
 
 
 class Clock(Protocol):
@@ -68,18 +68,18 @@ class ComputerClock:
 
 @dataclass(frozen=True)
 class ShiftSettings:
-    """Form of the transfers. The default is what the switches of the reference board need, as far as is known.
+    """Settings of the transfers to the switches. The defaults suit the reference board, as far as is known.
 
     Parameters
     ----------
     mode : int
-        Of SPI, 0 to 3. The switches take a bit at the falling edge of the clock: 1, or 2 where it idles high.
+        SPI mode, 0 to 3. The switches read a bit at the falling edge of the clock: 1, or 2 if it idles high.
     speed : float
-        Of the clock in Hz; without effect where a host sets the pins one by one.
+        Clock in Hz; without effect on a host that sets the pins one by one.
     least_significant_first : bool
-        The order of the bits of a byte, which is the other one by default.
+        Whether the lowest bit of a byte is sent first.
     readback : bool
-        Whether the end of the chain is wired back, so that the host can compare.
+        Whether the end of the chain is wired back to the host.
 
     Raises
     ------
@@ -100,16 +100,16 @@ class ShiftSettings:
 
     @property
     def idle_high(self) -> bool:
-        """Whether the clock rests at high: CPOL."""
+        """Whether the clock idles high: CPOL."""
         return bool(self.mode & 2)
 
     @property
     def second_edge(self) -> bool:
-        """Whether a bit is taken at the second edge of its clock: CPHA."""
+        """Whether a bit is read at the second edge of its clock: CPHA."""
         return bool(self.mode & 1)
 
     def ordered(self, data: bytes) -> bytes:
-        r"""Return bytes so that a host that sends the highest bit first sends them in this order; its own inverse.
+        r"""Return the bytes in the order of bits for a host that sends the highest bit first; its own inverse.
 
         Examples
         --------

@@ -1,4 +1,4 @@
-"""One conversation with a board: commands and their replies, all else in order, within bounds of time and size."""
+"""Link to a board: commands and their replies, and all other messages in order, within limits of time and size."""
 
 from __future__ import annotations
 
@@ -47,28 +47,28 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class LinkTimes:
-    """How long to wait for what.
+    """Time limits of a link.
 
     Parameters
     ----------
     reply : float
-        For the reply to a command in s, beside the time that the command itself takes.
+        Longest wait for the reply to a command in s, in addition to the time that the command itself takes.
     attempts : int
-        To send a command.
+        Number of attempts to send a command.
     opening : float
-        For the first sign of life of a board in s.
+        Longest wait for the first line of a board in s.
     gap : float
-        Without a scan, as a multiple of the time between two of them.
+        Longest wait for a scan of a stream, as a multiple of the time between two scans.
     least_gap : float
-        Of a stream in s: computers pause.
+        Lower limit of that wait in s, because computers pause.
     heartbeat : float
-        Without any line in s, beside the time of a scan.
+        Longest wait for any line in s, in addition to the time of a scan.
     ping : float
-        Between two signs of life of the computer in s; well below the board's lease of 10 s.
+        Time between two PING commands in s, well below the board's lease of 10 s.
     foreign : int
-        Bytes without an intact line from which on they are said to come from something else.
+        Number of bytes without an intact line that are taken for another device.
     most_bytes : float
-        Per second that are taken from a port; more than this is no board of ours.
+        Largest number of bytes per second that a board can send.
     """
 
     reply: float = 0.5
@@ -84,20 +84,20 @@ class LinkTimes:
 
 @dataclass(frozen=True)
 class LinkCounts:
-    """What a conversation met so far.
+    """Counts of a link.
 
     Parameters
     ----------
     lines : LineCounts
-        Of what came over the port.
+        Counts of the lines received.
     bad_messages : int
-        Intact lines that say nothing known, or replies of another form.
+        Intact lines of an unknown kind, and replies of another form.
     unasked : int
-        Replies to no command that waits for one: repeated, or too late.
+        Replies that no command waits for, because they are repeated or too late.
     repeats : int
         Commands sent again because no reply came in time.
     overflowed : int
-        Messages lost because nobody fetched them.
+        Messages lost because they were not fetched in time.
     """
 
     lines: LineCounts = field(default_factory=LineCounts)
@@ -109,14 +109,14 @@ class LinkCounts:
 
 @dataclass
 class Wait:
-    """A deadline of the clock; what has come before it is looked at however late it is, but not without end.
+    """A deadline; bytes that came before it are still read after it, up to a limit.
 
     Parameters
     ----------
     until : float
-        Time of the clock in s.
+        Time of the deadline in s.
     late : int
-        Bytes taken after it.
+        Number of bytes read after it.
     """
 
     until: float
@@ -163,21 +163,21 @@ class Link:
         return self._foreign
 
     def post(self, verb: str, *arguments: str) -> None:
-        """Send a command and do not wait; its reply comes out of `receive`, unless another command follows first."""
+        """Send a command without waiting; `receive` returns its reply, unless another command follows first."""
         self._number = (self._number + 1) % IDS
         self._pending = self._number
         self._port.write(command_line(self._number, verb, *arguments))
 
     def wake(self) -> None:
-        """End whatever line the board has begun to read."""
+        """Send a line feed, which ends any line that the board has begun to read."""
         self._port.write(b"\n")
 
     def wait(self, seconds: float) -> Wait:
-        """Deadline so many seconds from now."""
+        """Return the deadline this many seconds from now."""
         return Wait(self._clock.now() + seconds)
 
     def receive(self, wait: Wait) -> Message | None:
-        """Return the next message, or None where none came in time; replies nobody waits for are left out.
+        """Return the next message, or None if none came in time; replies that no command waits for are skipped.
 
         Raises
         ------
@@ -231,31 +231,31 @@ class Link:
                     raise _refused(verb, message)
                 if isinstance(message, Answer):
                     try:
-                        told = reading(message.fields)
+                        reply = reading(message.fields)
                     except MessageError:
                         self._count_bad()
                         continue
                     self._pending = None
-                    return told
+                    return reply
                 if isinstance(message, ScanMessage | StreamEnd):
                     self._early.append(message)
         self._pending = None
         raise self._silence(verb)
 
     def recall_early(self) -> None:
-        """Give out once more the scans that came before the reply to the last command."""
+        """Return the scans that came before the reply to the last command from `receive` once more."""
         self._kept.extendleft(reversed(self._early))
         self._early.clear()
 
     def drain(self, seconds: float) -> None:
-        """Throw away what was sent before, until nothing comes for so long, or for ten times as long."""
+        """Discard messages until none comes for this time, or for at most ten times as long."""
         end = self._clock.now() + 10 * seconds
         while self._clock.now() < end and self.receive(self.wait(seconds)) is not None:
             pass
         self._kept.clear()
 
     def close(self) -> None:
-        """Let go of the port; never raises."""
+        """Close the port. Never raises."""
         self._port.close()
 
     def _take(self, data: bytes) -> None:
@@ -310,7 +310,7 @@ class Link:
         return NoAnswer(f"the board at {self._port.name} did not answer {verb} in {self._times.attempts} attempts.")
 
     def not_a_board(self) -> NotABoard:
-        """Fault of bytes that are no lines."""
+        """Return the fault of a device that sends bytes but no lines."""
         return NotABoard(
             f"{self._port.name} sends bytes but no intact line ({self._foreign} since the last one): "
             "another device, or another baud rate."

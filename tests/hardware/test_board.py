@@ -218,5 +218,5 @@ def test_the_package_offers_what_a_program_needs_and_loads_nothing_before():
     assert said == "[]\n"
     for name in hardware.__all__:
         assert getattr(hardware, name).__name__ == name
-    with pytest.raises(AttributeError, match="has no attribute 'anything'"):
+    with pytest.raises(AttributeError, match="anything"):
         hardware.anything  # noqa: B018 - that it raises is the test

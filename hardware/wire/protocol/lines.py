@@ -17,7 +17,7 @@ _CHECKSUM = 5  # characters: an asterisk and four digits
 
 
 def seal(text: str) -> bytes:
-    r"""Line of a text: with its checksum (CRC-16/CCITT-FALSE) and the line feed.
+    r"""Return the line of a text: with its checksum (CRC-16/CCITT-FALSE) and the line feed.
 
     Parameters
     ----------
@@ -47,12 +47,12 @@ def intact(line: bytes) -> bool:
 
 @dataclass(frozen=True)
 class LineCounts:
-    """What a parser met so far.
+    """Counts of a parser.
 
     Parameters
     ----------
     good : int
-        Lines given out.
+        Intact lines.
     wrong_checksum, wrong_character, too_long : int
         Lines dropped, each counted once.
     """
@@ -87,7 +87,7 @@ class LineParser:
 
     @property
     def counts(self) -> LineCounts:
-        """What was met so far."""
+        """Counts so far."""
         return self._counts
 
     def feed(self, data: bytes) -> list[str]:
@@ -127,7 +127,7 @@ class LineParser:
 
 
 def command_line(number: int, verb: str, *arguments: str) -> bytes:
-    r"""Line of a command.
+    r"""Return the line of a command.
 
     Examples
     --------
@@ -138,7 +138,7 @@ def command_line(number: int, verb: str, *arguments: str) -> bytes:
 
 
 def draft_commands(settings: ScanSettings) -> tuple[tuple[str, ...], ...]:
-    """Commands that tell a board its settings: verb and arguments each, from BEGIN to COMMIT."""
+    """Return the commands that send a board its settings, verb and arguments each, from BEGIN to COMMIT."""
     wiring = settings.wiring
     devices = [wiring[first : first + SWITCHES] for first in range(0, len(wiring), SWITCHES)]
     return (

@@ -1,4 +1,4 @@
-"""Scans of a stream: the board's time without wraps, and which scans to give out, each once and in order."""
+"""Scans of a stream: the board's time without wraps, and which scans to accept, each once and in order."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class BoardTime:
         Parameters
         ----------
         microseconds : int
-            As the board sent it, 0 to 2³² − 1; may be older than one before.
+            Time that the board sent, 0 to 2³² − 1; it may be older than one before.
         now : float
             The computer's time in s, which never steps back.
         """
@@ -49,20 +49,20 @@ class BoardTime:
 
 @dataclass(frozen=True)
 class GateCounts:
-    """What a gate met so far.
+    """Counts of a gate.
 
     Parameters
     ----------
     passed : int
-        Scans given out.
+        Scans accepted.
     lost : int
-        Missing numbers of the sequence before scans that were given out.
+        Missing numbers of the sequence before accepted scans.
     repeated : int
-        Scans held back: their number, or a later one, had been given out.
+        Scans rejected because their number, or a later one, had been accepted.
     stale : int
-        Scans held back: older than the stream, or than a scan before them.
+        Scans rejected because they are older than the stream or than a scan before them.
     misfit : int
-        Scans held back: another number of states than the settings have.
+        Scans rejected because they have another number of states than the settings.
     """
 
     passed: int = 0
@@ -87,14 +87,14 @@ def same_settings(scan: ScanMessage, configuration: int) -> bool:
 
 
 class ScanGate:
-    """Judges the scans of one stream.
+    """Filter of the scans of one stream.
 
     Parameters
     ----------
     configuration : int
         Hash of the settings.
     states : int
-        Of the settings.
+        Number of states of the settings.
     start : int
         Unwrapped time of the board in µs before the stream began.
     """
@@ -107,11 +107,11 @@ class ScanGate:
 
     @property
     def counts(self) -> GateCounts:
-        """What was met so far."""
+        """Counts so far."""
         return self._counts
 
     def passes(self, scan: ScanMessage, time: int) -> bool:
-        """Whether to give out a scan whose unwrapped time in µs is given; counts it.
+        """Whether to accept a scan with this unwrapped time in µs; counts it.
 
         Raises
         ------
