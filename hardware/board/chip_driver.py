@@ -186,7 +186,7 @@ class ChipDriver:
         return all(self.bus.read(address) == value for address, value in looked_at)
 
     def close(self) -> None:
-        """Let go of both buses. Never raises."""
+        """Close both buses. Never raises."""
         for port in (self.bus, self._switches):
             with contextlib.suppress(Exception):
                 port.close()

@@ -288,7 +288,8 @@ class MicrocontrollerReader:
         try:
             with suppress(Exception):
                 if self._silent:
-                    self._session.post_stop()
+                    self._session.wake()
+                    self._session.post("STOP")
                 else:
                     self.rest()
         finally:
@@ -392,7 +393,7 @@ class MicrocontrollerReader:
         while self._stream == mine:
             if now() >= ping_due:
                 ping_due = now() + times.ping
-                self._session.post_ping()
+                self._session.post("PING")
             message = self._session.receive(Wait(min(scan_due, line_due, ping_due)))
             scan = self._passed(gate, message) if isinstance(message, ScanMessage) else None
             if scan is not None:
@@ -418,7 +419,9 @@ class MicrocontrollerReader:
             raise self._ended(message.reason, message.text)
         if isinstance(message, Answer):
             with suppress(MessageError):
-                self._heed_mode(self._session.told(read_pong(message.fields)).mode)
+                pong = read_pong(message.fields)
+                self._session.keep(pong)
+                self._heed_mode(pong.mode)
         elif isinstance(message, Heartbeat) and self._session.present(message.time):  # not one from before the stream
             self._heed_mode(message.mode)
 

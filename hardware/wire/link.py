@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
@@ -13,6 +14,7 @@ from coilarray.hardware.wire.faults import (
     BoardRestarted,
     BusFault,
     CommandRefused,
+    DeviceLost,
     NoAnswer,
     NotABoard,
 )
@@ -124,57 +126,58 @@ class Wait:
 
 
 class Link:
-    """Sends commands and sorts what comes; knows the board's session once it is told, and tells when that ends.
+    """Sends commands and sorts what comes; once `boot` is set, it detects the end of that session.
 
     Parameters
     ----------
     port : BytePort
+        Open port.
     times : LinkTimes
-    clock : Clock
+        Time limits.
+    clock : Clock, optional
+        Clock of all deadlines; the computer's by default.
     number : int
-        Of the first command; the board carries out no command twice that has the number and text of the one before.
+        Number of the command before the first. The board does not repeat a command of the same number and text.
     """
 
     def __init__(self, port: BytePort, *, times: LinkTimes, clock: Clock | None = None, number: int = 0) -> None:
-        self._port, self._times, self._clock = port, times, clock or ComputerClock()
+        self._port, self.times, self.clock = port, times, clock or ComputerClock()
         self._parser, self._counts = LineParser(), LinkCounts()
         self._number = number % IDS
         self._kept: deque[Message] = deque()
         self._early: deque[Message] = deque(maxlen=_MOST_KEPT)
-        self._foreign = 0  # bytes since the last intact line
-        self._second, self._taken = self._clock.now(), 0  # for the rate
+        self.foreign = 0
+        """Bytes since the last intact line."""
+        self._second, self._taken = self.clock.now(), 0  # for the rate
         self._pending: int | None = None  # command without its reply
         self.boot: int | None = None
         """Session of the board; a line of another one raises BoardRestarted."""
+        self.end: HardwareError | None = None
+        """Fault that ended the session."""
 
     @property
-    def clock(self) -> Clock:
-        """Clock of all deadlines."""
-        return self._clock
+    def name(self) -> str:
+        """Name of the port."""
+        return self._port.name
 
     @property
     def counts(self) -> LinkCounts:
-        """What was met so far."""
+        """Counts so far."""
         return replace(self._counts, lines=self._parser.counts)
-
-    @property
-    def foreign(self) -> int:
-        """Bytes since the last intact line."""
-        return self._foreign
 
     def post(self, verb: str, *arguments: str) -> None:
         """Send a command without waiting; `receive` returns its reply, unless another command follows first."""
         self._number = (self._number + 1) % IDS
         self._pending = self._number
-        self._port.write(command_line(self._number, verb, *arguments))
+        self._write(command_line(self._number, verb, *arguments))
 
     def wake(self) -> None:
         """Send a line feed, which ends any line that the board has begun to read."""
-        self._port.write(b"\n")
+        self._write(b"\n")
 
     def wait(self, seconds: float) -> Wait:
         """Return the deadline this many seconds from now."""
-        return Wait(self._clock.now() + seconds)
+        return Wait(self.clock.now() + seconds)
 
     def receive(self, wait: Wait) -> Message | None:
         """Return the next message, or None if none came in time; replies that no command waits for are skipped.
@@ -189,10 +192,11 @@ class Link:
                 message = self._kept.popleft()
                 if self._is_mine(message):
                     return message
-            left = wait.until - self._clock.now()
+            left = wait.until - self.clock.now()
             if wait.late > _MOST_LATE:
                 return None
-            data = self._port.read(max(left, 0.0))
+            with self._recording_end():
+                data = self._port.read(max(left, 0.0))
             self._take(data)
             if left <= 0:
                 if not data:
@@ -205,8 +209,9 @@ class Link:
         Parameters
         ----------
         reading : callable
-            Raises MessageError where the fields have another form; then there is no reply.
+            Function that reads the fields of the reply; it raises MessageError if they have another form.
         verb, *arguments : str
+            Command.
         patience : float
             Time in s that the command takes.
 
@@ -220,11 +225,11 @@ class Link:
         self.post(verb, *arguments)
         number = self._number
         self._early.clear()
-        for attempt in range(self._times.attempts):
+        for attempt in range(self.times.attempts):
             if attempt:
                 self._counts = replace(self._counts, repeats=self._counts.repeats + 1)
-                self._port.write(command_line(number, verb, *arguments))
-            wait = self.wait(self._times.reply + patience)
+                self._write(command_line(number, verb, *arguments))
+            wait = self.wait(self.times.reply + patience)
             while (message := self.receive(wait)) is not None:
                 if isinstance(message, Refusal):
                     self._pending = None
@@ -240,7 +245,7 @@ class Link:
                 if isinstance(message, ScanMessage | StreamEnd):
                     self._early.append(message)
         self._pending = None
-        raise self._silence(verb)
+        raise self.silence_fault(f"the board at {self.name} did not answer {verb} in {self.times.attempts} attempts.")
 
     def recall_early(self) -> None:
         """Return the scans that came before the reply to the last command from `receive` once more."""
@@ -249,8 +254,8 @@ class Link:
 
     def drain(self, seconds: float) -> None:
         """Discard messages until none comes for this time, or for at most ten times as long."""
-        end = self._clock.now() + 10 * seconds
-        while self._clock.now() < end and self.receive(self.wait(seconds)) is not None:
+        end = self.clock.now() + 10 * seconds
+        while self.clock.now() < end and self.receive(self.wait(seconds)) is not None:
             pass
         self._kept.clear()
 
@@ -264,7 +269,7 @@ class Link:
         self._limit_rate(len(data))
         intact = self._parser.counts.good
         texts = self._parser.feed(data)
-        self._foreign = 0 if self._parser.counts.good > intact else self._foreign + len(data)
+        self.foreign = 0 if self._parser.counts.good > intact else self.foreign + len(data)
         for text in texts:
             try:
                 message = parse_message(text)
@@ -277,12 +282,12 @@ class Link:
                 self._counts = replace(self._counts, overflowed=self._counts.overflowed + 1)
 
     def _limit_rate(self, count: int) -> None:
-        now = self._clock.now()
+        now = self.clock.now()
         if now - self._second >= 1.0:
             self._second, self._taken = now, 0
         self._taken += count
-        if self._taken > self._times.most_bytes:
-            raise NotABoard(f"{self._port.name} sends more than {self._times.most_bytes:.0f} bytes a second.")
+        if self._taken > self.times.most_bytes:
+            raise NotABoard(f"{self.name} sends more than {self.times.most_bytes:.0f} bytes a second.")
 
     def _is_mine(self, message: Message) -> bool:
         if isinstance(message, Answer | Refusal):
@@ -294,25 +299,39 @@ class Link:
         return True
 
     def check_boot(self, boot: int) -> None:
-        """BoardRestarted where a message is of another session than `boot`."""
+        """Raise BoardRestarted if the number of a message is not that of the session."""
         if self.boot is not None and boot != self.boot:
-            raise BoardRestarted(
-                f"the board at {self._port.name} has restarted (session {boot:08X} after {self.boot:08X}), "
-                "so its settings are gone; open it again."
-            )
+            with self._recording_end():
+                raise BoardRestarted(
+                    f"the board at {self.name} has restarted (session {boot:08X} after {self.boot:08X}), "
+                    "so its settings are gone; open it again."
+                )
+
+    def silence_fault(self, otherwise: str) -> HardwareError:
+        """Return NotABoard if bytes come but no lines, else NoAnswer with this text."""
+        if self.foreign < self.times.foreign:
+            return NoAnswer(otherwise)
+        return self.not_a_board()
+
+    def _write(self, data: bytes) -> None:
+        with self._recording_end():
+            self._port.write(data)
+
+    @contextmanager
+    def _recording_end(self) -> Iterator[None]:
+        try:
+            yield
+        except (DeviceLost, BoardRestarted) as fault:
+            self.end = fault
+            raise
 
     def _count_bad(self) -> None:
         self._counts = replace(self._counts, bad_messages=self._counts.bad_messages + 1)
 
-    def _silence(self, verb: str) -> HardwareError:
-        if self._foreign >= self._times.foreign:
-            return self.not_a_board()
-        return NoAnswer(f"the board at {self._port.name} did not answer {verb} in {self._times.attempts} attempts.")
-
     def not_a_board(self) -> NotABoard:
         """Return the fault of a device that sends bytes but no lines."""
         return NotABoard(
-            f"{self._port.name} sends bytes but no intact line ({self._foreign} since the last one): "
+            f"{self.name} sends bytes but no intact line ({self.foreign} since the last one): "
             "another device, or another baud rate."
         )
 

@@ -84,7 +84,7 @@ class BytePort(Protocol):
         """Name of the port, for messages."""
 
     def read(self, seconds: float) -> bytes:
-        """Return at most 4096 received bytes, after waiting for at most this time in s if there are none. DeviceLost."""
+        """Return at most 4096 received bytes; if there are none, wait for at most this time in s. DeviceLost."""
 
     def write(self, data: bytes) -> None:
         """Send all bytes. DeviceLost; NoAnswer if the device accepts none."""
@@ -167,7 +167,7 @@ class _SerialPort:
             raise HardwareError(f"port {name} cannot be opened: {error}.") from None
         except _LOSSES as error:
             raise HardwareError(f"port {name} {_reason(error)}.") from None
-        with suppress(*_LOSSES):  # what was there before; a port that is gone tells so at the next read
+        with suppress(*_LOSSES):  # what was there before; a port that is gone fails at the next read
             self._port.reset_input_buffer()
 
     @property
