@@ -11,7 +11,9 @@ from coilarray.hardware.board.direct import DirectReader
 from coilarray.hardware.chips.ldc1614_registers import DEVICE, MANUFACTURER
 from coilarray.hardware.scan.reader import Identity, Reader
 from coilarray.hardware.scan.wiring import Wiring, load_wiring, one_device_a_coil
-from coilarray.hardware.wire.buses import ComputerClock
+from coilarray.hardware.wire.buses import ComputerClock, RegisterBus, SwitchChain
+from coilarray.hardware.wire.ft232h import open_ft232h
+from coilarray.hardware.wire.linux_host import LinuxRegisterBus, SpiSwitchChain
 from coilarray.hardware.wire.ports import EMULATOR, EmulatorPort, FtdiPort, LinuxPort, Port, SerialPort, parse_port
 from coilarray.hardware.wire.signals import held_signals, orderly_termination
 
@@ -155,10 +157,8 @@ def open_board(
             from coilarray.hardware.board.microcontroller import open_microcontroller
 
             reader = open_microcontroller(name, bauds=bauds, times=times)
-        case LinuxPort():
-            reader = _on_linux(place, wired)
-        case FtdiPort():
-            reader = _on_ft232h(place, wired)
+        case LinuxPort() | FtdiPort():
+            reader = _direct_reader(place, wired)
     return Board(reader, port, wired, emulator)
 
 
@@ -193,26 +193,20 @@ def _emulator(design: Design | None, wiring: Wiring, emulation: dict[str, Any]) 
     return emulated_board(design or load_design(), wiring, **emulation)
 
 
-def _on_linux(port: LinuxPort, wiring: Wiring) -> DirectReader:
-    from coilarray.hardware.wire.linux_host import LinuxRegisterBus, SpiSwitchChain
-
+def _direct_reader(port: LinuxPort | FtdiPort, wiring: Wiring) -> DirectReader:
+    bus: RegisterBus
+    switches: SwitchChain
     with ExitStack() as opened:
-        bus = LinuxRegisterBus(port.bus, port.address)
-        opened.callback(bus.close)
-        switches = SpiSwitchChain(port.spi_bus, port.spi_device, port.shift)
-        opened.callback(switches.close)
-        kind = f"I²C bus {port.bus} and SPI {port.spi_bus}.{port.spi_device} of this computer"
+        if isinstance(port, LinuxPort):
+            bus = LinuxRegisterBus(port.bus, port.address)
+            opened.callback(bus.close)
+            switches = SpiSwitchChain(port.spi_bus, port.spi_device, port.shift)
+            opened.callback(switches.close)
+            kind = f"I²C bus {port.bus} and SPI {port.spi_bus}.{port.spi_device} of this computer"
+        else:
+            bus, switches = open_ft232h(port.url, port.address, pins=port.pins, settings=port.shift)
+            opened.callback(bus.close)
+            kind = "FT232H"
         reader = DirectReader(bus, switches, ComputerClock(), wiring.safe_words, kind=kind)
-        opened.pop_all()
-    return reader
-
-
-def _on_ft232h(port: FtdiPort, wiring: Wiring) -> DirectReader:
-    from coilarray.hardware.wire.ft232h import open_ft232h
-
-    with ExitStack() as opened:
-        bus, switches = open_ft232h(port.url, port.address, pins=port.pins, settings=port.shift)
-        opened.callback(bus.close)
-        reader = DirectReader(bus, switches, ComputerClock(), wiring.safe_words, kind="FT232H")
         opened.pop_all()
     return reader

@@ -141,11 +141,6 @@ class ScanSettings:
         return self._state_time(BUS_RATE)
 
     @property
-    def scan_time(self) -> float:
-        """Time of all states in s: waking, settling, converting, reading results; no other work of the buses."""
-        return len(self.states) * self.state_time.measuring
-
-    @property
     def period(self) -> float:
         """Shortest time from scan to scan in s, all work of the buses included, on an I²C bus of 400 kHz."""
         return self.period_on(BUS_RATE)

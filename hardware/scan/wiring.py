@@ -6,6 +6,8 @@ import tomllib
 from collections import Counter
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from importlib import resources
+from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple, TypeVar, get_args
 
@@ -16,7 +18,6 @@ from coilarray.design.tables import first_error
 from coilarray.design.units import Name, Table
 from coilarray.errors import HardwareError
 from coilarray.hardware.chips.adg739 import chain_bytes, check_bits, switch_word
-from coilarray.hardware.scan import wirings
 from coilarray.hardware.scan.closure import UNUSED, Net, WiredSwitch
 
 End = Literal["a", "b"]
@@ -229,6 +230,13 @@ class Wiring:
             raise HardwareError(f"wiring {self.name}: {device.name} has {twice} twice.")
 
 
+def bundled_wirings() -> dict[str, Traversable]:
+    """Return the files of the bundled wirings by name, sorted."""
+    folder = resources.files("coilarray.hardware.scan.wirings")
+    found = {entry.name.removesuffix(".toml"): entry for entry in folder.iterdir() if entry.name.endswith(".toml")}
+    return dict(sorted(found.items()))
+
+
 def load_wiring(name_or_path: str | Path | None = None) -> Wiring:
     """Read a wiring file.
 
@@ -253,18 +261,18 @@ def load_wiring(name_or_path: str | Path | None = None) -> Wiring:
     >>> wiring.safe_words.hex()
     '111111111111'
     """
-    given = wirings.STARTER if name_or_path is None else str(name_or_path)
+    given = "six_coils" if name_or_path is None else str(name_or_path)
     if not given:
         raise HardwareError("the name of a wiring file must not be empty.")
-    path = Path(given)
-    if given in wirings.names() and not path.is_file():
-        return parse_wiring(wirings.read(given), given)
+    path, bundled = Path(given), bundled_wirings()
+    if given in bundled and not path.is_file():
+        return parse_wiring(bundled[given].read_text(encoding="utf-8"), given)
     try:
         text = path.read_text(encoding="utf-8-sig")  # some editors put a byte order mark first
     except FileNotFoundError:
         raise HardwareError(
             f"there is no wiring file {given[:_LONGEST_NAME]}, nor a bundled wiring of that name "
-            f"({', '.join(wirings.names())})."
+            f"({', '.join(bundled)})."
         ) from None
     except UnicodeDecodeError:
         raise HardwareError(f"{given[:_LONGEST_NAME]} is no text file in UTF-8.") from None

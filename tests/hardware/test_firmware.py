@@ -1,7 +1,7 @@
 """The firmware's logic, compiled here, on small stand-ins for its chips: every command, error, fault and rule.
 
-Who checks whom: its hash against `ScanSettings.canonical`, its rules of switching against `legal_switching` (Python, by
-another hand), its checksum against `binascii`, its memory against the sanitizers of the compiler.
+Who checks whom: its hash against `ScanSettings.canonical`, its rules of switching against `closure.check_switching`
+(Python, by another hand), its checksum against `binascii`, its memory against the sanitizers of the compiler.
 """
 
 import binascii

@@ -175,9 +175,13 @@ def _sample_fault(number: int) -> SampleFault:
 
 def _heartbeat(fields: Sequence[str]) -> Heartbeat:
     boot, time, configuration, mode = _exactly(4, fields)
-    if mode not in {member.value for member in Mode}:
-        raise MessageError(f"a mode must be u, i or s; got {mode!r}.")
-    return Heartbeat(hexadecimal(boot, 8), hexadecimal(time, 8), hexadecimal(configuration, 4), Mode(mode))
+    return Heartbeat(hexadecimal(boot, 8), hexadecimal(time, 8), hexadecimal(configuration, 4), _mode(mode))
+
+
+def _mode(field: str) -> Mode:
+    if field not in {member.value for member in Mode}:
+        raise MessageError(f"a mode must be u, i or s; got {field!r}.")
+    return Mode(field)
 
 
 def _stream_end(fields: Sequence[str]) -> StreamEnd:
@@ -277,6 +281,4 @@ def read_pong(fields: Sequence[str]) -> Pong:
     if len(fields) < 4:
         raise MessageError(f"a reply to PING must have 4 fields; got {len(fields)}.")
     boot, time, mode, dropped = fields[:4]
-    if mode not in {member.value for member in Mode}:
-        raise MessageError(f"a mode must be u, i or s; got {mode!r}.")
-    return Pong(hexadecimal(boot, 8), hexadecimal(time, 8), Mode(mode), decimal(dropped))
+    return Pong(hexadecimal(boot, 8), hexadecimal(time, 8), _mode(mode), decimal(dropped))

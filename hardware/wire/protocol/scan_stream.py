@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 
 from coilarray.hardware.wire.faults import BoardRestarted
 from coilarray.hardware.wire.protocol.messages import ScanMessage
@@ -72,13 +72,7 @@ class GateCounts:
     misfit: int = 0
 
     def __add__(self, other: GateCounts) -> GateCounts:
-        return GateCounts(
-            self.passed + other.passed,
-            self.lost + other.lost,
-            self.repeated + other.repeated,
-            self.stale + other.stale,
-            self.misfit + other.misfit,
-        )
+        return GateCounts(*map(sum, zip(astuple(self), astuple(other), strict=True)))
 
 
 def same_settings(scan: ScanMessage, configuration: int) -> bool:
