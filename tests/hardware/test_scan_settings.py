@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.emulated_reader import plain, reader_of
 
-from coilarray.design.scan_states import ScanState, paper_plan
+from coilarray.design.scan_states import ScanState
 from coilarray.errors import HardwareError, NetworkError
 from coilarray.hardware.chips.ldc1614_registers import check_value, decode
 from coilarray.hardware.scan.settings import ScanSettings, StateSettings, scan_settings
@@ -75,7 +75,6 @@ def test_scan_time():
     assert 6 * (DEFAULT.state_time.measuring - DEFAULT.state_time.settle) == pytest.approx(293.6e-3, abs=0.05e-3)
     # status, sleeping, waking, drive current and switches on top: 0.455 ms a state; a register of 0.12 ms a scan
     assert DEFAULT.period - scan_time == pytest.approx(6 * 0.455e-3 + 0.12e-3, rel=1e-9)
-    assert scan_settings(WIRING, paper_plan(WIRING.coils)[:2]).scan_time == pytest.approx(scan_time / 3)
 
 
 def test_waits():
