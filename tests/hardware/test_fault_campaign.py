@@ -187,7 +187,7 @@ def test_commands(bench, direction):
     reader = bench.reader
     for number in range(FAULTS[direction]):
         damage, before = DAMAGES[number % len(DAMAGES)], reader.counts.link.repeats
-        following = (reader._session._link._number + 1) % 256  # not a repeat of the one before, which may be on its way
+        following = (reader._session._number + 1) % 256  # not a repeat of the one before, which may be on its way
         sign, hook = (b">", "to_board") if direction == "command" else (b"<", "to_computer")
         with bench.host.paused():
             setattr(bench.host, hook, spoil_once(damage, bench.noise, b"%b%02X" % (sign, following)))
