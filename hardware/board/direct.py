@@ -258,11 +258,11 @@ class DirectReader:
             return BoardRestarted("the converter lost its settings while it was measuring.")
         if self._differing[k] >= _FAULTY_SCANS:
             return SwitchFault(
-                f"state {state}: the chain of switches returned other words than it was sent in {_FAULTY_SCANS} scans "
-                "running."
+                f"state {state}: the chain of switches returned other words than it was sent in {_FAULTY_SCANS} "
+                "consecutive scans."
             )
         if self._faulty[k] >= _FAULTY_SCANS:
-            return BusFault(f"state {state}: the converter did not answer in {_FAULTY_SCANS} scans running.")
+            return BusFault(f"state {state}: the converter did not answer in {_FAULTY_SCANS} consecutive scans.")
         return None
 
     @contextlib.contextmanager

@@ -194,7 +194,7 @@ def encode(name_or_address: str | int, fields: Mapping[str, int] = MappingProxyT
     Raises
     ------
     HardwareError
-        A register that only reads, an unknown field, or a value that its bits do not hold or the data sheet forbids.
+        A read-only register, an unknown field, or a value that its bits do not hold or the data sheet forbids.
 
     Examples
     --------
@@ -205,7 +205,7 @@ def encode(name_or_address: str | int, fields: Mapping[str, int] = MappingProxyT
     """
     target = register(name_or_address)
     if not target.writable:
-        raise HardwareError(f"register {target.name} only reads.")
+        raise HardwareError(f"register {target.name} is read-only.")
     value = target.reset
     for name, given in fields.items():
         field = target.field(name)
@@ -257,7 +257,7 @@ def check_value(name_or_address: str | int, value: int) -> None:
     Raises
     ------
     HardwareError
-        A register that only reads, a value beyond 16 bits, reserved bits that differ from their constants, or a field
+        A read-only register, a value beyond 16 bits, reserved bits that differ from their constants, or a field
         with a value that the data sheet forbids: which one, what is allowed.
 
     Examples
@@ -266,7 +266,7 @@ def check_value(name_or_address: str | int, value: int) -> None:
     """
     target = register(name_or_address)
     if not target.writable:
-        raise HardwareError(f"register {target.name} only reads.")
+        raise HardwareError(f"register {target.name} is read-only.")
     for name, given in decode(target.name, value).items():
         allowed = _ALLOWED.get(name.rstrip("0123"))
         if allowed is not None and given not in allowed[0]:

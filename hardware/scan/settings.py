@@ -438,5 +438,5 @@ class _File(Table):
             states=states, safe_words=bytes.fromhex(self.safe_words), wiring=bytes.fromhex(self.wiring), **own
         )
         if f"{settings.hash:04X}" != self.hash:
-            raise HardwareError(f"scan settings have the hash {settings.hash:04X}, but {self.hash} stands beside them.")
+            raise HardwareError(f"scan settings have the hash {settings.hash:04X}, not {self.hash} as the file says.")
         return settings

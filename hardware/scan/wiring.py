@@ -275,7 +275,7 @@ def load_wiring(name_or_path: str | Path | None = None) -> Wiring:
             f"({', '.join(bundled)})."
         ) from None
     except UnicodeDecodeError:
-        raise HardwareError(f"{given[:_LONGEST_NAME]} is no text file in UTF-8.") from None
+        raise HardwareError(f"{given[:_LONGEST_NAME]} is not a text file in UTF-8.") from None
     except OSError as error:
         raise HardwareError(f"cannot read {given[:_LONGEST_NAME]}: {error.strerror}.") from None
     except ValueError as error:  # a name with a zero byte

@@ -58,7 +58,7 @@ class LinuxRegisterBus:
             with _opening(self._path):
                 _lock(self._bus.fd)
             if not self._bus.funcs & self._library.I2cFunc.I2C:
-                raise HardwareError(f"{self._path} cannot read registers of 16 bits: it is no full I²C bus.")
+                raise HardwareError(f"{self._path} cannot read registers of 16 bits: it is not a full I²C bus.")
         except BaseException:
             self.close()
             raise

@@ -250,4 +250,4 @@ def _refuse_rest(options: Mapping[str, str], text: str) -> None:
 
 
 def _refused(text: str, reason: str) -> HardwareError:
-    return HardwareError(f"port {text[:_LONGEST]!r} cannot be: {reason}.")
+    return HardwareError(f"port {text[:_LONGEST]!r} is not valid: {reason}.")

@@ -133,7 +133,7 @@ def _only(meant: list[PortInfo], what: str, ports: tuple[PortInfo, ...]) -> Port
         return meant[0]
     listed = ", ".join(str(port) for port in meant or ports) or "no serial port at all"
     found = f"there are {len(meant)}" if meant else "there is none"
-    raise HardwareError(f"one must be {what}; {found}: {listed}.")
+    raise HardwareError(f"{what} is needed, but {found}: {listed}.")
 
 
 def open_serial_port(name: str, *, baud: int = BAUD) -> BytePort:

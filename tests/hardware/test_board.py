@@ -70,7 +70,10 @@ def test_names_of_ports(text, port):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", r"port '' cannot be: it must be emulator, a serial port \(/dev/ttyACM0, COM5 or usb:SERIALNUMBER\), i2c:"),
+        (
+            "",
+            r"port '' is not valid: it must be emulator, a serial port \(/dev/ttyACM0, COM5 or usb:SERIALNUMBER\), i2c:",
+        ),
         ("emulater", "it must be emulator"),
         ("emulator?seed=1", "it must be emulator"),
         ("/dev/", "it must be emulator"),
@@ -100,7 +103,7 @@ def test_names_of_ports(text, port):
         ("ftdi://ftdi:232h/9", "an adapter is named as"),
         ("ftdi://ftdi:232h/1?clock=8", "four different ones of C0 to C7"),
         ("ftdi://ftdi:232h/1?colour=red", "there is no option 'colour'"),
-        ("x" * 10000, "cannot be"),
+        ("x" * 10000, "is not valid"),
     ],
 )
 def test_anything_else_is_one_line(text, message):

@@ -275,7 +275,7 @@ def test_json():
     ("changes", "message"),
     [
         ({"schema": 2}, "scan settings: schema"),
-        ({"hash": "0000"}, "but 0000 stands beside them"),
+        ({"hash": "0000"}, "not 0000 as the file says"),
         ({"rcount": 100}, "have the hash [0-9A-F]{4}, but"),
         ({"rcount": 4}, "RCOUNT0 must be 5 to 65535; got 4"),
         ({"rcount": -1}, "scan settings: rcount"),

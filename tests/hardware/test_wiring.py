@@ -329,7 +329,7 @@ def test_unreadable_files(tmp_path):
     (tmp_path / "latin.toml").write_bytes(b"\xff\xfe")
     for path, message in (
         (tmp_path / "none.toml", "there is no wiring file .*none.toml, nor a bundled wiring of that name"),
-        (tmp_path / "latin.toml", "no text file in UTF-8"),
+        (tmp_path / "latin.toml", "not a text file in UTF-8"),
         (tmp_path, "cannot read"),
         ("a\0b", "cannot read"),
         ("", "the name of a wiring file must not be empty"),
