@@ -276,7 +276,7 @@ def test_json():
     [
         ({"schema": 2}, "scan settings: schema"),
         ({"hash": "0000"}, "not 0000 as the file says"),
-        ({"rcount": 100}, "have the hash [0-9A-F]{4}, but"),
+        ({"rcount": 100}, "have the hash [0-9A-F]{4}, not"),
         ({"rcount": 4}, "RCOUNT0 must be 5 to 65535; got 4"),
         ({"rcount": -1}, "scan settings: rcount"),
         ({"rcount": "100"}, "scan settings: rcount"),
