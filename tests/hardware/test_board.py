@@ -72,7 +72,7 @@ def test_names_of_ports(text, port):
     [
         (
             "",
-            r"port '' is not valid: it must be emulator, a serial port \(/dev/ttyACM0, COM5 or usb:SERIALNUMBER\), i2c:",
+            r"port '' is not valid: it must be emulator, a serial port \(/dev/ttyACM0, COM5 or usb:SERIALNUMBER\)",
         ),
         ("emulater", "it must be emulator"),
         ("emulator?seed=1", "it must be emulator"),
