@@ -40,8 +40,8 @@ if TYPE_CHECKING:
     from coilarray.hardware.board.connect import Board
     from coilarray.hardware.record.live_tracking import LiveReading, LiveState, LiveTracker
     from coilarray.hardware.record.recording import RecordedScan
+    from coilarray.hardware.scan.reader import RawScan
     from coilarray.hardware.scan.readings import ScanReading
-    from coilarray.hardware.scan.scans import RawScan
     from coilarray.localize.forward import ForwardModel
     from coilarray.localize.inverse import Mode
 

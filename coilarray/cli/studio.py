@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from coilarray.compute.threads import Progress
     from coilarray.design.model import Indentation
     from coilarray.hardware.record.live_tracking import LiveReading
-    from coilarray.hardware.scan.scans import RawScan
+    from coilarray.hardware.scan.reader import RawScan
     from coilarray.viz.studio.services import BoardFrame, BoardRequest, Document
 
 _LONGEST = 86_400.0  # s

@@ -1,4 +1,4 @@
-"""A board of any kind, opened by the name of its port, and at rest again whichever way the block is left."""
+"""Open a board of any kind by the name of its port; it is at rest again however its block is left."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ from coilarray.hardware.board.direct import DirectReader
 from coilarray.hardware.chips.ldc1614_registers import DEVICE, MANUFACTURER
 from coilarray.hardware.scan.reader import Identity, Reader
 from coilarray.hardware.scan.wiring import Wiring, load_wiring, one_device_a_coil
-from coilarray.hardware.wire.buses import ComputerClock
+from coilarray.hardware.wire.buses import ComputerClock, RegisterBus, SwitchChain
+from coilarray.hardware.wire.ft232h import open_ft232h
+from coilarray.hardware.wire.linux_host import LinuxRegisterBus, SpiSwitchChain
 from coilarray.hardware.wire.ports import EMULATOR, EmulatorPort, FtdiPort, LinuxPort, Port, SerialPort, parse_port
 from coilarray.hardware.wire.signals import held_signals, orderly_termination
 
@@ -24,20 +26,20 @@ if TYPE_CHECKING:
 class Board:
     """An open board; `open_board` makes one. Leaving its block grounds all coils and puts the converter to sleep.
 
-    That holds for every way out: the end, an exception, Ctrl-C, SIGTERM, and a program that ends without leaving the
-    block. Against a program that is killed at once no computer helps; a microcontroller then ends its stream by itself,
-    and chips on the computer's own buses are put to rest when the board is opened again.
+    That holds for every exit: the end of the block, an exception, Ctrl-C, SIGTERM, and a program that ends inside the
+    block. A program that is killed (SIGKILL) cannot clean up: a microcontroller then ends its stream by itself, and
+    chips on the computer's own buses are put to rest when the board is opened again.
 
     Parameters
     ----------
     reader : Reader
-        What measures.
+        Reader that measures.
     port : str
-        As it was opened by.
+        Name of the port.
     wiring : Wiring
-        Of its switches.
+        Wiring of the switches.
     emulator : EmulatedBoard, optional
-        What plays its fate, where it is not there.
+        The emulated board behind the reader; None for real hardware.
     """
 
     def __init__(self, reader: Reader, port: str, wiring: Wiring, emulator: EmulatedBoard | None = None) -> None:
@@ -47,17 +49,17 @@ class Board:
 
     @property
     def identity(self) -> Identity:
-        """What answers."""
+        """Identity of the board."""
         return self.reader.identity
 
     @property
     def emulated(self) -> bool:
-        """Whether no real board is behind it."""
+        """Whether the board is emulated."""
         return self.identity.emulated
 
     @property
     def line(self) -> str:
-        """Who answers, in one line for people."""
+        """One line that describes the board and its converter."""
         identity = self.identity
         ids = f"{identity.manufacturer:04X}/{identity.device:04X}"
         if (identity.manufacturer, identity.device) == (MANUFACTURER, DEVICE):
@@ -74,7 +76,7 @@ class Board:
         Returns
         -------
         str or None
-            "same", "differ", or "none" where the end of the chain is not wired back; None for chips that this computer
+            "same", "differ", or "none" if the end of the chain is not wired back; None for chips that this computer
             drives itself.
         """
         from coilarray.hardware.board.microcontroller import MicrocontrollerReader
@@ -82,7 +84,7 @@ class Board:
         return self.reader.check_chain() if isinstance(self.reader, MicrocontrollerReader) else None
 
     def close(self) -> None:
-        """Rest and let go of the port. Never raises; may be called again."""
+        """Put the board to rest and close the port. Never raises; may be called again."""
         with held_signals():
             self.reader.close()
         atexit.unregister(self.close)
@@ -113,25 +115,25 @@ def open_board(
     Parameters
     ----------
     port : str
-        As `coilarray.hardware.wire.ports.parse_port` reads it; the emulator by default.
+        Name of a port, as `coilarray.hardware.wire.ports.parse_port` reads it; the emulator by default.
     design : Design, optional
-        Of the emulated coils; the reference design by default.
+        Design of the emulated coils; the reference design by default.
     wiring : Wiring, optional
-        Of the switches; by default as `wiring_of_board` says.
+        Wiring of the switches; by default that of `wiring_of_board`.
     times : LinkTimes, optional
-        How long a microcontroller may take.
+        Time limits for a microcontroller.
     **emulation
-        Options of `coilarray.hardware.emulator.emulated_board`; a real board takes no notice of them.
+        Options of `coilarray.hardware.emulator.emulated_board`; a real board ignores them.
 
     Returns
     -------
     Board
-        To be used in a ``with`` block.
+        The open board, for use in a ``with`` block.
 
     Raises
     ------
     HardwareError
-        Not the name of a port, or one that cannot be opened: which, why, and what there is.
+        Not the name of a port, or a port that cannot be opened: which, why, and what there is.
     MissingDependencyError
         The library that this kind of port needs is not installed.
 
@@ -155,10 +157,8 @@ def open_board(
             from coilarray.hardware.board.microcontroller import open_microcontroller
 
             reader = open_microcontroller(name, bauds=bauds, times=times)
-        case LinuxPort():
-            reader = _on_linux(place, wired)
-        case FtdiPort():
-            reader = _on_ft232h(place, wired)
+        case LinuxPort() | FtdiPort():
+            reader = _direct_reader(place, wired)
     return Board(reader, port, wired, emulator)
 
 
@@ -168,17 +168,17 @@ def wiring_of_board(port: Port, design: Design | None = None, name: str | None =
     Parameters
     ----------
     port : Port
-        As `coilarray.hardware.wire.ports.parse_port` returns it.
+        Port of the board.
     design : Design, optional
-        Of the emulator's coils.
+        Design of the emulator's coils.
     name : str, optional
-        Of the wiring, as `load_wiring` takes it. By default six coils with one device each; for the emulator, whose
-        switches nobody has soldered, coils of the design's names with one device each.
+        Name of a wiring, as `load_wiring` takes it. By default six coils with one device each; for the emulator one
+        device for each coil of the design.
 
     Raises
     ------
     HardwareError
-        As `load_wiring` and `one_device_a_coil`.
+        The wiring cannot be read, or the design has more coils than a wiring can have.
     """
     bundled = load_wiring(name)
     if name is not None or design is None or not isinstance(port, EmulatorPort):
@@ -193,26 +193,20 @@ def _emulator(design: Design | None, wiring: Wiring, emulation: dict[str, Any]) 
     return emulated_board(design or load_design(), wiring, **emulation)
 
 
-def _on_linux(port: LinuxPort, wiring: Wiring) -> DirectReader:
-    from coilarray.hardware.wire.linux_host import LinuxRegisterBus, SpiSwitchChain
-
+def _direct_reader(port: LinuxPort | FtdiPort, wiring: Wiring) -> DirectReader:
+    bus: RegisterBus
+    switches: SwitchChain
     with ExitStack() as opened:
-        bus = LinuxRegisterBus(port.bus, port.address)
-        opened.callback(bus.close)
-        switches = SpiSwitchChain(port.spi_bus, port.spi_device, port.shift)
-        opened.callback(switches.close)
-        kind = f"I²C bus {port.bus} and SPI {port.spi_bus}.{port.spi_device} of this computer"
+        if isinstance(port, LinuxPort):
+            bus = LinuxRegisterBus(port.bus, port.address)
+            opened.callback(bus.close)
+            switches = SpiSwitchChain(port.spi_bus, port.spi_device, port.shift)
+            opened.callback(switches.close)
+            kind = f"I²C bus {port.bus} and SPI {port.spi_bus}.{port.spi_device} of this computer"
+        else:
+            bus, switches = open_ft232h(port.url, port.address, pins=port.pins, settings=port.shift)
+            opened.callback(bus.close)
+            kind = "FT232H"
         reader = DirectReader(bus, switches, ComputerClock(), wiring.safe_words, kind=kind)
-        opened.pop_all()
-    return reader
-
-
-def _on_ft232h(port: FtdiPort, wiring: Wiring) -> DirectReader:
-    from coilarray.hardware.wire.ft232h import open_ft232h
-
-    with ExitStack() as opened:
-        bus, switches = open_ft232h(port.url, port.address, pins=port.pins, settings=port.shift)
-        opened.callback(bus.close)
-        reader = DirectReader(bus, switches, ComputerClock(), wiring.safe_words, kind="FT232H")
         opened.pop_all()
     return reader

@@ -1,4 +1,4 @@
-"""A board whose chips hang on buses of this computer: the scan itself, as the firmware does it for a microcontroller.
+"""Reader of a board whose chips are on buses of this computer; it scans as the firmware of a microcontroller does.
 
 The order of the steps is that of `hardware/firmware/PROTOCOL.md`, "Rules of the board". Between two states, and
 whenever anything goes wrong, the converter is asleep and every coil is grounded.
@@ -15,11 +15,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from coilarray.errors import HardwareError
-from coilarray.hardware.board.chips import ATTEMPTS, BUS_FAULTS, Chips, Orders, no_sample
+from coilarray.hardware.board.chip_driver import ATTEMPTS, BUS_FAULTS, ChipDriver, ChipSettings, no_sample
 from coilarray.hardware.chips.ldc1614_registers import DEVICE, MANUFACTURER
-from coilarray.hardware.scan.legal_switching import check_switching
-from coilarray.hardware.scan.reader import Identity
-from coilarray.hardware.scan.scans import RawSample, RawScan, SampleFault
+from coilarray.hardware.scan.reader import Identity, RawSample, RawScan, SampleFault
 from coilarray.hardware.scan.settings import ScanSettings
 from coilarray.hardware.wire.buses import Clock, RegisterBus, SwitchChain
 from coilarray.hardware.wire.faults import BoardRestarted, BusFault, BusTimeout, SwitchFault
@@ -34,22 +32,20 @@ class DirectReader:
     Parameters
     ----------
     bus : RegisterBus
-        To the converter.
+        Bus of the converter.
     switches : SwitchChain
-        To the switches.
+        Port of the switches.
     clock : Clock
-        By which it waits, and the time of its scans.
+        Clock of all waits and of the scans.
     safe_words : bytes
-        Ground every end of every coil; the switches get them before anything else happens.
-    kind : str
-        For people, as in `Identity`.
-    emulated : bool
-        As in `Identity`.
+        Words that ground every end of every coil; the switches get them before anything else happens.
+    kind, emulated
+        Parameters of `Identity`.
 
     Raises
     ------
     DeviceLost, SwitchFault
-        A port that is gone, or switches that cannot be reached. A converter that does not answer is told by `identity`.
+        A port that is gone, or switches that cannot be reached. `identity` shows a converter that does not answer.
     """
 
     def __init__(
@@ -62,9 +58,9 @@ class DirectReader:
         kind: str,
         emulated: bool = False,
     ) -> None:
-        self._chips, self._clock = Chips(bus, switches, clock), clock
+        self._chips, self._clock = ChipDriver(bus, switches, clock), clock
         self._safe_words = safe_words
-        self._orders: Orders | None = None
+        self._chip_settings: ChipSettings | None = None
         self._failure: HardwareError | None = None
         self._faulty: Counter[int] = Counter()  # scans running, by state, with a fault of the bus
         self._differing: Counter[int] = Counter()  # the same, of the chain of switches
@@ -79,7 +75,7 @@ class DirectReader:
 
     @property
     def identity(self) -> Identity:
-        """What answers; the two registers are 0 where the converter does not."""
+        """Identity of the board; the two registers are 0 if the converter does not answer."""
         return self._identity
 
     def configure(self, settings: ScanSettings) -> None:
@@ -92,13 +88,13 @@ class DirectReader:
         BusFault
             A converter that does not answer, is another chip or reads back something else, after three attempts.
         """
-        self._orders, self._failure = None, None
+        self._chip_settings, self._failure = None, None
         self._faulty.clear()
         self._differing.clear()
         if self._closed:
             raise HardwareError("the board is closed; open it again.")
-        check_switching(settings)
-        orders = Orders.of(settings)
+        settings.check_switching()
+        chip_settings = ChipSettings.of(settings)
         if len(settings.safe_words) != len(self._safe_words):
             raise HardwareError(
                 f"the settings are for {len(settings.safe_words)} switches in a chain; "
@@ -107,9 +103,9 @@ class DirectReader:
         self._safe_words = settings.safe_words
         with self._resting_on_failure():
             self.rest()
-            self._chips.configure(orders)
+            self._chips.configure(chip_settings)
         self._identity = replace(self._identity, manufacturer=MANUFACTURER, device=DEVICE)
-        self._orders = orders
+        self._chip_settings = chip_settings
 
     def scan(self) -> RawScan:
         """Measure every state once.
@@ -119,7 +115,7 @@ class DirectReader:
         BoardRestarted
             The converter lost its settings while it was measuring.
         BusFault, SwitchFault
-            What was wrong with the scan before this one; `configure` begins anew.
+            The scan before this one failed; `configure` clears that.
         HardwareError
             A board that is not configured.
         """
@@ -129,14 +125,14 @@ class DirectReader:
         return scan
 
     def scans(self, interval: float = 0.0) -> Iterator[RawScan]:
-        """Scan without end, one each `interval` in s or as fast as it goes; closing the iterator stops the board.
+        """Scan until the iterator is closed, once every `interval` in s, or as fast as possible for 0.
 
         A scan that ends the stream is still returned; the next one raises the reason.
 
         Raises
         ------
         HardwareError
-            As `scan`, or an interval that is negative or not finite.
+            A board that is not configured, or an interval that is negative or not finite.
         """
         if not (math.isfinite(interval) and interval >= 0):
             raise HardwareError(f"the interval must be finite and not negative; got {interval} s.")
@@ -148,17 +144,17 @@ class DirectReader:
         Raises
         ------
         BusFault
-            It does not answer.
+            The converter does not answer.
         """
         return self._chips.bus.read(address)
 
     def rest(self) -> None:
-        """Put the converter to sleep and ground all coils; the second is done whatever becomes of the first.
+        """Put the converter to sleep and ground all coils, even if the converter does not answer.
 
         Raises
         ------
         BusFault, SwitchFault, DeviceLost
-            One of them could not be done.
+            One of the two failed.
         """
         with held_signals():
             try:
@@ -167,10 +163,10 @@ class DirectReader:
                 self._chips.switch(self._safe_words)
 
     def close(self) -> None:
-        """Rest, as far as the chips answer, and let go of both buses. Never raises; may be called again."""
+        """Put the board to rest, if the chips answer, and close both buses. Never raises; may be called again."""
         if self._closed:
             return
-        self._orders = None
+        self._chip_settings = None
         for _ in range(ATTEMPTS):
             try:
                 self.rest()
@@ -198,25 +194,25 @@ class DirectReader:
     def _scan(self, sequence: int) -> RawScan:
         if self._failure is not None:
             raise self._failure
-        orders = self._orders
-        if orders is None:
+        chip_settings = self._chip_settings
+        if chip_settings is None:
             raise HardwareError("the board must be open and configured before a scan.")
         start = self._clock.now()
         with self._resting_on_failure():
-            samples = [self._sample(orders, k) for k in range(len(orders.words))]
-            samples = self._verified(orders, samples)
-        return RawScan(sequence, start, time.time(), orders.hash, self._identity.boot, tuple(samples))
+            samples = [self._sample(chip_settings, k) for k in range(len(chip_settings.words))]
+            samples = self._verified(chip_settings, samples)
+        return RawScan(sequence, start, time.time(), chip_settings.hash, self._identity.boot, tuple(samples))
 
-    def _sample(self, orders: Orders, k: int) -> RawSample:
+    def _sample(self, chip_settings: ChipSettings, k: int) -> RawSample:
         """Measure a state; asleep and grounded before and, whatever the converter does, after."""
         chips, same = self._chips, True
         try:
             if not chips.asleep:
                 chips.sleep()
-            same &= chips.switch(bytes(len(orders.words[k])))
-            same &= chips.switch(orders.words[k])
-            chips.wake(orders, orders.drives[k])
-            sample = chips.result(orders)
+            same &= chips.switch(bytes(len(chip_settings.words[k])))
+            same &= chips.switch(chip_settings.words[k])
+            chips.wake(chip_settings, chip_settings.drives[k])
+            sample = chips.result(chip_settings)
             chips.sleep(attempts=1)
         except BusTimeout:
             sample = no_sample(SampleFault.BUS_TIMEOUT)
@@ -228,50 +224,50 @@ class DirectReader:
         same &= chips.switch(self._safe_words)
         return sample if same else no_sample(SampleFault.SWITCHES_DIFFER)
 
-    def _verified(self, orders: Orders, samples: list[RawSample]) -> list[RawSample]:
-        """Return the samples of a scan after a look at what the converter still holds; set what ends the stream."""
+    def _verified(self, chip_settings: ChipSettings, samples: list[RawSample]) -> list[RawSample]:
+        """Return the samples of a scan, checked against what the converter still holds."""
         faults = [sample.fault for sample in samples]
         try:
-            kept = self._chips.hold(orders, thoroughly=any(fault in BUS_FAULTS for fault in faults))
+            kept = self._chips.hold(chip_settings, thoroughly=any(fault in BUS_FAULTS for fault in faults))
         except BusFault:  # what is not confirmed is no measurement
             faults = [fault or SampleFault.NOT_ACKNOWLEDGED for fault in faults]
         else:
             if not kept:
                 faults = [SampleFault.CONVERTER_RESET] * len(faults)
-        self._judge(orders, faults)
+        self._judge(chip_settings, faults)
         return [no_sample(fault) if fault else sample for fault, sample in zip(faults, samples, strict=True)]
 
-    def _judge(self, orders: Orders, faults: Sequence[SampleFault]) -> None:
-        """End the stream where these faults of a scan are reason to: rest, and let the next scan raise the reason."""
+    def _judge(self, chip_settings: ChipSettings, faults: Sequence[SampleFault]) -> None:
+        """Decide whether these faults of a scan end the stream; then rest, and the next scan raises the reason."""
         for k, fault in enumerate(faults):
             self._faulty[k] = self._faulty[k] + 1 if fault in BUS_FAULTS else 0
             self._differing[k] = self._differing[k] + 1 if fault == SampleFault.SWITCHES_DIFFER else 0
-        reasons = (self._reason(orders.names[k], k, fault) for k, fault in enumerate(faults))
+        reasons = (self._reason(chip_settings.names[k], k, fault) for k, fault in enumerate(faults))
         self._failure = next((reason for reason in reasons if reason is not None), None)
         if self._failure is None:
             return
-        self._orders = None
+        self._chip_settings = None
         with contextlib.suppress(HardwareError):
             if isinstance(self._failure, BusFault):
                 self._chips.bus.clear()
             self.rest()
 
     def _reason(self, state: str, k: int, fault: SampleFault) -> HardwareError | None:
-        """Say why the stream ends with a state that has this fault in the last scan; None where it does not."""
+        """Return why a state with this fault in the last scan ends the stream; None if it does not."""
         if fault == SampleFault.CONVERTER_RESET:
             return BoardRestarted("the converter lost its settings while it was measuring.")
         if self._differing[k] >= _FAULTY_SCANS:
             return SwitchFault(
-                f"state {state}: the chain of switches returned other words than it was sent in {_FAULTY_SCANS} scans "
-                "running."
+                f"state {state}: the chain of switches returned other words than it was sent in {_FAULTY_SCANS} "
+                "consecutive scans."
             )
         if self._faulty[k] >= _FAULTY_SCANS:
-            return BusFault(f"state {state}: the converter did not answer in {_FAULTY_SCANS} scans running.")
+            return BusFault(f"state {state}: the converter did not answer in {_FAULTY_SCANS} consecutive scans.")
         return None
 
     @contextlib.contextmanager
     def _resting_on_failure(self) -> Iterator[None]:
-        """Rest where the block is left by any exception, the user's interrupt included."""
+        """Rest if the block is left by any exception, KeyboardInterrupt included."""
         try:
             yield
         except BaseException:

@@ -7,8 +7,8 @@ from dataclasses import dataclass, fields, replace
 
 from coilarray.errors import HardwareError
 from coilarray.hardware.chips.ldc1614_registers import register
-from coilarray.hardware.scan.ldc1614_result import Reason, judge
 from coilarray.hardware.scan.reader import Reader
+from coilarray.hardware.scan.readings import Reason, judge
 from coilarray.hardware.scan.settings import ScanSettings, StateSettings
 
 _CONFIG, _DRIVE_CURRENT = register("CONFIG"), register("DRIVE_CURRENT0")
@@ -25,11 +25,11 @@ class FoundDrive:
     Parameters
     ----------
     code : int
-        IDRIVE, 0 to 31.
+        IDRIVE code, 0 to 31.
     proposed : int
-        What the converter itself found, INIT_IDRIVE.
+        INIT_IDRIVE, the code that the converter itself found.
     reasons : tuple of Reason
-        What is not good about the amplitude even so.
+        Warnings about the amplitude that remain with this code.
     """
 
     code: int
@@ -40,19 +40,19 @@ class FoundDrive:
 def find_drives(reader: Reader, settings: ScanSettings) -> Mapping[str, FoundDrive]:
     """Find the drive current of every state.
 
-    The sensor must be free: nothing near it that will not be there later.
+    The sensor must be free: nothing may be near it that is not there during the measurement.
 
     Parameters
     ----------
     reader : Reader
-        Of the board. Its configuration is gone afterwards, its coils are grounded.
+        Reader of the board; afterwards it is not configured and its coils are grounded.
     settings : ScanSettings
-        With the states.
+        Settings of the scan whose states are tried.
 
     Returns
     -------
     mapping of str to FoundDrive
-        By the name of the state.
+        Drive currents by the names of the states.
 
     Raises
     ------
@@ -61,10 +61,10 @@ def find_drives(reader: Reader, settings: ScanSettings) -> Mapping[str, FoundDri
 
     Notes
     -----
-    The procedure of the data sheet: wake with the automatic amplitude and read INIT_IDRIVE. That the register still
-    holds it asleep is not verified, so that a fixed current is tried from there on, one code up or down, until the
-    converter warns neither of a low nor of a high amplitude; where no code is without a warning, the largest that is
-    not too high is taken.
+    The procedure of the data sheet: wake with the automatic amplitude and read INIT_IDRIVE. Whether the register keeps
+    its value during sleep is not verified; fixed currents are therefore tried from there, one code up or down, until
+    the converter warns of neither a low nor a high amplitude. If every code gives a warning, the largest that is not
+    too high is taken.
     """
     found = {state.name: _find(reader, settings, state) for state in settings.states}
     reader.rest()

@@ -9,9 +9,7 @@ from dataclasses import dataclass
 
 from coilarray.errors import HardwareError
 from coilarray.hardware.board.session import Session, read_nothing
-from coilarray.hardware.scan.legal_switching import check_switching
-from coilarray.hardware.scan.reader import Identity
-from coilarray.hardware.scan.scans import RawScan, SampleFault
+from coilarray.hardware.scan.reader import Identity, RawScan, SampleFault
 from coilarray.hardware.scan.settings import ScanSettings
 from coilarray.hardware.wire.buses import Clock
 from coilarray.hardware.wire.faults import (
@@ -24,9 +22,10 @@ from coilarray.hardware.wire.faults import (
     VersionMismatch,
 )
 from coilarray.hardware.wire.link import LinkCounts, LinkTimes, Wait
-from coilarray.hardware.wire.protocol.commands import draft_commands
+from coilarray.hardware.wire.protocol.lines import draft_commands
 from coilarray.hardware.wire.protocol.messages import (
     Answer,
+    Greeting,
     Heartbeat,
     Message,
     MessageError,
@@ -35,14 +34,14 @@ from coilarray.hardware.wire.protocol.messages import (
     StreamEnd,
     StreamEndReason,
     hexadecimal,
+    read_pong,
     read_scan,
 )
-from coilarray.hardware.wire.protocol.replies import Greeting, read_pong
-from coilarray.hardware.wire.protocol.scan_gate import GateCounts, ScanGate
+from coilarray.hardware.wire.protocol.scan_stream import GateCounts, ScanGate
 from coilarray.hardware.wire.serial_ports import BAUD, BytePort, PortInfo, choose_serial_port, open_serial_port
 
 LONGEST_INTERVAL = 2147.0
-"""Between two scans of a stream in s: half a wrap of the board's clock."""
+"""Longest time between two scans of a stream in s: half a wrap of the board's clock."""
 _LOOK_AGAIN = 0.1  # s between two looks for a port that is not back yet
 _MOST_UNSEEN = 1024  # messages after a deadline until a stream that sends anything but scans is given up
 
@@ -62,16 +61,16 @@ _SIGNS = {
 
 @dataclass(frozen=True)
 class ReaderCounts:
-    """What a session met so far.
+    """Counts of a session.
 
     Parameters
     ----------
     link : LinkCounts
-        Lines and messages.
+        Counts of lines and messages.
     scans : GateCounts
-        Scans, single ones and those of all streams.
+        Counts of scans, single ones and those of all streams.
     dropped_by_board : int
-        Lines of this computer that the board dropped, as it said last.
+        Lines of this computer that the board dropped, by its last report.
     """
 
     link: LinkCounts
@@ -82,16 +81,16 @@ class ReaderCounts:
 def open_microcontroller(
     port: str | None = None, *, bauds: Sequence[int] = (BAUD,), times: LinkTimes | None = None
 ) -> MicrocontrollerReader:
-    """Open a board and stop whatever it does.
+    """Open a microcontroller board and stop whatever it does.
 
     Parameters
     ----------
     port : str, optional
-        "/dev/ttyACM0", "COM5" or "usb:SERIALNUMBER"; the only port of a known board by default.
+        Name of a port, "/dev/ttyACM0", "COM5" or "usb:SERIALNUMBER"; the only port of a known board by default.
     bauds : sequence of int
-        Rates to try in turn; `coilarray.hardware.wire.serial_ports.PROBED_BAUDS` where the board's is not known.
+        Baud rates to try in turn; `coilarray.hardware.wire.serial_ports.PROBED_BAUDS` if the board's rate is unknown.
     times : LinkTimes, optional
-        How long to wait for what.
+        Time limits.
 
     Returns
     -------
@@ -103,7 +102,7 @@ def open_microcontroller(
     NoAnswer, NotABoard, VersionMismatch
         Nothing came; bytes came, but no intact line; the board speaks another version of the protocol.
     HardwareError
-        The port cannot be opened, or the choice is not clear.
+        The port cannot be opened, or the choice of the port is ambiguous.
     """
     chosen = choose_serial_port(port)
     met: list[HardwareError] = []
@@ -117,37 +116,37 @@ def open_microcontroller(
         except BaseException:
             opened.close()
             raise
-    told = next((fault for fault in met if isinstance(fault, NotABoard)), met[-1])
-    raise type(told)(f"{str(told).rstrip('.')}; tried {', '.join(map(str, bauds))} baud.")
+    worst = next((fault for fault in met if isinstance(fault, NotABoard)), met[-1])
+    raise type(worst)(f"{str(worst).rstrip('.')}; tried {', '.join(map(str, bauds))} baud.")
 
 
 def _open_again(before: PortInfo, bauds: Sequence[int], times: LinkTimes | None) -> MicrocontrollerReader:
-    """Open the same device, which may have another name by now."""
+    """Open the same device, whose port may have another name by now."""
     name = f"usb:{before.serial_number}" if before.serial_number else before.name
     return open_microcontroller(name, bauds=bauds, times=times)
 
 
 class MicrocontrollerReader:
-    """A board over a serial port, for one session.
+    """Reader of a board on a serial port, for one session.
 
     A board that restarts, or a port that comes back, is another session: `reconnect` opens it, and its scans are never
-    mixed with those of this one. The board keeps a stream only while it is fetched: who takes no scan for ten seconds
-    loses the stream (NoAnswer).
+    mixed with those of this one. The board ends a stream (NoAnswer) if no scan is fetched for ten seconds.
 
     Parameters
     ----------
     port : BytePort
-        Open; the reader closes it.
+        Open port; the reader closes it, unless this constructor raises.
     times : LinkTimes, optional
+        Time limits.
     clock : Clock, optional
-        Of all deadlines; the computer's by default.
+        Clock of all deadlines; the computer's by default.
     reopen : callable, optional
-        Opens a new session with the same device.
+        Function that opens a new session with the same device.
 
     Raises
     ------
     NoAnswer, NotABoard, VersionMismatch, DeviceLost
-        As `open_microcontroller`; then the port is left open.
+        No board of this protocol answers.
     """
 
     def __init__(
@@ -164,15 +163,15 @@ class MicrocontrollerReader:
         self._hash = 0  # of the settings
         self._stream = 0  # number of the stream that runs; 0 where none does
         self._streams = 0
-        self._silent = False  # whether it gave no answer when it was told to stop
-        self._unsure = False  # whether the board may be measuring unasked: it must be told to stop first
+        self._silent = False  # whether it did not answer STOP
+        self._unsure = False  # whether the board may still be measuring: it must be stopped first
         self._faults: frozenset[SampleFault] = frozenset()  # of the last scan of the stream
         self._gates = GateCounts()  # of all scans before those of the stream
         self._gate: ScanGate | None = None  # of the stream
 
     @property
     def identity(self) -> Identity:
-        """What answers."""
+        """Identity of the board."""
         greeting = self._session.greeting
         return Identity(
             kind=f"{greeting.firmware}, protocol {greeting.version[0]}.{greeting.version[1]}",
@@ -184,17 +183,17 @@ class MicrocontrollerReader:
 
     @property
     def greeting(self) -> Greeting:
-        """What the board said of itself."""
+        """Reply of the board to HELLO."""
         return self._session.greeting
 
     @property
     def counts(self) -> ReaderCounts:
-        """What the session met so far."""
+        """Counts of this session."""
         scans = self._gates if self._gate is None else self._gates + self._gate.counts
         return ReaderCounts(self._session.counts, scans, self._session.dropped_by_board)
 
     def configure(self, settings: ScanSettings) -> None:
-        """Tell the board its settings; it checks them, writes them to its chips and reads them back.
+        """Send the board its settings; it checks them, writes them to its chips and reads them back.
 
         Raises
         ------
@@ -204,7 +203,7 @@ class MicrocontrollerReader:
         CommandRefused, BusFault
             The board refuses them, or a chip does not take them; then it has no settings.
         """
-        check_switching(settings)
+        settings.check_switching()
         greeting = self._session.greeting
         for what, count, most in (
             ("states", len(settings.states), greeting.most_states),
@@ -243,7 +242,7 @@ class MicrocontrollerReader:
         return scan
 
     def scans(self, interval: float = 0.0) -> Iterator[RawScan]:
-        """Scan without end, one each `interval` in s or as fast as it goes; closing the iterator stops the board."""
+        """Scan until the iterator is closed, once every `interval` in s, or as fast as possible for 0."""
         if not 0 <= interval <= LONGEST_INTERVAL:
             raise HardwareError(f"interval must be 0 to {LONGEST_INTERVAL:g} s; got {interval:g}.")
         return self._run(self._configured(), round(interval * 1e6))
@@ -269,7 +268,7 @@ class MicrocontrollerReader:
         Returns
         -------
         str
-            "same", "differ", or "none" where the end of the chain is not wired back.
+            "same", "differ", or "none" if the end of the chain is not wired back.
         """
         self._prepare()
         return self._session.ask(_chain, "CHAIN")
@@ -282,14 +281,15 @@ class MicrocontrollerReader:
         return self._session.ask(_word, "PEEK", f"{address:02X}")
 
     def close(self) -> None:
-        """Rest, as far as the board still answers, and let go of the port. Never raises; may be called again.
+        """Put the board to rest, if it still answers, and close the port. Never raises; may be called again.
 
-        A board that gave no answer when it was told to stop is told once more, and not waited for again.
+        A board that did not answer STOP gets one more STOP, whose reply is not awaited.
         """
         try:
             with suppress(Exception):
                 if self._silent:
-                    self._session.post_stop()
+                    self._session.wake()
+                    self._session.post("STOP")
                 else:
                     self.rest()
         finally:
@@ -301,7 +301,7 @@ class MicrocontrollerReader:
         Parameters
         ----------
         patience : float
-            Time in s in which the port may come back.
+            Time to wait for the port to come back, in s.
 
         Returns
         -------
@@ -385,7 +385,7 @@ class MicrocontrollerReader:
                 self._stream = 0
 
     def _fetch(self, mine: int, gate: ScanGate, period: float, longest: float) -> Iterator[RawScan]:
-        """Yield the scans of the stream until `rest`; every way in which they stop coming is a fault."""
+        """Yield the scans of the stream until `rest`; raise if they stop coming for any reason."""
         now, times = self._session.clock.now, self._session.times
         gap, silence = max(times.gap * period, times.least_gap + longest), times.heartbeat + longest
         scan_due, line_due, ping_due = now() + gap, now() + silence, now() + times.ping
@@ -393,7 +393,7 @@ class MicrocontrollerReader:
         while self._stream == mine:
             if now() >= ping_due:
                 ping_due = now() + times.ping
-                self._session.post_ping()
+                self._session.post("PING")
             message = self._session.receive(Wait(min(scan_due, line_due, ping_due)))
             scan = self._passed(gate, message) if isinstance(message, ScanMessage) else None
             if scan is not None:
@@ -414,12 +414,14 @@ class MicrocontrollerReader:
                     )
 
     def _heed(self, message: Message) -> None:
-        """Raise the fault that a message in a stream tells of."""
+        """Raise the fault that a message in a stream reports."""
         if isinstance(message, StreamEnd):
             raise self._ended(message.reason, message.text)
         if isinstance(message, Answer):
             with suppress(MessageError):
-                self._heed_mode(self._session.told(read_pong(message.fields)).mode)
+                pong = read_pong(message.fields)
+                self._session.keep(pong)
+                self._heed_mode(pong.mode)
         elif isinstance(message, Heartbeat) and self._session.present(message.time):  # not one from before the stream
             self._heed_mode(message.mode)
 
@@ -433,17 +435,17 @@ class MicrocontrollerReader:
         raise fault or NoAnswer(f"the board at {self._session.name} has ended the scans, and its reason was lost.")
 
     def _refused(self, refusal: CommandRefused) -> HardwareError:
-        """Fault of a board that does not measure any more; the last scan may tell why."""
+        """Return the fault of a board that has stopped measuring; the last scan may show why."""
         self._settings = None
         return self._end_unheard() or refusal
 
     def _end_unheard(self) -> HardwareError | None:
-        """Fault of scans that have stopped without a word, where the last scan tells it."""
+        """Return the fault of a stream that stopped without a message, if the last scan shows it."""
         reason = next((_SIGNS[fault] for fault in sorted(self._faults) if fault in _SIGNS), None)
         return None if reason is None else self._ended(reason)
 
     def _ended(self, reason: StreamEndReason, text: str = "") -> HardwareError:
-        """Fault of scans that the board ended."""
+        """Return the fault of a stream that the board ended."""
         if reason is not StreamEndReason.LEASE:
             self._settings = None
         kind, meaning = _ENDS[reason]
@@ -452,7 +454,7 @@ class MicrocontrollerReader:
 
 
 def _longest_scan(settings: ScanSettings | None) -> float:
-    """Time of a scan in s in which no state ever has a result."""
+    """Return the time in s of a scan in which no state ever has a result."""
     if settings is None:
         return 0.0
     state = settings.state_time

@@ -1,19 +1,19 @@
-"""Closure self-test: whether the switches of a board do what the wiring says, and whether every coil is there.
+"""Self-test of a board: whether the switches do what the wiring says, and whether every coil is connected.
 
-It needs no more than scans. The bit map of the switches is assumed until it has passed.
+It needs scans only. Until it has passed, the assignment of bits to switches is an assumption.
 """
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 
 from coilarray.compute.threads import Progress
-from coilarray.hardware.board.chips import BUS_FAULTS
-from coilarray.hardware.scan.closure import Fault, Sight, Trial, faults, trials
-from coilarray.hardware.scan.reader import Reader
+from coilarray.hardware.board.chip_driver import BUS_FAULTS
+from coilarray.hardware.board.fault_model import Fault, Prediction, Trial, single_faults, trials
+from coilarray.hardware.scan.reader import Reader, SampleFault
 from coilarray.hardware.scan.readings import read_scan
-from coilarray.hardware.scan.scans import SampleFault
 from coilarray.hardware.scan.settings import ScanSettings, StateSettings
 from coilarray.hardware.scan.wiring import Wiring
 from coilarray.hardware.wire.faults import BusFault, SwitchFault
@@ -21,8 +21,8 @@ from coilarray.hardware.wire.faults import BusFault, SwitchFault
 RCOUNT = 0x4000
 """Conversions of 12 ms: a frequency to less than a millionth."""
 NOTICEABLE = 2e-5
-"""Relative rise of a frequency from which on a coil counts as shorted; the neighbours of the reference board have
-1.5e-3, its next but one 1.2e-4, and what one grounded end does by its capacitance is below 1e-6."""
+"""Least relative rise of a frequency that counts as a shorted neighbour; on the reference board the nearest neighbours
+give 1.5e-3, the next but one 1.2e-4, and a single grounded end, by its capacitance, less than 1e-6."""
 _MOST_STATES = 16  # at a time: as many as every board takes
 _ATTEMPTS = 3
 _ANY_CAPACITANCE = 120e-12  # F; only frequencies are used
@@ -30,17 +30,18 @@ _ANY_CAPACITANCE = 120e-12  # F; only frequencies are used
 
 @dataclass(frozen=True)
 class CoilCheck:
-    """What was seen of a coil.
+    """Measurements of one coil.
 
     Parameters
     ----------
     coil : str
-        Its name.
-    frequency, turned : float or None
-        In Hz, all others grounded, and with its ends exchanged; None where nothing oscillates, or, of `turned`, where
-        the wiring cannot do it.
+        Name of the coil.
+    frequency : float or None
+        Frequency with all other coils grounded, in Hz; None if nothing oscillates.
+    turned : float or None
+        The same with the ends of the coil exchanged; also None if the wiring cannot exchange them.
     felt_by : str or None
-        The coil whose frequency changes most when this one is grounded; None where no other oscillates.
+        Name of the coil whose frequency changes most when this one is grounded; None if no other oscillates.
     rises : mapping of str to float
         Relative rise of that frequency when "both" ends of this coil are grounded, only "a" or only "b".
     """
@@ -59,14 +60,13 @@ class SelfTest:
     Parameters
     ----------
     coils : tuple of CoilCheck
-        In the order of the wiring.
+        Measurements of the coils, in the order of the wiring.
     symptoms : tuple of str
-        What was seen that a good board does not show; none where the test has passed.
+        Measurements that a good board would not give; empty if the test has passed.
     findings : tuple of str
-        Faults that each alone explain all that was seen, and that the switches cannot tell apart; none where the test
-        has passed, or where there is more than one fault.
+        Faults each of which alone explains all measurements; empty if the test has passed or there are several faults.
     untested : tuple of str
-        Where it has passed: faults that the board could have all the same.
+        Faults that a board which has passed could still have.
     """
 
     coils: tuple[CoilCheck, ...]
@@ -76,13 +76,13 @@ class SelfTest:
 
     @property
     def passed(self) -> bool:
-        """Whether the board is as the wiring says, as far as can be seen."""
+        """Whether the board behaves as the wiring says."""
         return not self.symptoms
 
 
 @dataclass(frozen=True)
 class _Seen:
-    """A trial and what it showed: frequency in Hz, and its relative change against the coil with all others open."""
+    """A trial and its result: frequency in Hz, and its relative change against the coil with all others open."""
 
     trial: Trial
     frequency: float | None
@@ -96,13 +96,13 @@ def self_test(reader: Reader, wiring: Wiring, settings: ScanSettings, *, progres
     Parameters
     ----------
     reader : Reader
-        Of the board. Its configuration is gone afterwards, its coils are grounded.
+        Reader of the board; afterwards it is not configured and its coils are grounded.
     wiring : Wiring
-        As assumed.
+        Assumed wiring of the board.
     settings : ScanSettings
-        Of the board's coils: clock, dividers and drive currents are taken from it.
+        Settings of the board's coils, of which clock, dividers and drive currents are used.
     progress : callable, optional
-        Called with (done, total) as groups of states are measured.
+        Function called with (done, total) after each group of states.
 
     Returns
     -------
@@ -111,14 +111,14 @@ def self_test(reader: Reader, wiring: Wiring, settings: ScanSettings, *, progres
     Raises
     ------
     BusFault, SwitchFault
-        The converter did not answer three times; the end of the chain of switches returns other words than were sent.
+        The converter did not answer three times; the chain of switches returns other words than it was sent.
     HardwareError
-        As `Reader.configure` and `Reader.scan`.
+        The board refuses the settings or cannot scan.
 
     Notes
     -----
-    Six coils take 110 states, about 2 s. One fault is looked for; of several at once only symptoms are told. Two
-    neighbours must feel each other: `NOTICEABLE` says how much.
+    Six coils take 110 states, about 2 s. A single fault is named; several at once only give symptoms. Neighbouring
+    coils must be coupled at least so that one shorted raises the frequency of the other by `NOTICEABLE`.
     """
     groups = [part for group in trials(wiring) for part in _parts(group)]
     seen: list[_Seen] = []
@@ -128,11 +128,11 @@ def self_test(reader: Reader, wiring: Wiring, settings: ScanSettings, *, progres
             progress(k + 1, len(groups))
     reader.rest()
     checks = tuple(_check(coil, seen) for coil in wiring.coils)
-    return _judged(checks, seen, faults(wiring))
+    return _judged(checks, seen, single_faults(wiring))
 
 
 def _parts(group: Sequence[Trial]) -> list[tuple[Trial, ...]]:
-    """Divide a group so that a board takes it; pairs keep the coil alone with them."""
+    """Divide a group into scans that a board accepts; each part of a group of pairs begins with the coil alone."""
     head = group[:1] if group[-1].other is not None else ()
     rest, size = group[len(head) :], _MOST_STATES - len(head)
     return [(*head, *rest[k : k + size]) for k in range(0, len(rest), size)]
@@ -160,7 +160,7 @@ def _measured(reader: Reader, settings: ScanSettings, group: Sequence[Trial]) ->
 
 
 def _compared(seen: Sequence[_Seen]) -> list[_Seen]:
-    """Add the change against the first, which is the coil alone."""
+    """Add the relative change against the first trial, which is the coil alone."""
     first = seen[0]
     return [
         replace(
@@ -190,7 +190,7 @@ def _check(coil: str, seen: Sequence[_Seen]) -> CoilCheck:
 
 
 def _judged(checks: tuple[CoilCheck, ...], seen: Sequence[_Seen], suspects: Sequence[Fault]) -> SelfTest:
-    """Compare what was seen with what every fault would show."""
+    """Compare the measurements with the predictions of every fault."""
     judged = _with_rises(seen, {check.coil: check for check in checks})
     good, *faulty = suspects
     symptoms = tuple(_symptom(one, rise) for one, rise in _differences(good, judged))
@@ -202,9 +202,9 @@ def _judged(checks: tuple[CoilCheck, ...], seen: Sequence[_Seen], suspects: Sequ
 
 
 def _harmless(fault: Fault, good: Fault, words: Set[bytes]) -> bool:
-    """Whether a map is another one without any effect: the two ends of every coil may be exchanged."""
+    """Whether a fault changes nothing: the two ends of every coil may be exchanged."""
     same_parts = not (fault.stuck or fault.missing or fault.shorted)
-    return same_parts and all(fault.sight(one) == good.sight(one) for one in words)
+    return same_parts and all(fault.predict(one) == good.predict(one) for one in words)
 
 
 def _symptom(one: _Seen, rise: int | None) -> str:
@@ -220,32 +220,26 @@ def _symptom(one: _Seen, rise: int | None) -> str:
 
 
 def _differences(fault: Fault, judged: Sequence[tuple[_Seen, int | None]]) -> Iterator[tuple[_Seen, int | None]]:
-    """Yield what was seen that the fault would not show; with its rise where that is what differs."""
-    sights: dict[bytes, Sight] = {}
-
-    def sight(words: bytes) -> Sight:
-        if words not in sights:
-            sights[words] = fault.sight(words)
-        return sights[words]
-
+    """Yield the measurements that contradict the fault, with the rise if that is what differs."""
+    predict = functools.cache(fault.predict)
     for one, rise in judged:
-        predicted = sight(one.trial.words)
+        predicted = predict(one.trial.words)
         if predicted.oscillates is not None and predicted.oscillates != (one.frequency is not None):
             yield one, None
         elif rise is not None and one.reference is not None:
-            expected = _expected(predicted, sight(one.reference.words))
+            expected = _expected(predicted, predict(one.reference.words))
             if expected is not None and expected != rise:
                 yield one, rise
 
 
-def _expected(predicted: Sight, reference: Sight) -> int | None:
+def _expected(predicted: Prediction, reference: Prediction) -> int | None:
     """Whether a frequency rises (1), stays (0) or falls (−1); None where more than one coil changes."""
-    gained, lost = len(predicted.shorted - reference.shorted), len(reference.shorted - predicted.shorted)
-    return gained - lost if gained + lost <= 1 else None
+    added, removed = len(predicted.shorted - reference.shorted), len(reference.shorted - predicted.shorted)
+    return added - removed if added + removed <= 1 else None
 
 
 def _with_rises(seen: Sequence[_Seen], checks: Mapping[str, CoilCheck]) -> list[tuple[_Seen, int | None]]:
-    """Add to everything seen whether a frequency rose, stayed or fell; None where that says nothing."""
+    """Add to each measurement whether the frequency rose, stayed or fell; None if that is unknown."""
     alone = {one.trial.coil for one in seen if one.reference is one.trial and one.frequency is not None}
     return [(one, _rise(one, checks, alone)) for one in seen]
 

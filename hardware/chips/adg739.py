@@ -1,8 +1,8 @@
 """ADG739: eight switches, one bit each, and the bytes of a daisy chain of them.
 
-The data sheet's order of the bits was not read for this part, so it is an argument with the assumed order as default; a
-self-test that closes one switch after the other must confirm it. Drivers of sibling parts close switches of the same
-number in A and B with the words 0x11 and 0x88, which speaks for it.
+The order of the bits is an assumption, since the data sheet of this part was not available; it is therefore an
+argument, and a self-test that closes one switch after the other must confirm it. Drivers of sibling parts, which close
+switches of the same number in A and B with the words 0x11 and 0x88, support it.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ ALL_OPEN = 0x00
 
 
 def switch_word(closed: Iterable[str], bits: Sequence[str] = SWITCHES) -> int:
-    """Word that closes these switches and opens all others.
+    """Return the word that closes these switches and opens all others.
 
     Parameters
     ----------
     closed : iterable of str
-        Names of switches.
+        Names of the switches to close.
     bits : sequence of str
         Names of the eight switches from bit 0 to bit 7.
 
@@ -46,31 +46,13 @@ def switch_word(closed: Iterable[str], bits: Sequence[str] = SWITCHES) -> int:
     return word
 
 
-def closed_switches(word: int, bits: Sequence[str] = SWITCHES) -> tuple[str, ...]:
-    """Names of the switches that a word closes; the inverse of `switch_word`.
-
-    Raises
-    ------
-    HardwareError
-        A word that is not 0 to 255, or bits that are not the eight switches.
-
-    Examples
-    --------
-    >>> closed_switches(0x22)
-    ('S2A', 'S2B')
-    """
-    if not 0 <= word <= 0xFF:
-        raise HardwareError(f"the word of a switch must be 0 to 255; got {word}.")
-    return tuple(name for bit, name in enumerate(check_bits(bits)) if word >> bit & 1)
-
-
 def chain_bytes(words: Sequence[int]) -> bytes:
-    """Bytes to shift into a chain: the first goes through to the far end, so that the order turns round.
+    """Return the bytes to shift into a chain; the first byte moves to the far end, so the order is reversed.
 
     Parameters
     ----------
     words : sequence of int
-        One for each device, the one next to the computer first.
+        Word of each device, the device next to the computer first.
 
     Raises
     ------
@@ -88,11 +70,6 @@ def chain_bytes(words: Sequence[int]) -> bytes:
         if not 0 <= word <= 0xFF:
             raise HardwareError(f"the word of a switch must be 0 to 255; got {word}.")
     return bytes(reversed(words))
-
-
-def chain_words(shifted: bytes) -> tuple[int, ...]:
-    """Words of the devices, the one next to the computer first; the inverse of `chain_bytes`."""
-    return tuple(reversed(shifted))
 
 
 def check_bits(bits: Sequence[str]) -> tuple[str, ...]:

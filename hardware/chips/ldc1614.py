@@ -1,20 +1,37 @@
-"""LDC1614 inductance-to-digital converter: code, sensor frequency and inductance.
+"""LDC1614 inductance-to-digital converter: code, frequency and inductance, and how long everything takes.
 
-Equations 1, 3 and 6 of the data sheet, Texas Instruments SNOSCY9A.
+Equations 1, 3, 6 and 7 and the times of section 7 of the data sheet, Texas Instruments SNOSCY9A. Its register tables
+print the conversion time without the four clocks of equation 7; they are counted here.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+
+from coilarray.errors import HardwareError
 
 CODE_BITS = 28
 """Width of a conversion result."""
 _FULL_SCALE = 1 << CODE_BITS
 _DELAY = 5e-9  # s, of the converter's drive
+INTERNAL_CLOCK = 43.4e6
+"""Typical frequency of the internal oscillator in Hz."""
+INTERNAL_CLOCK_RANGE = (35e6, 55e6)
+"""Smallest and largest frequency of the internal oscillator over all units in Hz."""
+EXTERNAL_CLOCK_RANGE = (2e6, 40e6)
+"""Smallest and largest frequency at the pin CLKIN in Hz."""
+BUS_RATE = 400e3
+"""Fastest clock of the I²C bus in Hz; `coilarray.hardware.wire.ports.bus_rate` returns that of a board."""
+SMALLEST_RCOUNT, LARGEST_RCOUNT = 5, 0xFFFF
+_WAKE_CLOCKS = 16384
+_READ_BITS, _WRITE_BITS = 48, 38  # start, stop and acknowledgements included
+_SWITCH_BITS = 20  # words to a chain of six at 1 MHz take as long as this many bits of the bus
+_LEAST_SETTLING = 2
 
 
 def code_to_frequency(code: int, reference: float, *, divider: int = 1, offset: int = 0) -> float:
-    """Sensor frequency of a conversion result, f = divider · f_ref · (code/2²⁸ + offset/2¹⁶).
+    """Return the sensor frequency of a conversion result, f = divider · f_ref · (code/2²⁸ + offset/2¹⁶).
 
     Parameters
     ----------
@@ -30,7 +47,7 @@ def code_to_frequency(code: int, reference: float, *, divider: int = 1, offset: 
     Returns
     -------
     float
-        In Hz.
+        Frequency in Hz.
 
     Raises
     ------
@@ -74,16 +91,16 @@ def inductance_from_frequency(frequency: float, capacitance: float, quality_fact
     Parameters
     ----------
     frequency : float
-        In Hz.
+        Frequency of the oscillation in Hz.
     capacitance : float
-        All capacitance across the coil in F, the converter's input pins included.
+        Total capacitance across the coil in F, the converter's input pins included.
     quality_factor : float
-        Of the tank, R_p √(C/L); by default no losses.
+        Quality factor of the tank, R_p √(C/L); by default no losses.
 
     Returns
     -------
     float
-        In H.
+        Inductance in H.
 
     Raises
     ------
@@ -94,8 +111,8 @@ def inductance_from_frequency(frequency: float, capacitance: float, quality_fact
     Notes
     -----
     Equation 1: f = √(1 − 1/Q² − 5 ns/(Q √(LC))) / (2π √(LC)). With u = √(LC) and Ω = 2πf it is the cubic
-    Ω² u³ − (1 − 1/Q²) u + 5 ns/Q = 0, of which the largest root is the inductance of a real sensor; at the others the
-    delay would be a large part of the period.
+    Ω² u³ − (1 − 1/Q²) u + 5 ns/Q = 0, whose largest root is the inductance of a real sensor; at the others the delay
+    would be a large part of the period.
 
     Examples
     --------
@@ -112,46 +129,6 @@ def inductance_from_frequency(frequency: float, capacitance: float, quality_fact
     if cosine > 1:
         raise ValueError(f"no inductance oscillates at {frequency} Hz with a quality factor of {quality_factor}.")
     return (2 * math.sqrt(p / 3) * math.cos(math.acos(-cosine) / 3)) ** 2 / capacitance
-
-
-def frequency_from_inductance(inductance: float, capacitance: float, quality_factor: float = math.inf) -> float:
-    """Frequency at which a tank oscillates, equation 1; the inverse of `inductance_from_frequency`.
-
-    Parameters
-    ----------
-    inductance : float
-        In H.
-    capacitance : float
-        All capacitance across the coil in F, the converter's input pins included.
-    quality_factor : float
-        Of the tank; by default no losses.
-
-    Returns
-    -------
-    float
-        In Hz.
-
-    Raises
-    ------
-    ValueError
-        An inductance or capacitance that is not positive and finite, a quality factor that is not above 1, or a tank
-        whose period the converter's delay rules.
-
-    Examples
-    --------
-    >>> f = frequency_from_inductance(52.8e-6, 120e-12)
-    >>> round((frequency_from_inductance(52.8e-6, 120e-12, 20.0) / f - 1) * 100, 2)
-    -0.28
-    """
-    for name, value in (("inductance", inductance), ("capacitance", capacitance)):
-        _check_positive(name, value)
-    period = math.sqrt(inductance * capacitance)  # by 2π
-    damping, delay = _damping(quality_factor), _DELAY / (quality_factor * period)
-    if 1.5 * delay > damping:  # from here on a smaller inductance would oscillate more slowly
-        raise ValueError(
-            f"{inductance} H, {capacitance} F and quality factor {quality_factor} are too fast and too lossy."
-        )
-    return math.sqrt(damping - delay) / (2 * math.pi * period)
 
 
 def _damping(quality_factor: float) -> float:
@@ -171,3 +148,171 @@ def _check(reference: float, divider: int, offset: int) -> None:
         raise ValueError(f"divider must be 1 to 15; got {divider}.")
     if not 0 <= offset <= 0xFFFF:
         raise ValueError(f"offset must be 0 to 65535; got {offset}.")
+
+
+def conversion_time(rcount: int, reference: float) -> float:
+    """Return the duration of a conversion in s, (16·RCOUNT + 4)/f_ref (equation 7).
+
+    Raises
+    ------
+    HardwareError
+        RCOUNT outside 5 to 65535, or a reference that is not positive.
+
+    Examples
+    --------
+    >>> round(conversion_time(0xFFFF, 21.7e6) * 1e3, 3)
+    48.321
+    """
+    _check_clock(reference)
+    if not SMALLEST_RCOUNT <= rcount <= LARGEST_RCOUNT:
+        raise HardwareError(f"RCOUNT must be {SMALLEST_RCOUNT} to {LARGEST_RCOUNT}; got {rcount}.")
+    return (16 * rcount + 4) / reference
+
+
+def rcount_for(duration: float, reference: float) -> int:
+    """Return the largest RCOUNT whose conversion is not longer than `duration` in s; the inverse of `conversion_time`.
+
+    Raises
+    ------
+    HardwareError
+        A duration that is not positive and finite or that the shortest conversion exceeds.
+
+    Examples
+    --------
+    >>> rcount_for(conversion_time(1234, 21.7e6), 21.7e6)
+    1234
+    """
+    _check_clock(reference)
+    if not (math.isfinite(duration) and duration > 0):
+        raise HardwareError(f"a duration must be positive and finite; got {duration} s.")
+    # the rounding of a duration that is itself a multiple of a clock must not cost a count
+    clocks = math.floor(duration * reference * (1 + 1e-12))
+    rcount = (clocks - 4) // 16
+    if rcount < SMALLEST_RCOUNT:
+        shortest = conversion_time(SMALLEST_RCOUNT, reference)
+        raise HardwareError(f"a conversion takes at least {shortest * 1e6:.3g} µs; got {duration * 1e6:.3g} µs.")
+    return min(rcount, LARGEST_RCOUNT)
+
+
+def settle_time(settle_count: int, reference: float) -> float:
+    """Return the wait between starting the sensor and converting in s, 16·SETTLECOUNT/f_ref, and 32/f_ref for 0 and 1.
+
+    Raises
+    ------
+    HardwareError
+        SETTLECOUNT outside 0 to 65535, or a reference that is not positive.
+    """
+    _check_clock(reference)
+    if not 0 <= settle_count <= 0xFFFF:
+        raise HardwareError(f"SETTLECOUNT must be 0 to 65535; got {settle_count}.")
+    return 16 * max(settle_count, _LEAST_SETTLING) / reference
+
+
+def wake_time(internal_clock: float = INTERNAL_CLOCK) -> float:
+    """Return the time from leaving sleep to starting the sensor in s, 16384 cycles of the internal oscillator in Hz.
+
+    Raises
+    ------
+    HardwareError
+        A clock that is not positive.
+
+    Examples
+    --------
+    >>> round(wake_time() * 1e3, 4)
+    0.3775
+    """
+    _check_clock(internal_clock)
+    return _WAKE_CLOCKS / internal_clock
+
+
+def bus_time(*, reads: int = 0, writes: int = 0, rate: float = BUS_RATE) -> float:
+    """Return the time to read and write registers over I²C in s; `rate` is the bus clock in Hz.
+
+    Raises
+    ------
+    HardwareError
+        A clock that is not positive and finite.
+
+    Examples
+    --------
+    >>> round(bus_time(reads=2) * 1e6)
+    240
+    """
+    _check_clock(rate)
+    return (reads * _READ_BITS + writes * _WRITE_BITS) / rate
+
+
+@dataclass(frozen=True)
+class StateTime:
+    """Times of the steps of one state, in s.
+
+    Parameters
+    ----------
+    wake, settle, conversion : float
+        Times of the converter itself.
+    result : float
+        Time to read the two data registers.
+    control : float
+        Time of all other transfers: status, sleep and wake, drive current, switches.
+    """
+
+    wake: float
+    settle: float
+    conversion: float
+    result: float
+    control: float
+
+    @property
+    def until_ready(self) -> float:
+        """Time from leaving sleep to the result."""
+        return self.wake + self.settle + self.conversion
+
+    @property
+    def measuring(self) -> float:
+        """Time until the result is read, without control."""
+        return self.until_ready + self.result
+
+    @property
+    def total(self) -> float:
+        """Time of all steps."""
+        return self.measuring + self.control
+
+
+def state_time(
+    rcount: int,
+    settle_count: int,
+    reference: float,
+    *,
+    internal_clock: float = INTERNAL_CLOCK,
+    bus_rate: float = BUS_RATE,
+) -> StateTime:
+    """Return the times of one state that is measured as the boards do it: sleep, switch, wake, convert, read.
+
+    Parameters
+    ----------
+    rcount, settle_count : int
+        Registers RCOUNT and SETTLECOUNT.
+    reference : float
+        Reference frequency f_ref in Hz.
+    internal_clock : float
+        Frequency of the internal oscillator in Hz; waking is counted with it whatever clock the conversions have.
+    bus_rate : float
+        Clock of the I²C bus in Hz.
+
+    Notes
+    -----
+    With RCOUNT 0xFFFF and the internal clock by two, six states of waking, converting and reading the result take
+    293.6 ms; Gast & Zimmermann (2020) print 293.5 ms. That speaks for these settings but does not prove them.
+    """
+    return StateTime(
+        wake=wake_time(internal_clock),
+        settle=settle_time(settle_count, reference),
+        conversion=conversion_time(rcount, reference),
+        result=bus_time(reads=2, rate=bus_rate),
+        control=bus_time(reads=1, writes=3, rate=bus_rate) + _SWITCH_BITS / BUS_RATE,
+    )
+
+
+def _check_clock(frequency: float) -> None:
+    if not (math.isfinite(frequency) and frequency > 0):
+        raise HardwareError(f"a clock must be positive and finite; got {frequency} Hz.")

@@ -1,4 +1,4 @@
-"""Can an LDC1614 drive this coil, and run on this clock? Its limits.
+"""Limits of the LDC1614: which coils it can drive, and on which clocks it runs.
 
 Texas Instruments SNOSCY9A: table 42 (drive current), table 43 (clocks, counts), section 8.1.5 (amplitude, equation 12).
 """
@@ -8,7 +8,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from coilarray.hardware.chips.ldc1614_timing import EXTERNAL_CLOCK_RANGE, INTERNAL_CLOCK, INTERNAL_CLOCK_RANGE
+from coilarray.hardware.chips.ldc1614 import (
+    EXTERNAL_CLOCK_RANGE,
+    INTERNAL_CLOCK,
+    INTERNAL_CLOCK_RANGE,
+    LARGEST_RCOUNT,
+    SMALLEST_RCOUNT,
+)
 
 REFERENCE = INTERNAL_CLOCK / 2
 """Reference frequency in Hz: the internal oscillator's typical 43.4 MHz by the divider 2 that one channel needs."""
@@ -20,7 +26,6 @@ SENSOR_FREQUENCY = (1e3, 10e6)
 """Allowed frequency of a sensor in Hz."""
 _AMPLITUDE_ROUNDING = 0.01  # the rows of the table are rounded to three digits
 _LARGEST_REFERENCE = 35e6  # Hz, with one channel
-_LEAST_RCOUNT = 5
 _INPUT_FILTERS = ((1e6, 1), (3.3e6, 4), (10e6, 5), (33e6, 7))  # Hz and code of DEGLITCH
 _DIVIDED_FROM = 8.75e6  # Hz; FIN_DIVIDER must be at least 2 from here
 _LARGEST_SHARE_OF_REFERENCE = 0.25
@@ -46,9 +51,9 @@ class Drive:
     Parameters
     ----------
     code : int
-        IDRIVE, 0 to 31.
+        IDRIVE code, 0 to 31.
     current : float
-        In A.
+        Drive current in A.
     amplitude : float
         Peak voltage of the sensor in V, 4 R_p I/π.
     """
@@ -65,9 +70,9 @@ class Limit:
     Parameters
     ----------
     name : str
-        What is limited, with its unit.
+        Name of the limited quantity, with its unit.
     value, low, high : float
-        The value and the range it must be in.
+        Value, and the range it must be in.
     """
 
     name: str
@@ -82,12 +87,12 @@ class Limit:
 
 
 def drive_for(parallel_resistance: float) -> Drive | None:
-    """Drive setting for a parallel resistance at resonance.
+    """Return the drive setting for a parallel resistance at resonance.
 
     Parameters
     ----------
     parallel_resistance : float
-        R_p in Ω.
+        Parallel resistance R_p of the tank in Ω.
 
     Returns
     -------
@@ -114,7 +119,7 @@ def drive_for(parallel_resistance: float) -> Drive | None:
         for code, (_, low, high) in enumerate(_DRIVE)
         if low * 1e3 <= parallel_resistance <= high * 1e3
     ]
-    # some rows of the table reach past the clamps by a few percent; their neighbours below do not
+    # some rows of the table exceed the clamps by a few percent; their neighbours below do not
     below_the_clamps = [drive for drive in fitting if drive.amplitude <= AMPLITUDE[1]]
     return max(below_the_clamps or fitting, key=lambda drive: drive.current, default=None)
 
@@ -154,23 +159,23 @@ def check_channel(
     Parameters
     ----------
     frequency : float
-        Of the sensor in Hz.
+        Frequency of the sensor in Hz.
     parallel_resistance : float
-        R_p of the sensor at resonance in Ω.
+        Parallel resistance R_p of the sensor at resonance in Ω.
     quality_factor : float
-        Of the sensor.
+        Quality factor of the sensor.
     self_resonance : float
-        Of the coil in Hz.
+        Self-resonance of the coil in Hz.
     reference : float
-        f_ref in Hz.
+        Reference frequency f_ref in Hz.
     divider : int
         FIN_DIVIDER, 1 to 15.
 
     Returns
     -------
     tuple of Limit
-        R_p by the drive currents of table 42; channel 0 alone can be driven harder, down to 250 Ω (HIGH_CURRENT_DRV).
-        The reference is typical: an uncalibrated internal oscillator may be a fifth lower.
+        All limits, kept or not. That of R_p is for the drive currents of table 42; channel 0 alone can be driven
+        harder, down to 250 Ω (HIGH_CURRENT_DRV). An uncalibrated internal oscillator may be a fifth below `reference`.
 
     Raises
     ------
@@ -184,11 +189,8 @@ def check_channel(
     >>> [limit.name for limit in check_channel(6e6, 33e3, 48.0) if not limit.kept]
     ['sensor frequency by divider over reference']
     """
-    given = {"frequency": frequency, "quality_factor": quality_factor, "self_resonance": self_resonance,
-             "reference": reference, "divider": divider}  # fmt: skip
-    for name, value in given.items():
-        if not value > 0:
-            raise ValueError(f"{name} must be positive; got {value}.")
+    _require_positive(frequency=frequency, quality_factor=quality_factor, self_resonance=self_resonance)
+    _require_positive(reference=reference, divider=divider)
     drive = drive_for(parallel_resistance)
     share = frequency / divider / reference
     limits = [
@@ -214,7 +216,7 @@ def check_channel(
 
 
 def settle_count(frequency: float, quality_factor: float, reference: float = REFERENCE) -> int:
-    """Least SETTLECOUNT, ⌈Q f_ref/(16 f)⌉ and at least 4.
+    """Return the least SETTLECOUNT, ⌈Q f_ref/(16 f)⌉ and at least 4.
 
     Raises
     ------
@@ -226,9 +228,7 @@ def settle_count(frequency: float, quality_factor: float, reference: float = REF
     >>> settle_count(2e6, 20, 21.7e6)
     14
     """
-    for name, value in (("frequency", frequency), ("quality_factor", quality_factor), ("reference", reference)):
-        if not value > 0:
-            raise ValueError(f"{name} must be positive; got {value}.")
+    _require_positive(frequency=frequency, quality_factor=quality_factor, reference=reference)
     return max(4, math.ceil(quality_factor * reference / (16 * frequency)))
 
 
@@ -245,18 +245,18 @@ def check_clock(
     Parameters
     ----------
     clock : float
-        In Hz; of the internal oscillator its typical or its calibrated frequency.
+        Frequency of the clock in Hz; typical or calibrated for the internal oscillator.
     divider : int
         FREF_DIVIDER, 1 to 1023.
     external : bool
         Whether the clock comes from the pin CLKIN.
     rcount, settle_count : int
-        Registers.
+        Registers RCOUNT and SETTLECOUNT.
 
     Returns
     -------
     tuple of Limit
-        With the internal oscillator the divider must be at least 2, whatever this unit's frequency.
+        All limits, kept or not. With the internal oscillator the divider must be at least 2 at any frequency.
 
     Raises
     ------
@@ -270,20 +270,18 @@ def check_clock(
     >>> [limit.name for limit in check_clock(40e6, 1, external=True) if not limit.kept]
     ['reference frequency (Hz)']
     """
-    for name, value in (("clock", clock), ("divider", divider)):
-        if not value > 0:
-            raise ValueError(f"{name} must be positive; got {value}.")
+    _require_positive(clock=clock, divider=divider)
     return (
         Limit("clock (Hz)", clock, *(EXTERNAL_CLOCK_RANGE if external else INTERNAL_CLOCK_RANGE)),
         Limit("FREF_DIVIDER", divider, 1 if external else 2, 0x3FF),
         Limit("reference frequency (Hz)", clock / divider, 0, _LARGEST_REFERENCE),
-        Limit("RCOUNT", rcount, _LEAST_RCOUNT, 0xFFFF),
+        Limit("RCOUNT", rcount, SMALLEST_RCOUNT, LARGEST_RCOUNT),
         Limit("SETTLECOUNT", settle_count, 0, 0xFFFF),
     )
 
 
 def reference_divider(clock: float, *, external: bool = False) -> int:
-    """Least FREF_DIVIDER with one channel, for the largest reference gives the best resolution.
+    """Return the least FREF_DIVIDER with one channel: the largest reference gives the best resolution.
 
     Raises
     ------
@@ -295,18 +293,14 @@ def reference_divider(clock: float, *, external: bool = False) -> int:
     >>> reference_divider(43.4e6), reference_divider(32e6, external=True)
     (2, 1)
     """
-    if not clock > 0:
-        raise ValueError(f"clock must be positive; got {clock}.")
+    _require_positive(clock=clock)
     return max(1 if external else 2, math.ceil(clock / _LARGEST_REFERENCE))
 
 
 def input_divider(frequency: float, reference: float) -> int:
-    """Least FIN_DIVIDER for a sensor's frequency: the input below a quarter of the reference, 2 from 8.75 MHz.
+    """Return the least FIN_DIVIDER for a sensor's frequency and a reference frequency in Hz.
 
-    Parameters
-    ----------
-    frequency, reference : float
-        In Hz.
+    The divided frequency must be below a quarter of the reference, and the divider at least 2 from 8.75 MHz.
 
     Raises
     ------
@@ -318,9 +312,7 @@ def input_divider(frequency: float, reference: float) -> int:
     >>> input_divider(2e6, 21.7e6), input_divider(6e6, 21.7e6)
     (1, 2)
     """
-    for name, value in (("frequency", frequency), ("reference", reference)):
-        if not value > 0:
-            raise ValueError(f"{name} must be positive; got {value}.")
+    _require_positive(frequency=frequency, reference=reference)
     least = math.floor(4 * frequency / reference) + 1  # below a quarter, not at it
     divider = max(least, 2 if frequency >= _DIVIDED_FROM else 1)
     if divider > _LARGEST_INPUT_DIVIDER:
@@ -329,7 +321,7 @@ def input_divider(frequency: float, reference: float) -> int:
 
 
 def deglitch_for(frequency: float) -> int:
-    """Code of DEGLITCH: the lowest input filter above a sensor's frequency in Hz.
+    """Return the code of DEGLITCH: the lowest input filter above a sensor's frequency in Hz.
 
     Raises
     ------
@@ -345,3 +337,9 @@ def deglitch_for(frequency: float) -> int:
     if not low <= frequency <= high:
         raise ValueError(f"frequency must be {low:g} to {high:g} Hz; got {frequency} Hz.")
     return next(code for edge, code in _INPUT_FILTERS if frequency < edge)
+
+
+def _require_positive(**values: float) -> None:
+    for name, value in values.items():
+        if not value > 0:
+            raise ValueError(f"{name} must be positive; got {value}.")

@@ -23,7 +23,7 @@ ASLEEP = 0x2000
 """SLEEP_MODE_EN in the register CONFIG."""
 _WORD = 0xFFFF
 
-# values that the data sheet allows of the bits of a field, by its name less the number of the channel
+# values of a field that the data sheet allows, by the name of the field without the number of the channel
 _ALLOWED: Mapping[str, tuple[range | tuple[int, ...], str]] = MappingProxyType({
     "RCOUNT": (range(5, 0x10000), "5 to 65535"),
     "FIN_DIVIDER": (range(1, 0x10), "1 to 15"),
@@ -40,7 +40,7 @@ class Field:
     Parameters
     ----------
     name : str
-        As the data sheet has it; ``"RESERVED"`` for bits that must be written as they are after a reset.
+        Name in the data sheet; ``"RESERVED"`` for bits that must be written as they are after a reset.
     msb, lsb : int
         Highest and lowest bit.
     reset : int
@@ -48,7 +48,7 @@ class Field:
     writable : bool
         Whether the chip takes a value.
     meaning : str
-        For people.
+        Description from the data sheet.
     """
 
     name: str
@@ -81,11 +81,11 @@ class Register:
     Parameters
     ----------
     address : int
-        7-bit pointer.
+        Address on the bus.
     name : str
-        As the data sheet has it.
+        Name in the data sheet.
     fields : tuple of Field
-        From the highest bit down; together they cover every bit once.
+        Fields from the highest bit down; together they cover every bit once.
     """
 
     address: int
@@ -100,7 +100,22 @@ class Register:
     @property
     def writable(self) -> bool:
         """Whether the chip takes any of its bits."""
-        return any(field.writable for field in self.fields)
+        return self.writable_mask != 0
+
+    @property
+    def writable_mask(self) -> int:
+        """Bits that keep what is written to them."""
+        return sum(field.mask for field in self.fields if field.writable)
+
+    @property
+    def constant_mask(self) -> int:
+        """Reserved bits that must be written as they are after a reset."""
+        return sum(field.mask for field in self.fields if field.reserved and not field.meaning.startswith("RO"))
+
+    @property
+    def four_channels(self) -> bool:
+        """Whether chips of two channels lack the register."""
+        return all("LDC1614 only" in field.meaning for field in self.fields)
 
     def field(self, name: str) -> Field:
         """Return a field that is not reserved.
@@ -162,24 +177,24 @@ def register(name_or_address: str | int) -> Register:
 
 
 def encode(name_or_address: str | int, fields: Mapping[str, int] = MappingProxyType({})) -> int:
-    """Value to write to a register.
+    """Return the value to write to a register.
 
     Parameters
     ----------
     name_or_address : str or int
-        Of the register.
+        Name or address of the register.
     fields : mapping of str to int
-        Values by the names of the fields; a field that is not given keeps its reset value.
+        Values by the names of the fields; the others keep their reset values.
 
     Returns
     -------
     int
-        16 bits; reserved bits as the data sheet demands.
+        16-bit value, with the reserved bits as the data sheet demands.
 
     Raises
     ------
     HardwareError
-        A register that only reads, an unknown field, or a value that its bits do not hold or the data sheet forbids.
+        A read-only register, an unknown field, or a value that its bits do not hold or the data sheet forbids.
 
     Examples
     --------
@@ -190,7 +205,7 @@ def encode(name_or_address: str | int, fields: Mapping[str, int] = MappingProxyT
     """
     target = register(name_or_address)
     if not target.writable:
-        raise HardwareError(f"register {target.name} only reads.")
+        raise HardwareError(f"register {target.name} is read-only.")
     value = target.reset
     for name, given in fields.items():
         field = target.field(name)
@@ -207,9 +222,9 @@ def decode(name_or_address: str | int, value: int) -> dict[str, int]:
     Parameters
     ----------
     name_or_address : str or int
-        Of the register.
+        Name or address of the register.
     value : int
-        16 bits.
+        16-bit value.
 
     Returns
     -------
@@ -219,7 +234,7 @@ def decode(name_or_address: str | int, value: int) -> dict[str, int]:
     Raises
     ------
     HardwareError
-        A value beyond 16 bits, or reserved bits that no LDC1614 has: another chip or a disturbed bus.
+        A value beyond 16 bits, or reserved bits that no LDC1614 returns: another chip or a disturbed bus.
 
     Examples
     --------
@@ -242,7 +257,7 @@ def check_value(name_or_address: str | int, value: int) -> None:
     Raises
     ------
     HardwareError
-        A register that only reads, a value beyond 16 bits, reserved bits that differ from their constants, or a field
+        A read-only register, a value beyond 16 bits, reserved bits that differ from their constants, or a field
         with a value that the data sheet forbids: which one, what is allowed.
 
     Examples
@@ -251,7 +266,7 @@ def check_value(name_or_address: str | int, value: int) -> None:
     """
     target = register(name_or_address)
     if not target.writable:
-        raise HardwareError(f"register {target.name} only reads.")
+        raise HardwareError(f"register {target.name} is read-only.")
     for name, given in decode(target.name, value).items():
         allowed = _ALLOWED.get(name.rstrip("0123"))
         if allowed is not None and given not in allowed[0]:

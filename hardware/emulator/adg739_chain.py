@@ -2,67 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 from typing import Literal
 
 from coilarray.errors import HardwareError
+from coilarray.hardware.scan.closure import SWITCHES, Net, SwitchTable, WiredSwitch, closed_switches
 
-SWITCHES = 8
-"""Of a package, one a bit."""
 FALLING_EDGE_MODES = (1, 2)
 """Modes of SPI in which data is stable at the falling edge, where the chip takes it."""
-
-
-@dataclass(frozen=True)
-class WiredSwitch:
-    """What one switch joins.
-
-    Parameters
-    ----------
-    terminal : tuple of (int, {0, 1})
-        Number of the coil and of its end.
-    net : {"ground", "INA", "INB", "other"}
-        On the other side.
-    """
-
-    terminal: tuple[int, int]
-    net: str
-
-
-_NETS = ("ground", "INA", "INB", "other")
-_UNUSED = 0xFF
-
-
-def netlist(code: bytes) -> tuple[tuple[WiredSwitch | None, ...], ...]:
-    """Read a wiring as it is told to a board.
-
-    Parameters
-    ----------
-    code : bytes
-        Eight a device in the order of the words, bit 0 first: 4·terminal + net, or 0xFF for a switch that is not used.
-
-    Returns
-    -------
-    tuple of tuple of WiredSwitch or None
-        For each device, by bit.
-
-    Raises
-    ------
-    HardwareError
-        Another number of bytes.
-
-    Examples
-    --------
-    >>> netlist(bytes([0x05, *[0xFF] * 7]))[0][0]
-    WiredSwitch(terminal=(0, 1), net='INA')
-    """
-    if not code or len(code) % SWITCHES:
-        raise HardwareError(f"a wiring must have {SWITCHES} bytes a device; got {len(code)}.")
-    switches = [
-        None if byte == _UNUSED else WiredSwitch(divmod(byte >> 2, 2), _NETS[byte & 0b11]) for byte in code
-    ]  # fmt: skip
-    return tuple(tuple(switches[k : k + SWITCHES]) for k in range(0, len(switches), SWITCHES))
 
 
 class Adg739Chain:
@@ -70,8 +17,9 @@ class Adg739Chain:
 
     Parameters
     ----------
-    devices : sequence of sequence of WiredSwitch or None
-        As `netlist` returns it: the first device is at the far end of the chain and gets the first byte.
+    devices : tuple of tuple of WiredSwitch or None
+        Switches as `coilarray.hardware.scan.closure.switch_table` returns them: the first device is at the far end of
+        the chain and gets the first byte.
     before_change, after_change : callable
         Called before and after switches move.
     readback : bool
@@ -85,13 +33,13 @@ class Adg739Chain:
 
     def __init__(
         self,
-        devices: Sequence[Sequence[WiredSwitch | None]],
+        devices: SwitchTable,
         *,
         before_change: Callable[[], None] = lambda: None,
         after_change: Callable[[], None] = lambda: None,
         readback: bool = True,
     ) -> None:
-        self.devices = tuple(tuple(device) for device in devices)
+        self.devices = devices
         self.readback = readback
         self.latches = 0
         self.bit_order = list(range(SWITCHES))
@@ -115,11 +63,11 @@ class Adg739Chain:
 
     def closed(self) -> tuple[WiredSwitch, ...]:
         """Switches that conduct, the stuck ones as they are."""
-        return self._those(lambda place: self._stuck.get(place, self._told(place)))
+        return closed_switches(self.devices, self._words, stuck=self._stuck, bit_order=self.bit_order)
 
     def commanded(self) -> tuple[WiredSwitch, ...]:
         """Switches that would conduct if none were stuck."""
-        return self._those(self._told)
+        return closed_switches(self.devices, self._words, bit_order=self.bit_order)
 
     def transfer(self, data: bytes, *, mode: int = 1, lsb_first: bool = False) -> bytes | None:
         """Shift bytes in with SYNC low, then let it rise.
@@ -171,7 +119,7 @@ class Adg739Chain:
         self._stuck.clear()
         self._after_change()
 
-    def find(self, coil: int, end: int, net: str) -> tuple[int, int]:
+    def find(self, coil: int, end: int, net: Net) -> tuple[int, int]:
         """Device and bit of the switch from an end of a coil to a net.
 
         Raises
@@ -192,18 +140,6 @@ class Adg739Chain:
             self._before_change()
             self._words = words
             self._after_change()
-
-    def _those(self, chosen: Callable[[tuple[int, int]], bool]) -> tuple[WiredSwitch, ...]:
-        return tuple(
-            switch
-            for device, switches in enumerate(self.devices)
-            for bit, switch in enumerate(switches)
-            if switch is not None and chosen((device, bit))
-        )
-
-    def _told(self, place: tuple[int, int]) -> bool:
-        device, bit = place
-        return bool(self._words[device] >> self.bit_order[bit] & 1)
 
 
 def _turned(data: bytes) -> bytes:

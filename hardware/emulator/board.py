@@ -8,8 +8,7 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Protocol
 
-from coilarray.hardware.emulator.adg739_chain import Adg739Chain, netlist
-from coilarray.hardware.emulator.circuit import Seen, what_is_seen
+from coilarray.hardware.emulator.adg739_chain import Adg739Chain
 from coilarray.hardware.emulator.i2c_bus import EmulatedBus
 from coilarray.hardware.emulator.indenter import Indenter, Place
 from coilarray.hardware.emulator.ldc1614_chip import CHANNELS, Ldc1614, OpenPoints
@@ -18,6 +17,7 @@ from coilarray.hardware.emulator.switch_port import EmulatedSwitches
 from coilarray.hardware.emulator.tank import Resonator
 from coilarray.hardware.emulator.undocumented import Misuse
 from coilarray.hardware.emulator.world import World
+from coilarray.hardware.scan.closure import Seen, switch_table, what_is_seen
 from coilarray.hardware.wire.buses import Clock
 
 NOISE = 1.4e-7
@@ -36,7 +36,7 @@ class Netlist(Protocol):
         """Names of the coils."""
 
     def encode(self) -> bytes:
-        """Eight bytes a device, as `coilarray.hardware.emulator.adg739_chain.netlist` reads them."""
+        """Eight bytes a device, as `coilarray.hardware.scan.closure.switch_table` reads them."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ class EmulatedBoard:
     coils : sequence of str
         Names of the coils by their number in the netlist.
     wiring : bytes
-        Of the switches, as `netlist` reads it.
+        Of the switches, as `switch_table` reads it.
     world : World
         Physics of the coils.
     clock : Clock
@@ -134,7 +134,7 @@ class EmulatedBoard:
         self._solve = lru_cache(maxsize=_CIRCUITS)(lambda closed: what_is_seen(closed, self.coils))
         self.chip = Ldc1614(clock, self, channels=channels, open_points=open_points, misuse=self.misuse, seed=seed)
         self.chain = Adg739Chain(
-            netlist(wiring), before_change=self.chip.advance, after_change=self._switched, readback=readback
+            switch_table(wiring), before_change=self.chip.advance, after_change=self._switched, readback=readback
         )
         self.indenter = Indenter(self.chip.advance, world.check)
         self.bus = EmulatedBus(self.chip, clock)

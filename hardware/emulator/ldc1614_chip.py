@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from coilarray.hardware.chips.ldc1614_registers import Register, registers
 from coilarray.hardware.emulator.chip_setting import Setting
 from coilarray.hardware.emulator.conversion import Result, Run, Surroundings
-from coilarray.hardware.emulator.register_table import Register, register_table
 from coilarray.hardware.emulator.undocumented import Misuse
 from coilarray.hardware.wire.buses import Clock
 
@@ -79,8 +79,8 @@ class Ldc1614:
         self.open_points = open_points or OpenPoints()
         self.misuse = misuse or Misuse(strict=True)
         self.table = {
-            address: register
-            for address, register in register_table().items()
+            register.address: register
+            for register in registers().values()
             if channels == CHANNELS or not register.four_channels
         }
         self.surroundings = surroundings
@@ -129,7 +129,7 @@ class Ldc1614:
         """Write a register as the bus does."""
         self._look()
         register = self.table.get(address)
-        if register is None or register.read_only:
+        if register is None or not register.writable:
             what = "is read-only" if register else "is not documented"
             self._note(f"{value:#06x} was written to register {address:#04x}, which {what}.")
             return
@@ -140,8 +140,8 @@ class Ldc1614:
             if value & _RESET_BIT:
                 self._reset()
             return
-        kept = self._registers[address] & ~register.writable
-        self._registers[address] = kept | value & register.writable
+        kept = self._registers[address] & ~register.writable_mask
+        self._registers[address] = kept | value & register.writable_mask
         if address == _CONFIG:
             self._configure(value)
 
@@ -220,7 +220,7 @@ class Ldc1614:
     def _check_write(self, register: Register, value: int) -> None:
         if not 0 <= value <= 0xFFFF:
             raise ValueError(f"value must be 0 to 0xFFFF; got {value:#x}.")
-        wrong = (value ^ register.reset) & register.constant
+        wrong = (value ^ register.reset) & register.constant_mask
         if wrong:
             self._note(
                 f"{register.name} was written with {value:#06x}: reserved bits {wrong:#06x} must be "

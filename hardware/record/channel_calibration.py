@@ -16,7 +16,7 @@ import xarray as xr
 
 from coilarray.design.model import build_design
 from coilarray.errors import HardwareError
-from coilarray.hardware.chips.ldc1614_timing import EXTERNAL_CLOCK_RANGE, INTERNAL_CLOCK_RANGE
+from coilarray.hardware.chips.ldc1614 import EXTERNAL_CLOCK_RANGE, INTERNAL_CLOCK_RANGE
 from coilarray.hardware.record.baseline_drift import Drift, at_rest, fit_drifts
 from coilarray.hardware.record.campaign import Campaign
 from coilarray.hardware.record.recorded_response import recorded_response, recorded_series

@@ -13,8 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from coilarray.errors import HardwareError
-from coilarray.hardware.scan.ldc1614_result import Verdict
-from coilarray.hardware.scan.readings import ScanReading, StateReading
+from coilarray.hardware.scan.readings import ScanReading, StateReading, Verdict
 from coilarray.localize.forward import ForwardModel
 from coilarray.localize.inverse import Location, locate
 

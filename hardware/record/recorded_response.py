@@ -15,8 +15,7 @@ from coilarray.design.model import build_design
 from coilarray.errors import HardwareError
 from coilarray.hardware.record.campaign import Campaign
 from coilarray.hardware.record.recording import GridPlace, RecordedScan, Recording
-from coilarray.hardware.scan.ldc1614_result import Verdict
-from coilarray.hardware.scan.readings import ScanReading, read_scan
+from coilarray.hardware.scan.readings import ScanReading, Verdict, read_scan
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -22,8 +22,7 @@ from coilarray.design.model import Design
 from coilarray.errors import HardwareError, OutputError
 from coilarray.hardware.record.recording import GridPlace, RecordedSession, Recording
 from coilarray.hardware.record.recording_file import create_tables, is_blank, reading, require_recording
-from coilarray.hardware.scan.reader import Identity
-from coilarray.hardware.scan.scans import RawScan
+from coilarray.hardware.scan.reader import Identity, RawScan
 from coilarray.hardware.scan.settings import ScanSettings
 from coilarray.hardware.wire.faults import BoardRestarted
 from coilarray.hardware.wire.signals import held_signals

@@ -15,8 +15,7 @@ from typing import Any
 
 from coilarray.errors import HardwareError
 from coilarray.hardware.record.recording_file import check_pages, connect_to_read, reading, require_recording
-from coilarray.hardware.scan.reader import Identity
-from coilarray.hardware.scan.scans import RawSample, RawScan, SampleFault
+from coilarray.hardware.scan.reader import Identity, RawSample, RawScan, SampleFault
 from coilarray.hardware.scan.settings import ScanSettings
 
 

@@ -10,8 +10,7 @@ from typing import Any
 
 from coilarray.hardware.record.campaign import Campaign
 from coilarray.hardware.record.recording import RecordedSelfTest, Recording
-from coilarray.hardware.scan.ldc1614_result import Reason, Verdict
-from coilarray.hardware.scan.readings import read_scan
+from coilarray.hardware.scan.readings import Reason, Verdict, read_scan
 
 
 @dataclass(frozen=True, eq=False)

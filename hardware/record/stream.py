@@ -10,8 +10,7 @@ from typing import cast
 from coilarray.compute.threads import Progress
 from coilarray.errors import HardwareError
 from coilarray.hardware.record.recorder import Recorder
-from coilarray.hardware.scan.reader import Reader
-from coilarray.hardware.scan.scans import RawScan
+from coilarray.hardware.scan.reader import RawScan, Reader
 
 
 def record_stream(

@@ -1,4 +1,4 @@
-"""The circuit of a design with all losses and strays, as an emulated board and a simulation of a real one need it."""
+"""The circuit of a design with all losses and strays, for an emulated board and for the simulation of a real one."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ def board_network(design: Design, store: Store) -> Network:
     Parameters
     ----------
     design : Design
-        Of the board.
+        Design of the board.
     store : Store
-        Store of the parts: 4 s of work for the six coils of gast2020.
+        Store of the matrices, which take 4 s to compute for the six coils of gast2020.
 
     Raises
     ------
     NetworkError
         A state of the design's plan without a resonance.
     GeometryError
-        As `coilarray.circuit.impedance.design_network`.
+        Conductors for which the matrices cannot be computed.
     """
     parts = store.dataset(["circuit", design.digest], lambda: _circuit(design))
     return Network(

@@ -1,271 +1,337 @@
-"""What closes what: trials of the switches, and what each of them shows if one thing is wrong. No I/O.
+"""Which switch closes which end of which coil to which net, and what the closed switches make of the coils. No I/O.
 
-A board has no meter. All that can be seen of its switches is whether the converter oscillates, and by how much the
-frequency of one coil rises when another one is shorted. Both are predicted here for every single fault, from the wiring
-alone: a fault that predicts what was seen is a finding.
+The one table of a board's switches: the check of the settings, the self-test and the emulated board all read it. The
+firmware has the rules of `check_switching` in C++ (`hardware/firmware/PROTOCOL.md`).
 """
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Collection, Hashable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property
-from typing import Literal
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from types import MappingProxyType
+from typing import Literal, NamedTuple, get_args
 
 from coilarray.design.scan_states import Passive, ScanState
 from coilarray.errors import HardwareError
-from coilarray.hardware.scan.wiring import Switch, Terminal, Wiring
 
-Delivery = Literal["as sent", "turned round", "a bit late", "not at all"]
-"""How words arrive at the chain: right, from its other end, one clock late (the wrong mode of SPI), or not."""
-ENDS: Mapping[str, Passive] = {"both": "ground", "a": "ground one end", "b": "ground other end"}
-"""What of a coil is grounded in a trial of its ground switches."""
+Net = Literal["ground", "INA", "INB", "other"]
+"""What an end of a coil can be joined to: ground, the two pins of the converter, or anything else."""
+NETS: tuple[Net, ...] = get_args(Net)
+SWITCHES = 8
+"""Number of switches of a device, one for each bit of its word."""
+UNUSED = 0xFF
+"""Code of a switch that is not wired."""
+Sense = Literal[1, -1]
+Node = tuple[int, int] | str
+"""An end of a coil as (number of the coil, 0 or 1), or the name of a net."""
 
 
-@dataclass(frozen=True)
-class Trial:
-    """One state to measure.
+class WiredSwitch(NamedTuple):
+    """What one switch joins.
 
     Parameters
     ----------
+    terminal : tuple of (int, int)
+        Number of the coil, and of its end: 0 or 1.
+    net : {"ground", "INA", "INB", "other"}
+        Net on the other side of the switch.
+    """
+
+    terminal: tuple[int, int]
+    net: Net
+
+    @property
+    def code(self) -> int:
+        """Byte of the switch in an encoded wiring: 4·(2·coil + end) + net."""
+        coil, end = self.terminal
+        return 4 * (2 * coil + end) + NETS.index(self.net)
+
+
+SwitchTable = tuple[tuple[WiredSwitch | None, ...], ...]
+"""The switches of every device in the order of the words, by bit; None for a switch that is not wired."""
+
+
+def switch_table(wiring: bytes) -> SwitchTable:
+    """Decode a wiring, as `coilarray.hardware.scan.wiring.Wiring.encode` returns it.
+
+    Parameters
+    ----------
+    wiring : bytes
+        Eight bytes for each device in the order of the words, bit 0 first: 4·terminal + net, or 0xFF for a switch that
+        is not wired.
+
+    Returns
+    -------
+    tuple of tuple of WiredSwitch or None
+        Switches of each device, by bit.
+
+    Raises
+    ------
+    HardwareError
+        The number of bytes is not a multiple of eight.
+
+    Examples
+    --------
+    >>> switch_table(bytes([0x05, *[0xFF] * 7]))[0][0]
+    WiredSwitch(terminal=(0, 1), net='INA')
+    """
+    if not wiring or len(wiring) % SWITCHES:
+        raise HardwareError(f"a wiring must have {SWITCHES} bytes a device; got {len(wiring)}.")
+    switches = [None if code == UNUSED else WiredSwitch(divmod(code >> 2, 2), NETS[code & 0b11]) for code in wiring]
+    return tuple(tuple(switches[k : k + SWITCHES]) for k in range(0, len(switches), SWITCHES))
+
+
+def closed_switches(
+    table: SwitchTable,
+    words: bytes,
+    *,
+    stuck: Mapping[tuple[int, int], bool] = MappingProxyType({}),
+    bit_order: Sequence[int] = range(SWITCHES),
+) -> tuple[WiredSwitch, ...]:
+    """Return the wired switches that conduct.
+
+    Parameters
+    ----------
+    table : tuple of tuple of WiredSwitch or None
+        Switches as `switch_table` returns them.
     words : bytes
-        Of the switches.
-    coil : str or None
-        On the converter; None where no coil is.
-    turned : bool
-        Whether its ends are exchanged.
-    other, grounded : str or None
-        A coil of which both ends, "a" or "b" are grounded; all the rest is open. Without, see `rest`.
-    rest : {"ground", "open"}
-        All coils that are not named.
+        One word for each device.
+    stuck : mapping of (int, int) to bool
+        Broken switches by the numbers of their device and bit: True for closed, False for open.
+    bit_order : sequence of int
+        Bit of the word that moves each switch of the table.
     """
-
-    words: bytes
-    coil: str | None = None
-    turned: bool = False
-    other: str | None = None
-    grounded: str | None = None
-    rest: Literal["ground", "open"] = "open"
-
-
-def trials(wiring: Wiring) -> tuple[tuple[Trial, ...], ...]:
-    """Return all trials of a board in groups, each of which is best measured at a stretch.
-
-    Parameters
-    ----------
-    wiring : Wiring
-        Of the board, as assumed.
-
-    Returns
-    -------
-    tuple of tuple of Trial
-        The empty bus; every coil both ways; and for each coil that is measured alone, every other one grounded at both
-        ends and at either.
-    """
-    empty = (Trial(wiring.safe_words, rest="ground"), Trial(wiring.open_words))
-    scan = [
-        Trial(words, coil, sense < 0, rest="ground")
-        for coil in wiring.coils
-        for sense in (1, -1)
-        if (words := _words(wiring, ScanState(coil, ((coil, sense),)))) is not None
-    ]
-    return ((*empty, *scan), *(_pairs(wiring, coil) for coil in wiring.coils))
-
-
-def _pairs(wiring: Wiring, coil: str) -> tuple[Trial, ...]:
-    """Return a coil with all others open, which is what the rest is compared with, and with another one grounded."""
-    alone = Trial(wiring.words(ScanState(coil, ((coil, 1),), others="open")), coil)
-    others = [other for other in wiring.coils if other != coil]
-    pairs = []
-    for other, (ends, passive) in itertools.product(others, ENDS.items()):
-        state = ScanState(coil, ((coil, 1),), others="open", exceptions={other: passive})
-        pairs.append(Trial(wiring.words(state), coil, other=other, grounded=ends))
-    return (alone, *pairs)
-
-
-def _words(wiring: Wiring, state: ScanState) -> bytes | None:
-    """Words of a state; None where the wiring cannot turn a coil round."""
-    try:
-        return wiring.words(state)
-    except HardwareError:
-        return None
-
-
-@dataclass(frozen=True)
-class Sight:
-    """What a trial shows.
-
-    Parameters
-    ----------
-    oscillates : bool or None
-        Whether the converter has a sensor; None where that is not certain.
-    shorted : frozenset of str
-        Coils with their ends joined, which lower the inductance of their neighbours.
-    measured : frozenset of str
-        Coils between the pins of the converter: which they are cannot be seen.
-    """
-
-    oscillates: bool | None
-    shorted: frozenset[str]
-    measured: frozenset[str]
-
-
-@dataclass(frozen=True)
-class Fault:
-    """One thing that may be wrong with a board; without any of them, nothing is.
-
-    Parameters
-    ----------
-    text : str
-        For people; empty for a good board.
-    wiring : Wiring
-        As it really is.
-    delivery : {"as sent", "turned round", "a bit late", "not at all"}
-        Of the words.
-    stuck : mapping of (Terminal, str) to bool
-        Switches, by the end and the net that they join, that stay closed (True) or open.
-    missing, shorted : str or None
-        Coils.
-    """
-
-    text: str
-    wiring: Wiring
-    delivery: Delivery = "as sent"
-    stuck: Mapping[tuple[Terminal, str], bool] = field(default_factory=dict)
-    missing: str | None = None
-    shorted: str | None = None
-
-    def sight(self, words: bytes) -> Sight:
-        """Predict what these words show."""
-        nodes = _Nodes(["ground", "INA", "INB", "other", *itertools.chain.from_iterable(self._ends.values())])
-        for terminal, net in self._closed(words):
-            nodes.join(terminal, net)
-        if self.shorted is not None:
-            nodes.join(*self._ends[self.shorted])
-        coils = {coil: ends for coil, ends in self._ends.items() if coil != self.missing}
-        shorted = frozenset(coil for coil, ends in coils.items() if nodes.joined(*ends))
-        measured = frozenset(coil for coil, ends in coils.items() if _between_pins(nodes, *ends))
-        return Sight(_oscillates(nodes, coils.values(), bool(measured)), shorted, measured)
-
-    def _closed(self, words: bytes) -> set[tuple[Terminal, str]]:
-        closed = {join for join, stays in self.stuck.items() if stays}
-        for switches, word in zip(self._switches, self._received(words), strict=True):
-            closed |= {(s.terminal, s.net) for bit, s in enumerate(switches) if s is not None and word >> bit & 1}
-        return {join for join in closed if self.stuck.get(join, True)}
-
-    @cached_property
-    def _switches(self) -> tuple[tuple[Switch | None, ...], ...]:
-        """Switches by word, in the order of sending, and bit."""
-        found = []
-        for device in reversed(self.wiring.devices):
-            by_name = {switch.name: switch for switch in device.switches}
-            found.append(tuple(by_name.get(name) for name in device.bits))
-        return tuple(found)
-
-    @cached_property
-    def _ends(self) -> dict[str, tuple[Terminal, Terminal]]:
-        return {coil: (Terminal(coil, "a"), Terminal(coil, "b")) for coil in self.wiring.coils}
-
-    def _received(self, words: bytes) -> bytes:
-        match self.delivery:
-            case "turned round":
-                return words[::-1]
-            case "not at all":
-                return bytes(len(words))
-            case "a bit late":
-                return (int.from_bytes(words, "big") >> 1).to_bytes(len(words), "big")
-        return words
-
-
-class _Nodes:
-    """Nets and ends of coils, joined by switches."""
-
-    def __init__(self, names: Sequence[Hashable]) -> None:
-        self._group = {name: k for k, name in enumerate(names)}
-
-    def join(self, first: Hashable, second: Hashable) -> None:
-        kept, lost = self._group[first], self._group[second]
-        if kept != lost:
-            self._group = {name: kept if group == lost else group for name, group in self._group.items()}
-
-    def joined(self, first: Hashable, second: Hashable) -> bool:
-        return self._group[first] == self._group[second]
-
-
-def _between_pins(nodes: _Nodes, a: Terminal, b: Terminal) -> bool:
-    return (nodes.joined(a, "INA") and nodes.joined(b, "INB")) or (nodes.joined(a, "INB") and nodes.joined(b, "INA"))
-
-
-def _oscillates(nodes: _Nodes, coils: Collection[tuple[Terminal, Terminal]], measured: bool) -> bool | None:
-    """Whether there is a sensor at the pins; None where a coil leads one to ground, or two are in series."""
-    if nodes.joined("INA", "INB") or nodes.joined("INA", "ground") or nodes.joined("INB", "ground"):
-        return False
-    for a, b in coils:  # from here on, what direct current reaches
-        nodes.join(a, b)
-    if nodes.joined("INA", "ground") or nodes.joined("INB", "ground"):
-        return None
-    return measured or (None if nodes.joined("INA", "INB") else False)
-
-
-def faults(wiring: Wiring) -> tuple[Fault, ...]:
-    """Return a good board and every board with one thing wrong.
-
-    Parameters
-    ----------
-    wiring : Wiring
-        As assumed.
-
-    Returns
-    -------
-    tuple of Fault
-        The good board first.
-    """
-    return (
-        Fault("", wiring),
-        *_stuck_switches(wiring),
-        *(Fault(f"{coil} or a lead of it is broken", wiring, missing=coil) for coil in wiring.coils),
-        *(Fault(f"{coil} is shorted", wiring, shorted=coil) for coil in wiring.coils),
-        Fault("no word reaches the switches, or the converter is not joined to them", wiring, "not at all"),
-        Fault("words arrive one clock late: another mode of SPI is needed", wiring, "a bit late"),
-        Fault("the chain of devices is wired the other way round", wiring, "turned round"),
-        *_other_maps(wiring),
+    return tuple(
+        switch
+        for device, (switches, word) in enumerate(zip(table, words, strict=True))
+        for bit, switch in enumerate(switches)
+        if switch is not None and stuck.get((device, bit), bool(word >> bit_order[bit] & 1))
     )
 
 
-def _stuck_switches(wiring: Wiring) -> Iterator[Fault]:
-    for device in wiring.devices:
-        for switch in device.switches:
-            name = f"{device.name}.{switch.name} ({switch.terminal} to {switch.net})"
-            join = switch.terminal, switch.net
-            yield Fault(f"{name} stays open", wiring, stuck={join: False})
-            yield Fault(f"{name} stays closed", wiring, stuck={join: True})
+class Closure:
+    """Nets and ends of coils, joined by closed switches.
+
+    Parameters
+    ----------
+    coils : collection of int
+        Numbers of the coils that conduct between their two ends.
+    closed : iterable of WiredSwitch
+        Switches that conduct.
+    shorted : collection of int
+        Numbers of the coils whose ends are joined to each other.
+    """
+
+    def __init__(self, coils: Collection[int], closed: Iterable[WiredSwitch], shorted: Collection[int] = ()) -> None:
+        self._group: dict[Node, Node] = {net: net for net in NETS}
+        for switch in closed:
+            self._join(switch.terminal, switch.net)
+        for coil in shorted:
+            self._join((coil, 0), (coil, 1))
+        self.branches = [Branch(coil, (self.group((coil, 0)), self.group((coil, 1)))) for coil in coils]
+        """The coils that conduct, between the groups that their ends belong to."""
+
+    def group(self, node: Node) -> Node:
+        """Return the node that stands for all that are joined to this one."""
+        return self._group.get(node, node)
+
+    def joined(self, first: Node, second: Node) -> bool:
+        """Whether closed switches join two nodes."""
+        return self.group(first) == self.group(second)
+
+    def conducts(self, first: Node, second: Node) -> bool:
+        """Whether direct current flows between two nodes, through switches and coils."""
+        return _path_exists(self.branches, self.group(first), self.group(second))
+
+    def _join(self, first: Node, second: Node) -> None:
+        kept, lost = self.group(first), self.group(second)
+        self._group |= {first: kept, second: kept}
+        for node, group in self._group.items():
+            if group == lost:
+                self._group[node] = kept
 
 
-def _other_maps(wiring: Wiring) -> Iterator[Fault]:
-    """Boards whose switches have other bits: orders that makers use, and any two bits exchanged."""
-    places = tuple(range(8))
-    low, high = places[:4], places[4:]
-    interleaved = [
-        tuple(itertools.chain.from_iterable(zip(*halves, strict=True))) for halves in ((low, high), (high, low))
-    ]
-    orders = [places[::-1], high + low, low[::-1] + high[::-1], high[::-1] + low[::-1]]
-    orders += [order[::step] for order in interleaved for step in (1, -1)]
-    for order in orders:
-        other = _with_order(wiring, order)
-        bits = ", ".join(other.devices[0].bits)
-        yield Fault(f"the switches have other bits than the wiring says: from bit 0 on {bits}", other)
-        yield Fault(
-            f"the chain is wired the other way round, and its bits are from bit 0 on {bits}", other, "turned round"
-        )
-    for first, second in itertools.combinations(places, 2):
-        exchanged = list(places)
-        exchanged[first], exchanged[second] = second, first
-        other = _with_order(wiring, exchanged)
-        if other.encode() != wiring.encode():
-            yield Fault(f"bits {first} and {second} of every device are exchanged", other)
+class Branch(NamedTuple):
+    """A coil between two groups of joined nodes."""
+
+    coil: int
+    ends: tuple[Node, Node]
 
 
-def _with_order(wiring: Wiring, order: Sequence[int]) -> Wiring:
-    devices = (replace(device, bits=tuple(device.bits[k] for k in order)) for device in wiring.devices)
-    return replace(wiring, devices=tuple(devices))
+class Seen(NamedTuple):
+    """What the converter sees.
+
+    Parameters
+    ----------
+    kind : {"coils", "open", "short", "grounded", "tangled"}
+        Coils between its pins; nothing; its pins joined to each other; a pin that direct current leads to ground; coils
+        that are joined in another way than in series or in parallel.
+    state : ScanState or None
+        The measured coils and what closes the others; None where there are no coils between the pins.
+    """
+
+    kind: Literal["coils", "open", "short", "grounded", "tangled"]
+    state: ScanState | None = None
+
+
+def what_is_seen(closed: Iterable[WiredSwitch], names: Sequence[str]) -> Seen:
+    """Return what the converter sees through the closed switches.
+
+    Parameters
+    ----------
+    closed : iterable of WiredSwitch
+        Switches that conduct.
+    names : sequence of str
+        Names of the coils, by number.
+
+    Returns
+    -------
+    Seen
+
+    Notes
+    -----
+    A coil joins its two ends for direct current. Coils that hang on the converter by one end only count as open, and
+    so do idle ones that are joined to each other.
+
+    Examples
+    --------
+    >>> what_is_seen([WiredSwitch((0, 0), "INA"), WiredSwitch((0, 1), "INB")], ["coil1"]).state.measured
+    (('coil1', 1),)
+    """
+    closure = Closure(range(len(names)), closed)
+    if closure.joined("INA", "INB"):
+        return Seen("short")
+    if closure.conducts("INA", "ground") or closure.conducts("INB", "ground"):
+        return Seen("grounded")
+    if not closure.conducts("INA", "INB"):
+        return Seen("open")
+    measured = _between_pins(closure)
+    if measured is None:
+        return Seen("tangled")
+    connection, coils = measured
+    numbers = {coil for coil, _ in coils}
+    others = {
+        names[branch.coil]: _passive(branch, closure.group("ground"))
+        for branch in closure.branches
+        if branch.coil not in numbers
+    }
+    named = tuple((names[coil], sense) for coil, sense in coils)
+    return Seen("coils", ScanState("+".join(name for name, _ in named), named, connection, "open", others))
+
+
+def _path_exists(branches: Sequence[Branch], start: Node, goal: Node) -> bool:
+    """Whether direct current flows from one group to another."""
+    found, grown = {start}, True
+    while grown and goal not in found:
+        more = {end for branch in branches if found & set(branch.ends) for end in branch.ends}
+        grown = not more <= found
+        found |= more
+    return goal in found
+
+
+def _between_pins(closure: Closure) -> tuple[Literal["series", "parallel"], tuple[tuple[int, Sense], ...]] | None:
+    """Coils between the pins with their sense, in series or all in parallel; None for anything else."""
+    pin_a, pin_b = closure.group("INA"), closure.group("INB")
+    direct = [branch for branch in closure.branches if set(branch.ends) == {pin_a, pin_b}]
+    others = [branch for branch in closure.branches if branch not in direct and branch.ends[0] != branch.ends[1]]
+    if direct:
+        coils = tuple((branch.coil, _sense(branch, pin_a)) for branch in direct)
+        through = _path_exists(others, pin_a, pin_b)
+        return None if through else ("series" if len(direct) == 1 else "parallel", coils)
+    chain: list[tuple[int, Sense]] = []
+    at = pin_a
+    left = [branch for branch in others if _carries_current(branch, others, pin_a, pin_b)]
+    while at != pin_b:
+        here = [branch for branch in left if at in branch.ends]
+        if len(here) != 1:
+            return None
+        (branch,) = here
+        left.remove(branch)
+        sense = _sense(branch, at)
+        chain.append((branch.coil, sense))
+        at = branch.ends[1] if sense == 1 else branch.ends[0]
+    return None if left else ("series", tuple(chain))
+
+
+def _carries_current(branch: Branch, branches: Sequence[Branch], pin_a: Node, pin_b: Node) -> bool:
+    """Whether current from pin to pin can pass a branch: not where it hangs by one end."""
+    rest = [other for other in branches if other is not branch]
+    return any(
+        _path_exists(rest, pin_a, first) and _path_exists(rest, second, pin_b)
+        for first, second in (branch.ends, branch.ends[::-1])
+    )
+
+
+def _sense(branch: Branch, start: Node) -> Sense:
+    return 1 if branch.ends[0] == start else -1
+
+
+def _passive(branch: Branch, ground: Node) -> Passive:
+    """Say what closes a coil that no current of the converter passes."""
+    if branch.ends[0] == branch.ends[1]:
+        return "ground"  # joined ends carry the induced current wherever they are
+    first, second = (end == ground for end in branch.ends)
+    if first:
+        return "ground one end"
+    return "ground other end" if second else "open"
+
+
+def check_switching(wiring: bytes, safe_words: bytes, states: Sequence[tuple[str, bytes]]) -> None:
+    """Refuse words that could join what must not be joined.
+
+    Parameters
+    ----------
+    wiring : bytes
+        Encoded wiring, as `switch_table` reads it.
+    safe_words : bytes
+        Words between two states, which must ground every end of every coil.
+    states : sequence of (str, bytes)
+        Name and words of each state.
+
+    Raises
+    ------
+    HardwareError
+        No state, safe words that do not ground every end or close anything else, a switch that is not wired, an end on
+        two nets at once, a pin of the converter with two ends, alone, or with another coil than the other pin.
+    """
+    if not states:
+        raise HardwareError("a scan must have at least one state; got none.")
+    table = switch_table(wiring)
+    nets = _nets(table, safe_words, "the safe words")
+    wired = {switch.terminal for switches in table for switch in switches if switch is not None}
+    loose = next((terminal for terminal in sorted(wired) if nets.get(terminal) != ["ground"]), None)
+    if loose is not None:
+        raise HardwareError(f"the safe words must ground {_end(loose)} and nothing else; they do not.")
+    for name, words in states:
+        _check_state(_nets(table, words, f"state {name}"), f"state {name}")
+
+
+def _check_state(nets: Mapping[tuple[int, int], Sequence[Net]], where: str) -> None:
+    for terminal, joined in nets.items():
+        if len(joined) > 1:
+            listed = " and ".join("another net" if net == "other" else net for net in joined)
+            raise HardwareError(f"{where} joins {_end(terminal)} to {listed} at once.")
+    on_a, on_b = ([terminal for terminal, joined in nets.items() if pin in joined] for pin in ("INA", "INB"))
+    for pin, terminals in (("INA", on_a), ("INB", on_b)):
+        if len(terminals) > 1:
+            raise HardwareError(f"{where} joins {' and '.join(map(_end, terminals))} to {pin} at once.")
+    if len(on_a) != len(on_b):
+        raise HardwareError(f"{where} joins an end to one pin of the converter and nothing to the other.")
+    if on_a and on_a[0][0] != on_b[0][0]:
+        raise HardwareError(f"{where} joins {_end(on_a[0])} to INA but {_end(on_b[0])} to INB.")
+
+
+def _nets(table: SwitchTable, words: bytes, where: str) -> dict[tuple[int, int], list[Net]]:
+    """Nets of every end that the words join to any, in the order of `NETS`."""
+    for device, (switches, word) in enumerate(zip(table, words, strict=True)):
+        for bit, switch in enumerate(switches):
+            if switch is None and word >> bit & 1:
+                raise HardwareError(f"{where}: bit {bit} of word {device} must be 0; its switch is not wired.")
+    nets: dict[tuple[int, int], list[Net]] = {}
+    for terminal, net in closed_switches(table, words):
+        nets.setdefault(terminal, []).append(net)
+    return {terminal: sorted(joined, key=NETS.index) for terminal, joined in nets.items()}
+
+
+def _end(terminal: tuple[int, int]) -> str:
+    coil, end = terminal
+    return f"end {'ab'[end]} of coil {coil + 1}"

@@ -9,8 +9,8 @@ from coilarray.compute.store import open_store
 from coilarray.design.model import Design
 from coilarray.design.scan_states import ScanState
 from coilarray.errors import HardwareError
+from coilarray.hardware.chips.ldc1614 import BUS_RATE, INTERNAL_CLOCK
 from coilarray.hardware.chips.ldc1614_limits import drive_for
-from coilarray.hardware.chips.ldc1614_timing import BUS_RATE, INTERNAL_CLOCK
 from coilarray.hardware.scan.board_network import board_network
 from coilarray.hardware.scan.settings import ScanSettings, scan_settings
 from coilarray.hardware.scan.wiring import Wiring
@@ -24,9 +24,9 @@ def design_plan(design: Design, states: Sequence[str] | None = None) -> tuple[Sc
     Parameters
     ----------
     design : Design
-        As `coilarray.load_design` returns it.
+        Design of the board.
     states : sequence of str, optional
-        Names of the states that are measured; all by default.
+        Names of the states to measure; all by default.
 
     Raises
     ------
@@ -65,21 +65,21 @@ def design_settings(
     Parameters
     ----------
     design : Design
-        Its coils must be among the wiring's.
+        Design whose coils are among those of the wiring.
     wiring : Wiring
-        Of the board's switches.
+        Wiring of the board's switches.
     states : sequence of str, optional
-        Of the design's scan plan; all by default.
+        Names of states of the design's scan plan; all by default.
     rate : float, optional
         Scans per second; full resolution by default.
     bus_rate : float
-        As in `scan_settings`; 400 kHz by default.
+        Clock of the I²C bus in Hz.
     clock : float, optional
-        Of the converter in Hz; that of its own typical oscillator by default.
+        Clock of the converter in Hz; that of its own typical oscillator by default.
     external_clock : bool
-        Whether it comes from the pin CLKIN.
+        Whether the clock comes from the pin CLKIN.
     drives : mapping of str to int, or int, optional
-        IDRIVE by coil, or of all coils. What is not given follows from the parallel resistance of every state.
+        IDRIVE by coil, or of all coils; by default from the parallel resistance of every state.
 
     Returns
     -------
@@ -88,8 +88,8 @@ def design_settings(
     Raises
     ------
     HardwareError
-        A design whose coils the wiring does not have, a coil that the converter cannot drive, a clock that is external
-        and not given, and what `scan_settings` refuses.
+        A design whose coils the wiring does not have, a coil that the converter cannot drive, an external clock without
+        its frequency, and what `scan_settings` refuses.
     NetworkError
         A state without a resonance.
     """

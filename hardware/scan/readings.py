@@ -1,19 +1,195 @@
-"""A scan in physical units: frequency and inductance of every state, or the reason why there is none."""
+"""A scan in physical units: frequency and inductance of every state, or the reason why there is none.
+
+The four flags of a result come only where ERROR_CONFIG asks for them; the codes 0 and 0xFFFFFFF mark a range error even
+where it does not. STATUS is read once for each result, before the data: reading it may clear what it says.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import StrEnum
+from typing import Literal
 
 from coilarray.errors import HardwareError
-from coilarray.hardware.chips.ldc1614 import code_to_frequency, inductance_from_frequency
+from coilarray.hardware.chips.ldc1614 import CODE_BITS, code_to_frequency, inductance_from_frequency
 from coilarray.hardware.chips.ldc1614_limits import SENSOR_FREQUENCY
-from coilarray.hardware.scan.ldc1614_result import Reason, Verdict, decode_result, judge
-from coilarray.hardware.scan.scans import RawSample, RawScan
+from coilarray.hardware.chips.ldc1614_registers import decode
+from coilarray.hardware.scan.reader import RawSample, RawScan, SampleFault
 from coilarray.hardware.scan.settings import ScanSettings
 
+Verdict = Literal["good", "doubtful", "bad"]
+"""Quality of a result: good; doubtful, outside what the data sheet promises; bad, no measurement."""
+
+READY = 0x0048
+"""STATUS of a result without an error: DRDY and UNREADCONV0."""
+ALL_FLAGS = 0xF8FD
+"""ERROR_CONFIG that enables every flag in the result and in STATUS."""
+LARGEST_CODE = (1 << CODE_BITS) - 1
+QUARTER = 1 << (CODE_BITS - 2)
+"""Code of a quarter of the reference frequency, with no offset; the input must stay below."""
+
+_WORD = 0xFFFF
 _LEAST_QUALITY = 2.0  # from here the lossy form has a root at every frequency of the converter
+_UNDER, _OVER, _WATCHDOG, _AMPLITUDE = 1 << 15, 1 << 14, 1 << 13, 1 << 12  # of the upper word
+_AMPLITUDE_ASKED = 0x1800  # AH_ERR2OUT and AL_ERR2OUT, both shown in the same bit of the upper word
+_OFFSET_STEP = 1 << (CODE_BITS - 16)
+
+
+class Reason(StrEnum):
+    """Why a result is doubtful or bad, the most important reason first."""
+
+    NOT_ACKNOWLEDGED = "the converter did not answer"
+    BUS_TIMEOUT = "the bus hung"
+    NO_RESULT = "no result in time"
+    CONVERTER_RESET = "the converter was reset"
+    SWITCHES_DIFFER = "the switches do not hold their words"
+
+    IMPOSSIBLE = "bits that the converter cannot have set"
+    ANOTHER_CHANNEL = "a result or error of another channel"
+    NOT_READY = "no new result"
+    WATCHDOG = "watchdog: the sensor does not oscillate"
+    ZERO_COUNT = "zero count: no cycle of the sensor was seen"
+    UNDER_RANGE = "under-range"
+    OVER_RANGE = "over-range"
+    NO_SENSOR = "a frequency that no sensor of the converter may have, outside 1 kHz to 10 MHz"
+
+    ABOVE_QUARTER = "input not below a quarter of the reference"
+    AMPLITUDE_HIGH = "amplitude above 1.8 V"
+    AMPLITUDE_LOW = "amplitude below 1.2 V"
+    AMPLITUDE = "amplitude outside 1.2 to 1.8 V"
+
+
+_DOUBTFUL = frozenset({Reason.AMPLITUDE, Reason.AMPLITUDE_HIGH, Reason.AMPLITUDE_LOW, Reason.ABOVE_QUARTER})
+_FAULTS = {fault: Reason[fault.name] for fault in SampleFault if fault is not SampleFault.NONE}
+
+
+@dataclass(frozen=True)
+class Result:
+    """The two data registers of a channel.
+
+    Parameters
+    ----------
+    code : int
+        28-bit code of the frequency.
+    under_range, over_range, watchdog, amplitude : bool
+        Error flags, if ERROR_CONFIG enables them; `amplitude` is set if it is too high or too low.
+    """
+
+    code: int
+    under_range: bool = False
+    over_range: bool = False
+    watchdog: bool = False
+    amplitude: bool = False
+
+
+def decode_result(msb: int, lsb: int) -> Result:
+    """Split DATA0_MSB and DATA0_LSB into code and flags.
+
+    Raises
+    ------
+    HardwareError
+        A word beyond 16 bits.
+
+    Examples
+    --------
+    >>> result = decode_result(0x1179, 0x82F3)
+    >>> hex(result.code), result.amplitude
+    ('0x17982f3', True)
+    """
+    for name, word in (("msb", msb), ("lsb", lsb)):
+        if not 0 <= word <= _WORD:
+            raise HardwareError(f"{name} must be 0 to 0xFFFF; got {word:#x}.")
+    return Result(
+        (msb & 0x0FFF) << 16 | lsb, bool(msb & _UNDER), bool(msb & _OVER), bool(msb & _WATCHDOG), bool(msb & _AMPLITUDE)
+    )
+
+
+def judge(sample: RawSample, *, offset: int = 0, error_config: int = ALL_FLAGS) -> tuple[Verdict, tuple[Reason, ...]]:
+    """Judge whether a sample is a measurement.
+
+    Parameters
+    ----------
+    sample : RawSample
+        Sample of channel 0, the only one in use.
+    offset : int
+        Register OFFSET0.
+    error_config : int
+        Register ERROR_CONFIG; the converter cannot have set a flag that it does not enable.
+
+    Returns
+    -------
+    verdict : {"good", "doubtful", "bad"}
+        Doubtful for an amplitude outside its range or an input above a quarter of the reference, bad for all else.
+    reasons : tuple of Reason
+        Reasons of the verdict; empty if it is good.
+
+    Raises
+    ------
+    HardwareError
+        A word beyond 16 bits.
+
+    Examples
+    --------
+    >>> judge(RawSample(0x0179, 0x82F3, 0x0048))
+    ('good', ())
+    >>> judge(RawSample(0x2000, 0x0000, 0x0848))[0]
+    'bad'
+    """
+    if sample.fault is not SampleFault.NONE:
+        return "bad", (_FAULTS[sample.fault],)
+    result = decode_result(sample.msb, sample.lsb)
+    reasons = _of_result(result, offset) | _of_status(sample.status)
+    if sample.msb & ~_shown(error_config) & 0xF000:
+        reasons.add(Reason.IMPOSSIBLE)
+    if reasons & {Reason.AMPLITUDE_HIGH, Reason.AMPLITUDE_LOW}:
+        reasons.discard(Reason.AMPLITUDE)  # STATUS says it more closely
+    ordered = tuple(reason for reason in Reason if reason in reasons)
+    if not ordered:
+        return "good", ()
+    return ("doubtful" if reasons <= _DOUBTFUL else "bad"), ordered
+
+
+def _of_result(result: Result, offset: int) -> set[Reason]:
+    says = {
+        Reason.UNDER_RANGE: result.under_range or result.code == 0,
+        Reason.OVER_RANGE: result.over_range or result.code == LARGEST_CODE,
+        Reason.WATCHDOG: result.watchdog,
+        Reason.AMPLITUDE: result.amplitude,
+        Reason.ABOVE_QUARTER: result.code != LARGEST_CODE and result.code + offset * _OFFSET_STEP >= QUARTER,
+    }
+    return {reason for reason, is_said in says.items() if is_said}
+
+
+def _of_status(status: int) -> set[Reason]:
+    if status == READY:  # nearly always
+        return set()
+    if not 0 <= status <= _WORD:
+        raise HardwareError(f"status must be 0 to 0xFFFF; got {status:#x}.")
+    try:
+        fields = decode("STATUS", status)
+    except HardwareError:  # a reserved bit is set
+        return {Reason.IMPOSSIBLE}
+    says = {
+        Reason.UNDER_RANGE: fields["ERR_UR"],
+        Reason.OVER_RANGE: fields["ERR_OR"],
+        Reason.WATCHDOG: fields["ERR_WD"],
+        Reason.AMPLITUDE_HIGH: fields["ERR_AHE"],
+        Reason.AMPLITUDE_LOW: fields["ERR_ALE"],
+        Reason.ZERO_COUNT: fields["ERR_ZC"],
+        Reason.NOT_READY: not (fields["DRDY"] and fields["UNREADCONV0"]),
+        Reason.ANOTHER_CHANNEL: (
+            fields["ERR_CHAN"] or fields["UNREADCONV1"] or fields["UNREADCONV2"] or fields["UNREADCONV3"]
+        ),
+    }
+    return {reason for reason, is_said in says.items() if is_said}
+
+
+def _shown(error_config: int) -> int:
+    """Return the flags of the upper word that ERROR_CONFIG enables."""
+    amplitude = _AMPLITUDE if error_config & _AMPLITUDE_ASKED else 0
+    return error_config & (_UNDER | _OVER | _WATCHDOG) | amplitude
 
 
 @dataclass(frozen=True)
@@ -23,15 +199,15 @@ class StateReading:
     Parameters
     ----------
     name : str
-        Of the state.
+        Name of the state.
     frequency : float or None
-        In Hz; None where the verdict is bad.
+        Frequency in Hz; None if the verdict is bad.
     inductance : float or None
-        In H; None where the verdict is bad.
+        Inductance in H; None if the verdict is bad.
     verdict : {"good", "doubtful", "bad"}
-        A doubtful value is outside what the data sheet promises.
+        Quality of the values; doubtful ones are outside what the data sheet promises.
     reasons : tuple of Reason
-        None where it is good.
+        Reasons of the verdict; empty if it is good.
     """
 
     name: str
@@ -48,9 +224,9 @@ class ScanReading:
     Parameters
     ----------
     sequence, time, received, boot
-        As of `RawScan`.
+        Parameters of `RawScan`.
     states : tuple of StateReading
-        In the order of the settings.
+        Readings in the order of the states of the settings.
     """
 
     sequence: int
@@ -61,7 +237,7 @@ class ScanReading:
 
     @property
     def verdict(self) -> Verdict:
-        """The worst of its states."""
+        """Worst verdict of the states."""
         verdicts = {state.verdict for state in self.states}
         return "bad" if "bad" in verdicts else "doubtful" if "doubtful" in verdicts else "good"
 
@@ -79,20 +255,20 @@ def read_scan(
     qualities: Mapping[str, float] | float = math.inf,
     clock: float | None = None,
 ) -> ScanReading:
-    """Convert the words of a scan.
+    """Convert the words of a scan to frequencies and inductances.
 
     Parameters
     ----------
     scan : RawScan
-        As a board returned it.
+        Scan as a board returned it.
     settings : ScanSettings
-        With which it was measured.
+        Settings with which it was measured.
     capacitances : mapping of str to float, or float
-        All capacitance across the coil in F, by the state's name or of all states.
+        Total capacitance across the coil in F, by the name of the state or for all states.
     qualities : mapping of str to float, or float
-        Quality factor of the tank likewise, at least 2. By default no losses, as in the simulated responses.
+        Quality factor of the tank likewise, at least 2; by default no losses, as in the simulated responses.
     clock : float, optional
-        Of the converter in Hz where it is known better than when the settings were made.
+        Clock of the converter in Hz, if it is known better than when the settings were made.
 
     Returns
     -------
@@ -101,8 +277,8 @@ def read_scan(
     Raises
     ------
     HardwareError
-        A scan that was measured with other settings or has another number of states, a capacitance, quality factor or
-        clock that is missing or outside its range, or words beyond 16 bits.
+        A scan of other settings or with another number of states, a capacitance, quality factor or clock that is
+        missing or outside its range, or words beyond 16 bits.
 
     Examples
     --------
@@ -129,10 +305,8 @@ def read_scan(
     reference = settings.reference if clock is None else clock / settings.fref_divider
     states = []
     for state, sample in zip(settings.states, scan.samples, strict=True):
-        capacitance, quality = (
-            _of(capacitances, state.name, "capacitance"),
-            _of(qualities, state.name, "quality factor"),
-        )
+        capacitance = _of(capacitances, state.name, "capacitance")
+        quality = _of(qualities, state.name, "quality factor")
         if not (math.isfinite(capacitance) and capacitance > 0):
             raise HardwareError(f"the capacitance of {state.name} must be positive and finite; got {capacitance} F.")
         if not quality >= _LEAST_QUALITY:

@@ -1,4 +1,4 @@
-"""Everything a board must be told before it can scan, and the hash that ties a reading to it."""
+"""Settings that a board needs before it can scan, and the hash that ties a reading to them."""
 
 from __future__ import annotations
 
@@ -16,10 +16,7 @@ from coilarray.design.scan_states import ScanState, paper_plan
 from coilarray.design.tables import first_error
 from coilarray.design.units import Table
 from coilarray.errors import HardwareError
-from coilarray.hardware.chips.ldc1614_limits import check_clock, deglitch_for, input_divider, reference_divider
-from coilarray.hardware.chips.ldc1614_limits import settle_count as settle_count_of
-from coilarray.hardware.chips.ldc1614_registers import check_value, encode
-from coilarray.hardware.chips.ldc1614_timing import (
+from coilarray.hardware.chips.ldc1614 import (
     BUS_RATE,
     EXTERNAL_CLOCK_RANGE,
     INTERNAL_CLOCK,
@@ -32,6 +29,10 @@ from coilarray.hardware.chips.ldc1614_timing import (
     rcount_for,
     state_time,
 )
+from coilarray.hardware.chips.ldc1614_limits import check_clock, deglitch_for, input_divider, reference_divider
+from coilarray.hardware.chips.ldc1614_limits import settle_count as settle_count_of
+from coilarray.hardware.chips.ldc1614_registers import check_value, encode
+from coilarray.hardware.scan.closure import check_switching
 from coilarray.hardware.scan.wiring import Wiring
 
 FULL_RESOLUTION = LARGEST_RCOUNT
@@ -53,9 +54,9 @@ class StateSettings:
     Parameters
     ----------
     name : str
-        Of the state; the coil's name where one coil is measured.
+        Name of the state; that of the coil if one coil is measured.
     words : bytes
-        For the switches while it is measured, one byte a device; the first byte goes to the far end of the chain.
+        Words of the switches while it is measured, one byte a device; the first byte goes to the far end of the chain.
     drive : int
         IDRIVE code, 0 to 31.
     """
@@ -72,16 +73,15 @@ class ScanSettings:
     Parameters
     ----------
     states : tuple of StateSettings
-        In the order in which they are measured.
+        States in the order in which they are measured.
     safe_words : bytes
-        Grounds every terminal of every coil.
+        Words that ground every end of every coil.
     wiring : bytes
-        Eight bytes a device in the order of `words`, one for each switch from bit 0 to bit 7: 4·terminal + net, or 0xFF
-        for a switch that is not used. Terminals are 2·coil and 2·coil + 1; nets 0 ground, 1 INA, 2 INB, 3 any other.
+        Encoded wiring of the switches, as `coilarray.hardware.scan.closure.switch_table` reads it.
     clock : float
-        Of the converter in Hz as it is used for conversions: nominal or calibrated.
+        Clock of the converter in Hz, nominal or calibrated.
     external_clock : bool
-        Whether it comes from the pin CLKIN.
+        Whether the clock comes from the pin CLKIN.
     rcount, settle_count, fin_divider, fref_divider, offset, deglitch : int
         Fields of the registers RCOUNT0, SETTLECOUNT0, CLOCK_DIVIDERS0, OFFSET0 and MUX_CONFIG.
     """
@@ -132,18 +132,13 @@ class ScanSettings:
         )
 
     def drive_register(self, state: StateSettings) -> int:
-        """DRIVE_CURRENT0 of a state."""
+        """Return register DRIVE_CURRENT0 of a state."""
         return encode("DRIVE_CURRENT0", {"IDRIVE0": state.drive})
 
     @property
     def state_time(self) -> StateTime:
-        """Where the time of one state goes, on an I²C bus of 400 kHz."""
+        """Times of the steps of one state, on an I²C bus of 400 kHz."""
         return self._state_time(BUS_RATE)
-
-    @property
-    def scan_time(self) -> float:
-        """Time of all states in s: waking, settling, converting, reading results; no other work of the buses."""
-        return len(self.states) * self.state_time.measuring
 
     @property
     def period(self) -> float:
@@ -163,25 +158,29 @@ class ScanSettings:
 
     @property
     def wait_us(self) -> int:
-        """From waking to the first look at STATUS in µs."""
+        """Time from waking to the first look at STATUS in µs."""
         return math.ceil(self.state_time.until_ready * 1e6)
 
     @property
     def timeout_us(self) -> int:
-        """From waking to giving up in µs: the slowest clock, and once a restart of the sensor."""
+        """Time from waking to giving up in µs: with the slowest clock, and one restart of the sensor."""
         slowest = self.state_time.until_ready
         if not self.external_clock:
             slowest *= self.clock / min(self.clock, INTERNAL_CLOCK_RANGE[0])
         return math.ceil((_MARGIN * slowest + _RESTART) * 1e6)
 
+    def check_switching(self) -> None:
+        """Refuse words that could join what must not be joined."""
+        check_switching(self.wiring, self.safe_words, [(state.name, state.words) for state in self.states])
+
     @cached_property  # it is compared with that of every scan
     def hash(self) -> int:
-        """CRC-16/CCITT-FALSE of everything the board is told, as `hardware/firmware/PROTOCOL.md` lays it out."""
+        """CRC-16/CCITT-FALSE of all that is sent to the board, as `hardware/firmware/PROTOCOL.md` defines it."""
         return binascii.crc_hqx(self.canonical, 0xFFFF)
 
     @property
     def canonical(self) -> bytes:
-        """The bytes that the hash is of."""
+        """Bytes of which the hash is taken."""
         parts = [_PREFIX, bytes([len(self.safe_words)]), self.wiring, self.safe_words]
         parts += [bytes([address]) + value.to_bytes(2, "big") for address, value in self.registers]
         parts += [time.to_bytes(4, "big") for time in (self.wait_us, self.timeout_us)]
@@ -207,7 +206,7 @@ class ScanSettings:
         Raises
         ------
         HardwareError
-            Another text, a value outside its range, or settings that do not have the hash beside them.
+            Invalid text, a value outside its range, or settings with another hash than the one given with them.
 
         Examples
         --------
@@ -258,31 +257,31 @@ def scan_settings(
     Parameters
     ----------
     wiring : Wiring
-        Of the board's switches.
+        Wiring of the board's switches.
     plan : sequence of ScanState, optional
         States in which one coil is measured; each coil in turn with all others grounded by default.
     rate : float, optional
-        Scans per second that the board must reach, all work of the buses included; RCOUNT is the largest that does.
-        What the computer or the microcontroller does between two transfers is not reckoned with.
+        Scans per second to reach, all transfers on the buses included, with the largest RCOUNT that allows it. The work
+        of the computer or the microcontroller between two transfers is not included.
     rcount : int, optional
-        RCOUNT itself, 5 to 65535; full resolution by default. Not together with `rate`.
+        Register RCOUNT, 5 to 65535; full resolution by default. Not together with `rate`.
     bus_rate : float
-        Clock in Hz of the I²C bus that `rate` is to be reached on, as `coilarray.hardware.wire.ports.bus_rate` tells it
-        of a port; the fastest that the converter takes by default.
+        Clock of the I²C bus in Hz, on which `rate` depends; the fastest that the converter allows by default.
+        `coilarray.hardware.wire.ports.bus_rate` returns that of a port.
     clock : float
-        Of the converter in Hz; the typical internal oscillator by default. This unit's may be a fifth off.
+        Clock of the converter in Hz; by default the typical internal oscillator, which may be a fifth off.
     external_clock : bool
-        Whether it comes from the pin CLKIN.
+        Whether the clock comes from the pin CLKIN.
     frequency : float
-        Of the sensors in Hz.
+        Frequency of the sensors in Hz.
     quality : float
-        Largest quality factor of the sensors, for the settling rule; a fourth above the reference board's by default.
+        Largest quality factor of the sensors, for the settling rule; a quarter above the reference board's by default.
     drives : mapping of str to int, or int
         IDRIVE of each measured coil, or of all.
     settle_count, fin_divider, fref_divider, deglitch : int, optional
-        Registers; the least that the rules allow by default.
+        Register fields; by default the least that the rules allow.
     offset : int
-        OFFSET0.
+        Register OFFSET0.
 
     Returns
     -------
@@ -291,8 +290,7 @@ def scan_settings(
     Raises
     ------
     HardwareError
-        A state that the wiring cannot make, a value outside its range, or one that breaks a rule: which, and what is
-        allowed.
+        A state that the wiring cannot make, or a value that is outside its range or breaks a rule of the data sheet.
     NetworkError
         A state that no switches could make.
 
@@ -440,5 +438,5 @@ class _File(Table):
             states=states, safe_words=bytes.fromhex(self.safe_words), wiring=bytes.fromhex(self.wiring), **own
         )
         if f"{settings.hash:04X}" != self.hash:
-            raise HardwareError(f"scan settings have the hash {settings.hash:04X}, but {self.hash} stands beside them.")
+            raise HardwareError(f"scan settings have the hash {settings.hash:04X}, not {self.hash} as the file says.")
         return settings

@@ -1,4 +1,4 @@
-"""Which switch joins which end of which coil to what, the words of a state, and the words that must never be sent."""
+"""Wiring of a board: which switch joins which end of which coil to what, and the words that make a state."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import tomllib
 from collections import Counter
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from importlib import resources
+from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple, TypeVar, get_args
 
@@ -16,21 +18,16 @@ from coilarray.design.tables import first_error
 from coilarray.design.units import Name, Table
 from coilarray.errors import HardwareError
 from coilarray.hardware.chips.adg739 import chain_bytes, check_bits, switch_word
-from coilarray.hardware.scan import wirings
+from coilarray.hardware.scan.closure import UNUSED, Net, WiredSwitch
 
 End = Literal["a", "b"]
 """The two ends of a coil."""
-Net = Literal["ground", "INA", "INB", "other"]
-"""What an end can be joined to: ground, the two pins of the converter, or anything else."""
 
 SCHEMA = 1
 """Version of the wiring file format."""
-UNUSED = 0xFF
-"""Code of a switch that the wiring does not use."""
-_MOST_COILS = 31  # a switch is told in a byte, 4·terminal + net, of which 0xFF is taken
+_MOST_COILS = 31  # the code of a switch is a byte, 4·terminal + net, and 0xFF means that it is not wired
 _MOST_DEVICES = 255
 _LONGEST_NAME = 200  # characters shown of a file name
-_NETS = get_args(Net)
 _GROUNDED: Mapping[Passive, tuple[End, ...]] = {
     "ground": ("a", "b"), "ground one end": ("a",), "ground other end": ("b",), "open": (),
 }  # fmt: skip
@@ -46,18 +43,17 @@ class Terminal(NamedTuple):
         return f"{self.coil}.{self.end}"
 
 
-@dataclass(frozen=True)
-class Switch:
+class Switch(NamedTuple):
     """One switch.
 
     Parameters
     ----------
     name : str
-        In its device, as ``"S1A"``.
+        Name of the switch in its device, as ``"S1A"``.
     terminal : Terminal
-        The end of a coil that it joins
+        End of a coil on one side of it.
     net : {"ground", "INA", "INB", "other"}
-        to this.
+        Net on the other side.
     """
 
     name: str
@@ -71,12 +67,14 @@ class Device:
 
     Parameters
     ----------
-    name, part : str
-        On the board, and of the maker.
+    name : str
+        Name of the package on the board.
+    part : str
+        Name of the part.
     bits : tuple of str
         Names of its eight switches from bit 0 to bit 7 of its word.
     switches : tuple of Switch
-        Those that are used.
+        Switches that are wired.
     """
 
     name: str
@@ -87,19 +85,21 @@ class Device:
 
 @dataclass(frozen=True)
 class Wiring:
-    """How the switches of a board are wired. Words are always whole chains, in the order in which they are sent.
+    """Wiring of the switches of a board. Words are those of the whole chain, in the order in which they are sent.
 
     Parameters
     ----------
-    name, title : str
-        For messages and for people.
+    name : str
+        Short name, for messages.
+    title : str
+        Description.
     coils : tuple of str
         Names of the coils.
     devices : tuple of Device
-        In the order in which data passes them: the first stands next to the computer. The first byte that is sent goes
-        through to the last one.
+        Devices in the order in which data passes them: the first is next to the computer. The first byte that is sent
+        goes to the last one.
     assumed : tuple of (str, str)
-        What of the wiring is not verified, with the reason.
+        Keys of the wiring that are not verified, each with the reason.
 
     Raises
     ------
@@ -153,17 +153,17 @@ class Wiring:
         return bytes(len(self.devices))
 
     def words(self, state: ScanState) -> bytes:
-        """Words of a state in which one coil is measured.
+        """Return the words of a state in which one coil is measured.
 
         Parameters
         ----------
         state : ScanState
-            Its coil's sense −1 joins the end a to INB and b to INA.
+            State to make. A sense of −1 joins the end a of the coil to INB, and b to INA.
 
         Returns
         -------
         bytes
-            One byte a device; the first goes to the far end of the chain.
+            One word for each device; the first goes to the far end of the chain.
 
         Raises
         ------
@@ -191,16 +191,14 @@ class Wiring:
         return self._close(joins)
 
     def encode(self) -> bytes:
-        """Eight bytes a device in the order of the words, bit 0 first: 4·terminal + net, 0xFF for an unused switch."""
+        """Return eight bytes a device, as `coilarray.hardware.scan.closure.switch_table` reads them."""
         codes = bytearray()
-        terminals = self.terminals
         for device in reversed(self.devices):
-            by_name = {switch.name: switch for switch in device.switches}
-            for name in device.bits:
-                switch = by_name.get(name)
-                codes.append(
-                    UNUSED if switch is None else 4 * terminals.index(switch.terminal) + _NETS.index(switch.net)
-                )
+            by_name = {
+                name: WiredSwitch((self.coils.index(coil), get_args(End).index(end)), net).code
+                for name, (coil, end), net in device.switches
+            }
+            codes += bytes(by_name.get(name, UNUSED) for name in device.bits)
         return bytes(codes)
 
     def _close(self, joins: set[tuple[Terminal, Net]]) -> bytes:
@@ -232,6 +230,13 @@ class Wiring:
             raise HardwareError(f"wiring {self.name}: {device.name} has {twice} twice.")
 
 
+def bundled_wirings() -> dict[str, Traversable]:
+    """Return the files of the bundled wirings by name, sorted."""
+    folder = resources.files("coilarray.hardware.scan.wirings")
+    found = {entry.name.removesuffix(".toml"): entry for entry in folder.iterdir() if entry.name.endswith(".toml")}
+    return dict(sorted(found.items()))
+
+
 def load_wiring(name_or_path: str | Path | None = None) -> Wiring:
     """Read a wiring file.
 
@@ -247,7 +252,7 @@ def load_wiring(name_or_path: str | Path | None = None) -> Wiring:
     Raises
     ------
     HardwareError
-        An unknown name, an unreadable file, wrong TOML, an unknown key or a wiring that cannot be: one line that names
+        An unknown name, an unreadable file, invalid TOML, an unknown key or an impossible wiring: one line that names
         the file, the key, what was given and what is allowed.
 
     Examples
@@ -256,21 +261,21 @@ def load_wiring(name_or_path: str | Path | None = None) -> Wiring:
     >>> wiring.safe_words.hex()
     '111111111111'
     """
-    given = wirings.STARTER if name_or_path is None else str(name_or_path)
+    given = "six_coils" if name_or_path is None else str(name_or_path)
     if not given:
         raise HardwareError("the name of a wiring file must not be empty.")
-    path = Path(given)
-    if given in wirings.names() and not path.is_file():
-        return parse_wiring(wirings.read(given), given)
+    path, bundled = Path(given), bundled_wirings()
+    if given in bundled and not path.is_file():
+        return parse_wiring(bundled[given].read_text(encoding="utf-8"), given)
     try:
         text = path.read_text(encoding="utf-8-sig")  # some editors put a byte order mark first
     except FileNotFoundError:
         raise HardwareError(
             f"there is no wiring file {given[:_LONGEST_NAME]}, nor a bundled wiring of that name "
-            f"({', '.join(wirings.names())})."
+            f"({', '.join(bundled)})."
         ) from None
     except UnicodeDecodeError:
-        raise HardwareError(f"{given[:_LONGEST_NAME]} is no text file in UTF-8.") from None
+        raise HardwareError(f"{given[:_LONGEST_NAME]} is not a text file in UTF-8.") from None
     except OSError as error:
         raise HardwareError(f"cannot read {given[:_LONGEST_NAME]}: {error.strerror}.") from None
     except ValueError as error:  # a name with a zero byte
@@ -279,7 +284,7 @@ def load_wiring(name_or_path: str | Path | None = None) -> Wiring:
 
 
 def one_device_a_coil(coils: Sequence[str]) -> Wiring:
-    """Return the wiring of any coils with one ADG739 each, as the bundled one of six coils has it.
+    """Return a wiring with one ADG739 for each coil, like the bundled one of six coils.
 
     Raises
     ------
@@ -299,7 +304,7 @@ def one_device_a_coil(coils: Sequence[str]) -> Wiring:
             pattern,
             name=f"U{k}",
             switches=tuple(
-                replace(switch, terminal=Terminal(coil, switch.terminal.end)) for switch in pattern.switches
+                switch._replace(terminal=Terminal(coil, switch.terminal.end)) for switch in pattern.switches
             ),
         )
         for k, coil in enumerate(coils, start=1)
@@ -309,7 +314,7 @@ def one_device_a_coil(coils: Sequence[str]) -> Wiring:
 
 
 def parse_wiring(text: str, origin: str = "wiring") -> Wiring:
-    """Read a wiring from the text of a TOML file; `origin` names it in messages. See `load_wiring`."""
+    """Read a wiring from the text of a TOML file, as `load_wiring`; `origin` names the file in messages."""
     shown = origin[:_LONGEST_NAME]
     try:
         document = tomllib.loads(text)

@@ -1,9 +1,15 @@
-"""The two buses of a board and the time between their words: what a driver that runs on this computer needs."""
+"""The two buses of a board, how bytes go over them, and the clock: what a driver that runs on this computer needs."""
 
 from __future__ import annotations
 
+import math
 import time
+from dataclasses import dataclass
 from typing import Protocol
+
+from coilarray.errors import HardwareError
+
+_FASTEST = 30e6  # Hz; of the ADG739, not verified
 
 
 class RegisterBus(Protocol):
@@ -16,10 +22,10 @@ class RegisterBus(Protocol):
         """Write a register; BusFault where the chip does not answer."""
 
     def clear(self) -> None:
-        """Free a bus that a chip holds down: nine clocks and a stop."""
+        """Free a bus that a chip holds low: nine clocks and a stop."""
 
     def close(self) -> None:
-        """Let go of the bus. Never raises."""
+        """Close the bus. Never raises."""
 
 
 class SwitchChain(Protocol):
@@ -31,11 +37,11 @@ class SwitchChain(Protocol):
         Returns
         -------
         bytes or None
-            What the chain held before, where its end is wired back; None where it is not.
+            Words that the chain held before, if its end is wired back; else None.
         """
 
     def close(self) -> None:
-        """Let go of the port. Never raises."""
+        """Close the port. Never raises."""
 
 
 class Clock(Protocol):
@@ -58,3 +64,58 @@ class ComputerClock:
     def sleep(self, seconds: float) -> None:
         """Wait."""
         time.sleep(max(seconds, 0.0))
+
+
+@dataclass(frozen=True)
+class ShiftSettings:
+    """Settings of the transfers to the switches. The defaults suit the reference board, as far as is known.
+
+    Parameters
+    ----------
+    mode : int
+        SPI mode, 0 to 3. The switches read a bit at the falling edge of the clock: 1, or 2 if it idles high.
+    speed : float
+        Clock in Hz; without effect on a host that sets the pins one by one.
+    least_significant_first : bool
+        Whether the lowest bit of a byte is sent first.
+    readback : bool
+        Whether the end of the chain is wired back to the host.
+
+    Raises
+    ------
+    HardwareError
+        Another mode, or a speed that is not positive or above 30 MHz.
+    """
+
+    mode: int = 1
+    speed: float = 1e6
+    least_significant_first: bool = False
+    readback: bool = False
+
+    def __post_init__(self) -> None:
+        if self.mode not in range(4):
+            raise HardwareError(f"the mode of SPI must be 0 to 3; got {self.mode}.")
+        if not (math.isfinite(self.speed) and 0 < self.speed <= _FASTEST):
+            raise HardwareError(f"the speed of SPI must be positive and at most {_FASTEST:g} Hz; got {self.speed} Hz.")
+
+    @property
+    def idle_high(self) -> bool:
+        """Whether the clock idles high: CPOL."""
+        return bool(self.mode & 2)
+
+    @property
+    def second_edge(self) -> bool:
+        """Whether a bit is read at the second edge of its clock: CPHA."""
+        return bool(self.mode & 1)
+
+    def ordered(self, data: bytes) -> bytes:
+        r"""Return the bytes in the order of bits for a host that sends the highest bit first; its own inverse.
+
+        Examples
+        --------
+        >>> ShiftSettings(least_significant_first=True).ordered(b"\x01").hex()
+        '80'
+        """
+        if not self.least_significant_first:
+            return data
+        return bytes(int(f"{byte:08b}"[::-1], 2) for byte in data)

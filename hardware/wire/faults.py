@@ -1,4 +1,4 @@
-"""What can go wrong between computer and coils, by name."""
+"""Errors of the connection between computer and coils."""
 
 from __future__ import annotations
 

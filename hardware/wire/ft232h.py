@@ -1,7 +1,7 @@
 """Converter and switches on an FT232H (or FT2232H) at USB.
 
-The chip has one engine for serial buses and I²C takes it: the switches get clock and data from pins of the
-second port, C0 to C7, one level after the other. All levels of a transfer go over USB at once.
+The chip has one engine for serial buses, which I²C uses: the switches get clock and data from pins of the second port,
+C0 to C7, one level after the other. All levels of a transfer go over USB at once.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from typing import Any
 
 from coilarray.errors import HardwareError
 from coilarray.geometry.extras import import_extra
+from coilarray.hardware.wire.buses import ShiftSettings
 from coilarray.hardware.wire.faults import BusFault, BusTimeout, DeviceLost, SwitchFault
-from coilarray.hardware.wire.shift_settings import ShiftSettings
 
 I2C_SPEED = 100e3
-"""In Hz. The converter allows 400 kHz where the pull-ups are strong enough."""
+"""Clock of the I²C bus in Hz. The converter allows 400 kHz if the pull-ups are strong enough."""
 _PURPOSE = "boards on an FT232H"
 _PINS = 8
 _WITH_SECOND_PORT = {0x6014: "232h", 0x6010: "2232h"}  # USB product numbers
@@ -33,12 +33,12 @@ _USB_TIMEOUT = 500  # ms
 
 @dataclass(frozen=True)
 class SwitchPins:
-    """Pins of the second port that the switches are at.
+    """Pins of the second port that are wired to the switches.
 
     Parameters
     ----------
     clock, data, sync, back : int
-        N of CN for SCLK, DIN of the first device, SYNC, and DOUT of the last; `back` is not used without read-back.
+        Number n of the pin Cn for SCLK, DIN of the first device, SYNC, and DOUT of the last (for read-back only).
 
     Raises
     ------
@@ -79,20 +79,20 @@ def open_ft232h(
     Parameters
     ----------
     url : str
-        As pyftdi has it: ``ftdi://ftdi:232h:SERIALNUMBER/1``.
+        Address of the adapter for pyftdi: ``ftdi://ftdi:232h:SERIALNUMBER/1``.
     address : int
-        Of the converter.
+        I²C address of the converter.
     pins : SwitchPins, optional
-        Of the switches; C0 clock, C1 data, C2 SYNC, C3 back by default.
+        Pins of the switches; C0 clock, C1 data, C2 SYNC, C3 back by default.
     settings : ShiftSettings, optional
-        Form of the transfers to the switches.
+        Settings of the transfers to the switches.
     speed : float
-        Of the I²C in Hz.
+        Clock of the I²C bus in Hz.
 
     Raises
     ------
     HardwareError
-        No such adapter, none that may be opened, or one without the second port.
+        No such adapter, no permission to open it, or an adapter without the second port.
     MissingDependencyError
         pyftdi is not installed.
     """
@@ -121,7 +121,7 @@ def open_ft232h(
 
 
 def ft232h_adapters() -> tuple[str, ...]:
-    """URLs of the adapters at this computer; empty where pyftdi or the library for USB is not installed."""
+    """Return the URLs of the adapters at this computer; empty if pyftdi or the library for USB is not installed."""
     try:
         ftdi = import_extra("pyftdi.ftdi", _PURPOSE, package="pyftdi", extra="ftdi").Ftdi
         found = ftdi.list_devices()
@@ -144,7 +144,7 @@ class Ft232hRegisterBus:
 
     def read(self, register: int) -> int:
         """Return a register."""
-        with self._told():
+        with self._translated_errors():
             answer = bytes(self._port.exchange([register], 2))
         if len(answer) != 2:
             raise BusTimeout(f"the adapter {self._url} returned {len(answer)} bytes of a register, not 2.")
@@ -152,21 +152,21 @@ class Ft232hRegisterBus:
 
     def write(self, register: int, value: int) -> None:
         """Write a register."""
-        with self._told():
+        with self._translated_errors():
             self._port.write([register, *value.to_bytes(2, "big")])
 
     def clear(self) -> None:
         """Send nine clocks and a stop."""
         levels = [level for _ in range(_CLOCKS) for level in (_SDA, _SDA | _SCL)]
-        with self._told():
+        with self._translated_errors():
             self._controller.ftdi.write_data(_low_port([_SDA | _SCL, *levels, _SDA, 0, _SCL, _SDA | _SCL]))
 
     def close(self) -> None:
-        """Let go of the adapter; its pins keep their levels. Never raises."""
+        """Close the adapter; its pins keep their levels. Never raises."""
         _close(self._controller)
 
     @contextlib.contextmanager
-    def _told(self) -> Iterator[None]:
+    def _translated_errors(self) -> Iterator[None]:
         try:
             yield
         except self._not_acknowledged:
@@ -200,11 +200,11 @@ class Ft232hSwitchChain:
         return self._settings.ordered(returned)
 
     def close(self) -> None:
-        """Let go of the adapter. Never raises."""
+        """Close the adapter. Never raises."""
         _close(self._controller)
 
     def _commands(self, bits: Iterable[bool]) -> Iterator[int]:
-        """Commands for a whole transfer: a level is read just before the edge at which the switches take the bit."""
+        """Yield the commands of a transfer; a level is read just before the edge at which the switches read the bit."""
         idle = self._settings.idle_high
         before, after = (not idle, idle) if self._settings.second_edge else (idle, not idle)
         yield from self._level(idle, data=False, sync=False)
@@ -227,7 +227,7 @@ def _low_port(levels: Iterable[int]) -> bytes:
 
 
 def _lost_or(fault: type[HardwareError], url: str, error: OSError) -> HardwareError:
-    """Return DeviceLost where USB itself failed, else the fault."""
+    """Return DeviceLost if USB itself failed, else the fault."""
     lost = import_extra("pyftdi.ftdi", _PURPOSE, package="pyftdi", extra="ftdi").FtdiError
     usb = import_extra("usb.core", _PURPOSE, package="pyftdi", extra="ftdi").USBError
     if isinstance(error, (lost, usb)):

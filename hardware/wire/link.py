@@ -1,9 +1,10 @@
-"""One conversation with a board: commands and their replies, all else in order, within bounds of time and size."""
+"""Link to a board: commands and their replies, and all other messages in order, within limits of time and size."""
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
@@ -13,11 +14,11 @@ from coilarray.hardware.wire.faults import (
     BoardRestarted,
     BusFault,
     CommandRefused,
+    DeviceLost,
     NoAnswer,
     NotABoard,
 )
-from coilarray.hardware.wire.protocol.commands import IDS, command_line
-from coilarray.hardware.wire.protocol.lines import LineCounts, LineParser
+from coilarray.hardware.wire.protocol.lines import IDS, LineCounts, LineParser, command_line
 from coilarray.hardware.wire.protocol.messages import (
     Answer,
     Message,
@@ -48,28 +49,28 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class LinkTimes:
-    """How long to wait for what.
+    """Time limits of a link.
 
     Parameters
     ----------
     reply : float
-        For the reply to a command in s, beside the time that the command itself takes.
+        Longest wait for the reply to a command in s, in addition to the time that the command itself takes.
     attempts : int
-        To send a command.
+        Number of attempts to send a command.
     opening : float
-        For the first sign of life of a board in s.
+        Longest wait for the first line of a board in s.
     gap : float
-        Without a scan, as a multiple of the time between two of them.
+        Longest wait for a scan of a stream, as a multiple of the time between two scans.
     least_gap : float
-        Of a stream in s: computers pause.
+        Lower limit of that wait in s, because computers pause.
     heartbeat : float
-        Without any line in s, beside the time of a scan.
+        Longest wait for any line in s, in addition to the time of a scan.
     ping : float
-        Between two signs of life of the computer in s; well below the board's lease of 10 s.
+        Time between two PING commands in s, well below the board's lease of 10 s.
     foreign : int
-        Bytes without an intact line from which on they are said to come from something else.
+        Number of bytes without an intact line that are taken for another device.
     most_bytes : float
-        Per second that are taken from a port; more than this is no board of ours.
+        Largest number of bytes per second that a board can send.
     """
 
     reply: float = 0.5
@@ -85,20 +86,20 @@ class LinkTimes:
 
 @dataclass(frozen=True)
 class LinkCounts:
-    """What a conversation met so far.
+    """Counts of a link.
 
     Parameters
     ----------
     lines : LineCounts
-        Of what came over the port.
+        Counts of the lines received.
     bad_messages : int
-        Intact lines that say nothing known, or replies of another form.
+        Intact lines of an unknown kind, and replies of another form.
     unasked : int
-        Replies to no command that waits for one: repeated, or too late.
+        Replies that no command waits for, because they are repeated or too late.
     repeats : int
         Commands sent again because no reply came in time.
     overflowed : int
-        Messages lost because nobody fetched them.
+        Messages lost because they were not fetched in time.
     """
 
     lines: LineCounts = field(default_factory=LineCounts)
@@ -110,14 +111,14 @@ class LinkCounts:
 
 @dataclass
 class Wait:
-    """A deadline of the clock; what has come before it is looked at however late it is, but not without end.
+    """A deadline; bytes that came before it are still read after it, up to a limit.
 
     Parameters
     ----------
     until : float
-        Time of the clock in s.
+        Time of the deadline in s.
     late : int
-        Bytes taken after it.
+        Number of bytes read after it.
     """
 
     until: float
@@ -125,60 +126,61 @@ class Wait:
 
 
 class Link:
-    """Sends commands and sorts what comes; knows the board's session once it is told, and tells when that ends.
+    """Sends commands and sorts what comes; once `boot` is set, it detects the end of that session.
 
     Parameters
     ----------
     port : BytePort
+        Open port.
     times : LinkTimes
-    clock : Clock
+        Time limits.
+    clock : Clock, optional
+        Clock of all deadlines; the computer's by default.
     number : int
-        Of the first command; the board carries out no command twice that has the number and text of the one before.
+        Number of the command before the first. The board does not repeat a command of the same number and text.
     """
 
     def __init__(self, port: BytePort, *, times: LinkTimes, clock: Clock | None = None, number: int = 0) -> None:
-        self._port, self._times, self._clock = port, times, clock or ComputerClock()
+        self._port, self.times, self.clock = port, times, clock or ComputerClock()
         self._parser, self._counts = LineParser(), LinkCounts()
         self._number = number % IDS
         self._kept: deque[Message] = deque()
         self._early: deque[Message] = deque(maxlen=_MOST_KEPT)
-        self._foreign = 0  # bytes since the last intact line
-        self._second, self._taken = self._clock.now(), 0  # for the rate
+        self.foreign = 0
+        """Bytes since the last intact line."""
+        self._second, self._taken = self.clock.now(), 0  # for the rate
         self._pending: int | None = None  # command without its reply
         self.boot: int | None = None
         """Session of the board; a line of another one raises BoardRestarted."""
+        self.end: HardwareError | None = None
+        """Fault that ended the session."""
 
     @property
-    def clock(self) -> Clock:
-        """Clock of all deadlines."""
-        return self._clock
+    def name(self) -> str:
+        """Name of the port."""
+        return self._port.name
 
     @property
     def counts(self) -> LinkCounts:
-        """What was met so far."""
+        """Counts so far."""
         return replace(self._counts, lines=self._parser.counts)
 
-    @property
-    def foreign(self) -> int:
-        """Bytes since the last intact line."""
-        return self._foreign
-
     def post(self, verb: str, *arguments: str) -> None:
-        """Send a command and do not wait; its reply comes out of `receive`, unless another command follows first."""
+        """Send a command without waiting; `receive` returns its reply, unless another command follows first."""
         self._number = (self._number + 1) % IDS
         self._pending = self._number
-        self._port.write(command_line(self._number, verb, *arguments))
+        self._write(command_line(self._number, verb, *arguments))
 
     def wake(self) -> None:
-        """End whatever line the board has begun to read."""
-        self._port.write(b"\n")
+        """Send a line feed, which ends any line that the board has begun to read."""
+        self._write(b"\n")
 
     def wait(self, seconds: float) -> Wait:
-        """Deadline so many seconds from now."""
-        return Wait(self._clock.now() + seconds)
+        """Return the deadline this many seconds from now."""
+        return Wait(self.clock.now() + seconds)
 
     def receive(self, wait: Wait) -> Message | None:
-        """Return the next message, or None where none came in time; replies nobody waits for are left out.
+        """Return the next message, or None if none came in time; replies that no command waits for are skipped.
 
         Raises
         ------
@@ -190,10 +192,11 @@ class Link:
                 message = self._kept.popleft()
                 if self._is_mine(message):
                     return message
-            left = wait.until - self._clock.now()
+            left = wait.until - self.clock.now()
             if wait.late > _MOST_LATE:
                 return None
-            data = self._port.read(max(left, 0.0))
+            with self._recording_end():
+                data = self._port.read(max(left, 0.0))
             self._take(data)
             if left <= 0:
                 if not data:
@@ -206,8 +209,9 @@ class Link:
         Parameters
         ----------
         reading : callable
-            Raises MessageError where the fields have another form; then there is no reply.
+            Function that reads the fields of the reply; it raises MessageError if they have another form.
         verb, *arguments : str
+            Command.
         patience : float
             Time in s that the command takes.
 
@@ -221,42 +225,42 @@ class Link:
         self.post(verb, *arguments)
         number = self._number
         self._early.clear()
-        for attempt in range(self._times.attempts):
+        for attempt in range(self.times.attempts):
             if attempt:
                 self._counts = replace(self._counts, repeats=self._counts.repeats + 1)
-                self._port.write(command_line(number, verb, *arguments))
-            wait = self.wait(self._times.reply + patience)
+                self._write(command_line(number, verb, *arguments))
+            wait = self.wait(self.times.reply + patience)
             while (message := self.receive(wait)) is not None:
                 if isinstance(message, Refusal):
                     self._pending = None
                     raise _refused(verb, message)
                 if isinstance(message, Answer):
                     try:
-                        told = reading(message.fields)
+                        reply = reading(message.fields)
                     except MessageError:
                         self._count_bad()
                         continue
                     self._pending = None
-                    return told
+                    return reply
                 if isinstance(message, ScanMessage | StreamEnd):
                     self._early.append(message)
         self._pending = None
-        raise self._silence(verb)
+        raise self.silence_fault(f"the board at {self.name} did not answer {verb} in {self.times.attempts} attempts.")
 
     def recall_early(self) -> None:
-        """Give out once more the scans that came before the reply to the last command."""
+        """Return the scans that came before the reply to the last command from `receive` once more."""
         self._kept.extendleft(reversed(self._early))
         self._early.clear()
 
     def drain(self, seconds: float) -> None:
-        """Throw away what was sent before, until nothing comes for so long, or for ten times as long."""
-        end = self._clock.now() + 10 * seconds
-        while self._clock.now() < end and self.receive(self.wait(seconds)) is not None:
+        """Discard messages until none comes for this time, or for at most ten times as long."""
+        end = self.clock.now() + 10 * seconds
+        while self.clock.now() < end and self.receive(self.wait(seconds)) is not None:
             pass
         self._kept.clear()
 
     def close(self) -> None:
-        """Let go of the port; never raises."""
+        """Close the port. Never raises."""
         self._port.close()
 
     def _take(self, data: bytes) -> None:
@@ -265,7 +269,7 @@ class Link:
         self._limit_rate(len(data))
         intact = self._parser.counts.good
         texts = self._parser.feed(data)
-        self._foreign = 0 if self._parser.counts.good > intact else self._foreign + len(data)
+        self.foreign = 0 if self._parser.counts.good > intact else self.foreign + len(data)
         for text in texts:
             try:
                 message = parse_message(text)
@@ -278,12 +282,12 @@ class Link:
                 self._counts = replace(self._counts, overflowed=self._counts.overflowed + 1)
 
     def _limit_rate(self, count: int) -> None:
-        now = self._clock.now()
+        now = self.clock.now()
         if now - self._second >= 1.0:
             self._second, self._taken = now, 0
         self._taken += count
-        if self._taken > self._times.most_bytes:
-            raise NotABoard(f"{self._port.name} sends more than {self._times.most_bytes:.0f} bytes a second.")
+        if self._taken > self.times.most_bytes:
+            raise NotABoard(f"{self.name} sends more than {self.times.most_bytes:.0f} bytes a second.")
 
     def _is_mine(self, message: Message) -> bool:
         if isinstance(message, Answer | Refusal):
@@ -295,25 +299,39 @@ class Link:
         return True
 
     def check_boot(self, boot: int) -> None:
-        """BoardRestarted where a message is of another session than `boot`."""
+        """Raise BoardRestarted if the number of a message is not that of the session."""
         if self.boot is not None and boot != self.boot:
-            raise BoardRestarted(
-                f"the board at {self._port.name} has restarted (session {boot:08X} after {self.boot:08X}), "
-                "so its settings are gone; open it again."
-            )
+            with self._recording_end():
+                raise BoardRestarted(
+                    f"the board at {self.name} has restarted (session {boot:08X} after {self.boot:08X}), "
+                    "so its settings are gone; open it again."
+                )
+
+    def silence_fault(self, otherwise: str) -> HardwareError:
+        """Return NotABoard if bytes come but no lines, else NoAnswer with this text."""
+        if self.foreign < self.times.foreign:
+            return NoAnswer(otherwise)
+        return self.not_a_board()
+
+    def _write(self, data: bytes) -> None:
+        with self._recording_end():
+            self._port.write(data)
+
+    @contextmanager
+    def _recording_end(self) -> Iterator[None]:
+        try:
+            yield
+        except (DeviceLost, BoardRestarted) as fault:
+            self.end = fault
+            raise
 
     def _count_bad(self) -> None:
         self._counts = replace(self._counts, bad_messages=self._counts.bad_messages + 1)
 
-    def _silence(self, verb: str) -> HardwareError:
-        if self._foreign >= self._times.foreign:
-            return self.not_a_board()
-        return NoAnswer(f"the board at {self._port.name} did not answer {verb} in {self._times.attempts} attempts.")
-
     def not_a_board(self) -> NotABoard:
-        """Fault of bytes that are no lines."""
+        """Return the fault of a device that sends bytes but no lines."""
         return NotABoard(
-            f"{self._port.name} sends bytes but no intact line ({self._foreign} since the last one): "
+            f"{self.name} sends bytes but no intact line ({self.foreign} since the last one): "
             "another device, or another baud rate."
         )
 

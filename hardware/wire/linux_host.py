@@ -12,11 +12,11 @@ from typing import Any
 
 from coilarray.errors import HardwareError
 from coilarray.geometry.extras import import_extra
+from coilarray.hardware.wire.buses import ShiftSettings
 from coilarray.hardware.wire.faults import BusFault, BusTimeout, DeviceLost, SwitchFault
-from coilarray.hardware.wire.shift_settings import ShiftSettings
 
 DEVICES = Path("/dev")
-"""Where the system keeps its devices."""
+"""Folder of the system's devices."""
 _PURPOSE = "boards on this computer's own buses"
 _GONE = {errno.ENODEV, errno.ENOENT, errno.EBADF, errno.ESHUTDOWN}
 _HELD_UP = {errno.ETIMEDOUT, errno.EAGAIN, errno.EBUSY}
@@ -24,13 +24,7 @@ _START_BYTE = 0x00  # as a read: nine clocks that no chip may acknowledge
 
 
 def linux_buses() -> tuple[str, ...]:
-    """Names of the buses of this computer, as ``i2c:1`` and ``spi:0.0``.
-
-    Returns
-    -------
-    tuple of str
-        Empty on another system.
-    """
+    """Return the names of the buses of this computer, as ``i2c:1`` and ``spi:0.0``; empty on another system."""
     i2c = [f"i2c:{path.name.removeprefix('i2c-')}" for path in DEVICES.glob("i2c-*")]
     spi = [f"spi:{path.name.removeprefix('spidev')}" for path in DEVICES.glob("spidev*")]
     return (*sorted(i2c), *sorted(spi))
@@ -42,14 +36,14 @@ class LinuxRegisterBus:
     Parameters
     ----------
     bus : int
-        N of /dev/i2c-N.
+        Number N of /dev/i2c-N.
     address : int
-        Of the converter.
+        I²C address of the converter.
 
     Raises
     ------
     HardwareError
-        A bus that is not there, may not be opened, is used by another program or cannot do what is needed.
+        A bus that is missing, may not be opened, is used by another program or cannot do what is needed.
     MissingDependencyError
         smbus2 is not installed.
     """
@@ -64,7 +58,7 @@ class LinuxRegisterBus:
             with _opening(self._path):
                 _lock(self._bus.fd)
             if not self._bus.funcs & self._library.I2cFunc.I2C:
-                raise HardwareError(f"{self._path} cannot read registers of 16 bits: it is no full I²C bus.")
+                raise HardwareError(f"{self._path} cannot read registers of 16 bits: it is not a full I²C bus.")
         except BaseException:
             self.close()
             raise
@@ -86,7 +80,7 @@ class LinuxRegisterBus:
             self._transfer(self._library.i2c_msg.read(_START_BYTE, 1))
 
     def close(self) -> None:
-        """Let go of the bus. Never raises."""
+        """Close the bus. Never raises."""
         with contextlib.suppress(Exception):
             self._bus.close()
 
@@ -108,14 +102,14 @@ class SpiSwitchChain:
     Parameters
     ----------
     bus, device : int
-        N and M of /dev/spidevN.M.
+        Numbers N and M of /dev/spidevN.M.
     settings : ShiftSettings
-        Form of the transfers.
+        Settings of the transfers.
 
     Raises
     ------
     HardwareError
-        A port that is not there, may not be opened or has no such mode or speed.
+        A port that is missing, may not be opened or has no such mode or speed.
     MissingDependencyError
         spidev is not installed.
     """
@@ -146,20 +140,20 @@ class SpiSwitchChain:
         return self._settings.ordered(bytes(returned)) if self._settings.readback else None
 
     def close(self) -> None:
-        """Let go of the port. Never raises."""
+        """Close the port. Never raises."""
         with contextlib.suppress(Exception):
             self._port.close()
 
 
 def _lock(descriptor: int) -> None:
-    """Keep a second program of ours away: two that read the converter in turns spoil each other's results."""
+    """Lock out a second program of ours: two that read the converter in turn would corrupt each other's results."""
     fcntl = importlib.import_module("fcntl")  # not there on Windows, which has no such bus either
     fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 @contextlib.contextmanager
 def _opening(path: Path) -> Iterator[None]:
-    """Turn what the system says about a device into one line."""
+    """Translate the system's errors about a device into one line."""
     try:
         yield
     except FileNotFoundError:

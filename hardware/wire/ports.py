@@ -1,4 +1,4 @@
-"""Names of the places where a board can be, and what there is at this computer."""
+"""Names of the ports where a board can be, and the ports of this computer."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from typing import Any
 from urllib.parse import parse_qsl, urlsplit
 
 from coilarray.errors import HardwareError, MissingDependencyError
-from coilarray.hardware.chips.ldc1614_timing import BUS_RATE
+from coilarray.hardware.chips.ldc1614 import BUS_RATE
+from coilarray.hardware.wire.buses import ShiftSettings
 from coilarray.hardware.wire.ft232h import I2C_SPEED, SwitchPins, ft232h_adapters
 from coilarray.hardware.wire.linux_host import linux_buses
 from coilarray.hardware.wire.serial_ports import BAUD, PROBED_BAUDS
-from coilarray.hardware.wire.shift_settings import ShiftSettings
 
 EMULATOR = "emulator"
-"""The port of a board that is not there."""
+"""Name of the port of the emulated board."""
 ADDRESSES = (0x2A, 0x2B)
-"""Of the converter, by its pin ADDR."""
+"""I²C addresses of the converter, with its pin ADDR low and high."""
 _FIRMWARE_BUS_RATE = 150e3  # Hz, expected: hardware/firmware/README.md
 _LONGEST = 200  # characters shown of a port's name
 _MOST_OPTIONS = 20
@@ -43,9 +43,9 @@ class SerialPort:
     Parameters
     ----------
     name : str
-        As `coilarray.hardware.wire.serial_ports.choose_serial_port` takes it.
+        Name for `coilarray.hardware.wire.serial_ports.choose_serial_port`.
     bauds : tuple of int
-        Rates to try in turn.
+        Baud rates to try in turn.
     """
 
     name: str
@@ -59,11 +59,11 @@ class LinuxPort:
     Parameters
     ----------
     bus, address : int
-        I²C bus, and address of the converter.
+        Number of the I²C bus, and address of the converter on it.
     spi_bus, spi_device : int
-        Of the switches.
+        Numbers of the SPI bus and of the device on it for the switches.
     shift : ShiftSettings
-        Form of the transfers to them.
+        Settings of the transfers to the switches.
     """
 
     bus: int
@@ -80,13 +80,13 @@ class FtdiPort:
     Parameters
     ----------
     url : str
-        Of pyftdi.
+        Address of the adapter for pyftdi.
     address : int
-        Of the converter.
+        I²C address of the converter.
     pins : SwitchPins
-        Of the switches.
+        Pins of the switches.
     shift : ShiftSettings
-        Form of the transfers to them.
+        Settings of the transfers to the switches.
     """
 
     url: str
@@ -113,7 +113,7 @@ def parse_port(text: str) -> Port:
     Raises
     ------
     HardwareError
-        Anything else: what it is, and what is allowed.
+        Any other text: the text, and what is allowed.
 
     Examples
     --------
@@ -151,13 +151,10 @@ def parse_port(text: str) -> Port:
 
 
 def bus_rate(port: Port) -> float:
-    """Clock in Hz that the I²C bus of a board has at a port.
+    """Return the clock of the I²C bus of a board at a port in Hz.
 
-    Returns
-    -------
-    float
-        150 kHz with the firmware of `hardware/firmware`, 100 kHz with an FT232H; on buses of this computer, whose clock
-        the system's settings fix, and in the emulator the 400 kHz that the converter takes.
+    It is 150 kHz with the firmware of `hardware/firmware`, 100 kHz with an FT232H, and else 400 kHz, the fastest of the
+    converter: the clock of this computer's own buses is fixed by the system's settings.
 
     Examples
     --------
@@ -174,13 +171,7 @@ def bus_rate(port: Port) -> float:
 
 
 def found_ports() -> Mapping[str, tuple[str, ...]]:
-    """Return what there is at this computer, by kind: "emulator", "serial", "linux", "ftdi".
-
-    Returns
-    -------
-    mapping of str to tuple of str
-        Empty for a kind whose library is not installed.
-    """
+    """Return the ports of this computer by kind: "emulator", "serial", "linux", "ftdi"; none without their library."""
     return {EMULATOR: (EMULATOR,), "serial": _serial_ports(), "linux": linux_buses(), "ftdi": ft232h_adapters()}
 
 
@@ -259,4 +250,4 @@ def _refuse_rest(options: Mapping[str, str], text: str) -> None:
 
 
 def _refused(text: str, reason: str) -> HardwareError:
-    return HardwareError(f"port {text[:_LONGEST]!r} cannot be: {reason}.")
+    return HardwareError(f"port {text[:_LONGEST]!r} is not valid: {reason}.")

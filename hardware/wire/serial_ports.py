@@ -23,9 +23,9 @@ else:
 BAUD = 115200
 """Baud rate of the protocol."""
 PROBED_BAUDS = (BAUD, 230400, 460800, 921600, 9600)
-"""Rates that a board may have been built for, the most likely first."""
+"""Baud rates that a board may have been built for, the most likely first."""
 BOARD_VENDORS = {0x1366: "SEGGER (J-Link of an XMC board)", 0x058B: "Infineon"}
-"""USB vendors of the boards that are known; ports of others must be named."""
+"""USB vendors of the known boards; ports of others must be named."""
 _GONE: tuple[type[Exception], ...] = (*_LOSSES, TypeError)  # the last one from a port that was closed meanwhile
 _SERIAL_PREFIX = "usb:"
 _TICK = 0.02  # s of one wait for bytes
@@ -50,13 +50,13 @@ class PortInfo:
     Parameters
     ----------
     name : str
-        To open it by: "/dev/ttyACM0", "COM5".
+        Name to open it by: "/dev/ttyACM0", "COM5".
     vendor, product : int or None
-        USB numbers; None where it is no USB port.
+        USB numbers; None if it is not a USB port.
     serial_number : str
-        Of the USB device; empty where it has none.
+        Serial number of the USB device; empty if it has none.
     description : str
-        Of the system, for people.
+        Description by the system.
     """
 
     name: str
@@ -77,20 +77,20 @@ class PortInfo:
 
 
 class BytePort(Protocol):
-    """A way for bytes to one device."""
+    """An open port to one device."""
 
     @property
     def name(self) -> str:
-        """For people."""
+        """Name of the port, for messages."""
 
     def read(self, seconds: float) -> bytes:
-        """Return what has come, at most 4096 bytes; where nothing has, wait for at most so long. DeviceLost."""
+        """Return at most 4096 received bytes; if there are none, wait for at most this time in s. DeviceLost."""
 
     def write(self, data: bytes) -> None:
-        """Send all of it. DeviceLost; NoAnswer where the device takes no bytes."""
+        """Send all bytes. DeviceLost; NoAnswer if the device accepts none."""
 
     def close(self) -> None:
-        """Let go of the port. Never raises; may be called again."""
+        """Close the port. Never raises; may be called again."""
 
 
 def list_serial_ports() -> tuple[PortInfo, ...]:
@@ -105,17 +105,17 @@ def list_serial_ports() -> tuple[PortInfo, ...]:
 
 
 def choose_serial_port(name: str | None = None) -> PortInfo:
-    """Port of a name, of a USB serial number, or the only one of a known board.
+    """Return the port of a name, of a USB serial number, or the only one of a known board.
 
     Parameters
     ----------
     name : str, optional
-        "/dev/ttyACM0", "COM5" or "usb:SERIALNUMBER"; leading zeros of the serial number do not matter.
+        Name of the port, "/dev/ttyACM0", "COM5" or "usb:SERIALNUMBER"; leading zeros of the number do not matter.
 
     Raises
     ------
     HardwareError
-        None is meant, or more than one; the message lists them.
+        No port fits, or more than one; the message lists them.
     """
     ports = list_serial_ports()
     if name is None:
@@ -133,7 +133,7 @@ def _only(meant: list[PortInfo], what: str, ports: tuple[PortInfo, ...]) -> Port
         return meant[0]
     listed = ", ".join(str(port) for port in meant or ports) or "no serial port at all"
     found = f"there are {len(meant)}" if meant else "there is none"
-    raise HardwareError(f"one must be {what}; {found}: {listed}.")
+    raise HardwareError(f"{what} is needed, but {found}: {listed}.")
 
 
 def open_serial_port(name: str, *, baud: int = BAUD) -> BytePort:
@@ -142,7 +142,7 @@ def open_serial_port(name: str, *, baud: int = BAUD) -> BytePort:
     Raises
     ------
     HardwareError
-        It cannot be opened: not there, not allowed, or used by another program.
+        The port cannot be opened: missing, not allowed, or used by another program.
     MissingDependencyError
         pyserial is not installed.
     """
@@ -154,7 +154,7 @@ def _pyserial() -> ModuleType:
 
 
 class _SerialPort:
-    """A port of pyserial; every way in which that says that the device is gone is a DeviceLost."""
+    """A port of pyserial; every error by which that shows that the device is gone becomes DeviceLost."""
 
     def __init__(self, name: str, baud: int) -> None:
         self._library = _pyserial()
@@ -167,7 +167,7 @@ class _SerialPort:
             raise HardwareError(f"port {name} cannot be opened: {error}.") from None
         except _LOSSES as error:
             raise HardwareError(f"port {name} {_reason(error)}.") from None
-        with suppress(*_LOSSES):  # what was there before; a port that is gone tells so at the next read
+        with suppress(*_LOSSES):  # what was there before; a port that is gone fails at the next read
             self._port.reset_input_buffer()
 
     @property

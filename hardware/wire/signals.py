@@ -1,4 +1,4 @@
-"""Signals that would end the program: put off while a board is put to rest, and turned into an orderly way out."""
+"""Signals that would end the program: delayed while a board is put to rest, and turned into SystemExit."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Handler = Callable[[int, FrameType | None], Any]
 
 @contextlib.contextmanager
 def held_signals() -> Iterator[None]:
-    """Put signals that end the program off until the block is left, which must be short; only in the main thread."""
+    """Delay signals that end the program until the block, which must be short, is left; only in the main thread."""
     came: list[int] = []
     try:
         with _handled(lambda number, _: came.append(number), instead_of_any=True):
@@ -28,7 +28,7 @@ def held_signals() -> Iterator[None]:
 
 @contextlib.contextmanager
 def orderly_termination() -> Iterator[None]:
-    """Leave the block by SystemExit where the system would end the program at once: SIGTERM, or a closed terminal."""
+    """Raise SystemExit where the system would end the program at once: on SIGTERM, or when the terminal is closed."""
 
     def leave(number: int, _: FrameType | None) -> None:
         raise SystemExit(_EXIT_CODE + number)
@@ -39,7 +39,7 @@ def orderly_termination() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _handled(handler: Handler, *, instead_of_any: bool) -> Iterator[None]:
-    """Handle signals within the block: those that have any handler of Python, or those that have none."""
+    """Handle signals within the block: those with any handler of Python, or only those with none."""
     before: dict[int, Any] = {}
     try:
         if threading.current_thread() is threading.main_thread():

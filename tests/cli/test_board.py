@@ -128,7 +128,7 @@ def test_a_converter_that_does_not_answer_is_told(capsys, broken):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("--port", "nowhere"), "port 'nowhere' cannot be: it must be emulator, a serial port"),
+        (("--port", "nowhere"), "port 'nowhere' is not valid: it must be emulator, a serial port"),
         (("--port", "/dev/ttyACM99"), "port /dev/ttyACM99 does not exist."),
         (("--port", "i2c:1:0x50"), "the address of the converter must be 0x2a or 0x2b"),
         (("--port", "i2c:99"), "there is no /dev/i2c-99"),

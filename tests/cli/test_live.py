@@ -413,7 +413,7 @@ def test_screen_lines():
     ("arguments", "words"),
     [
         (("--port", "/dev/ttyNOTTHERE"), "/dev/ttyNOTTHERE"),
-        (("--port", "nonsense"), "port 'nonsense' cannot be"),
+        (("--port", "nonsense"), "port 'nonsense' is not valid"),
         (("--recording", "none.sqlite"), "none.sqlite"),
         (("--recording", "text.sqlite"), "text.sqlite"),
         (("--recording", "RUN", "--port", "COM5"), "cannot be given with --port"),

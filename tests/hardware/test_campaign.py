@@ -25,7 +25,7 @@ from coilarray.hardware.record.recording import open_recording
 from coilarray.hardware.record.stages import EmulatedStage
 from coilarray.hardware.scan.board_network import board_network
 from coilarray.hardware.scan.design_settings import design_plan, design_settings
-from coilarray.hardware.scan.scans import RawSample, SampleFault
+from coilarray.hardware.scan.reader import RawSample, SampleFault
 from coilarray.hardware.wire.faults import BoardRestarted, BusFault, DeviceLost, NoAnswer
 from coilarray.localize.ellipse import fit_ellipses
 from coilarray.localize.forward import forward_model

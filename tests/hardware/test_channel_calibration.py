@@ -27,7 +27,7 @@ from coilarray.hardware.record.recorded_response import recorded_response, recor
 from coilarray.hardware.record.recorder import open_recorder
 from coilarray.hardware.record.recording import open_recording
 from coilarray.hardware.record.stages import EmulatedStage
-from coilarray.hardware.scan.scans import RawSample, SampleFault
+from coilarray.hardware.scan.reader import RawSample, SampleFault
 from coilarray.localize.comparison import compare_responses
 from coilarray.response.map import response_map
 

@@ -12,9 +12,8 @@ import pytest
 from support.emulated_reader import WIRING, at_rest, plain, quick_settings, reader_of
 
 from coilarray.errors import HardwareError
-from coilarray.hardware.scan.ldc1614_result import judge
-from coilarray.hardware.scan.readings import read_scan
-from coilarray.hardware.scan.scans import SampleFault
+from coilarray.hardware.scan.reader import SampleFault
+from coilarray.hardware.scan.readings import judge, read_scan
 from coilarray.hardware.scan.settings import scan_settings
 from coilarray.hardware.wire.faults import BoardRestarted, BusFault, BusTimeout, DeviceLost, SwitchFault
 
@@ -407,9 +406,9 @@ def test_three_scans_running_with_a_fault_in_the_same_state_end_the_stream():
     for _ in range(3):
         assert {sample.fault for sample in next(stream).samples} == {SampleFault.NOT_ACKNOWLEDGED}
     assert ("clear",) in log
-    with pytest.raises(BusFault, match=r"state coil1: the converter did not answer in 3 scans running\."):
+    with pytest.raises(BusFault, match=r"state coil1: the converter did not answer in 3 consecutive scans\."):
         next(stream)
-    with pytest.raises(BusFault, match="3 scans running"):
+    with pytest.raises(BusFault, match="3 consecutive scans"):
         reader.scan()
     assert board.chain.words == SAFE
 
@@ -506,7 +505,7 @@ def test_a_broken_data_line_of_the_switches_is_found_by_the_read_back():
     stream = reader.scans()
     for _ in range(3):  # as the firmware does: `hardware/firmware/PROTOCOL.md`
         assert SampleFault.SWITCHES_DIFFER in {sample.fault for sample in next(stream).samples}
-    with pytest.raises(SwitchFault, match=r"returned other words than it was sent in 3 scans running"):
+    with pytest.raises(SwitchFault, match=r"returned other words than it was sent in 3 consecutive scans"):
         next(stream)
     assert board.chip.asleep
 

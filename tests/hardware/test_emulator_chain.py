@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 from coilarray.design.scan_states import ScanState, paper_plan
 from coilarray.errors import HardwareError
 from coilarray.hardware.emulator import plain_board
-from coilarray.hardware.emulator.adg739_chain import Adg739Chain, WiredSwitch, netlist
-from coilarray.hardware.emulator.circuit import what_is_seen
+from coilarray.hardware.emulator.adg739_chain import Adg739Chain
+from coilarray.hardware.scan.closure import WiredSwitch, switch_table, what_is_seen
 from coilarray.hardware.scan.wiring import load_wiring
 
 COILS = ("coil1", "coil2", "coil3", "coil4", "coil5", "coil6")
@@ -25,7 +25,7 @@ GROUND_A, INA_A, INB_A, OTHER_A, GROUND_B, INB_B, INA_B, OTHER_B = range(8)  # b
 
 
 def plan_b(coils=6):
-    """The netlist of the facts: one device a coil, the last coil's at the far end."""
+    """The switch_table of the facts: one device a coil, the last coil's at the far end."""
     nets = (0, 1, 2, 3)
     code = bytes(
         4 * (2 * coil + end) + net
@@ -33,7 +33,7 @@ def plan_b(coils=6):
         for end, order in ((0, nets), (1, (0, 2, 1, 3)))
         for net in order
     )
-    return netlist(code)
+    return switch_table(code)
 
 
 def seen(words, chain=None):
@@ -122,11 +122,11 @@ def test_another_bit_map_than_the_assumed_one():
 @pytest.mark.parametrize("length", [0, 7, 9])
 def test_a_wiring_has_eight_bytes_a_device(length):
     with pytest.raises(HardwareError, match="8 bytes a device"):
-        netlist(bytes(length))
+        switch_table(bytes(length))
 
 
 def test_unused_switches_close_nothing():
-    chain = Adg739Chain(netlist(bytes([0x00, *[0xFF] * 7])))
+    chain = Adg739Chain(switch_table(bytes([0x00, *[0xFF] * 7])))
     chain.transfer(b"\xff")
     assert chain.closed() == (WiredSwitch((0, 0), "ground"),)
 
@@ -352,7 +352,7 @@ class Other:
         return self.wiring
 
 
-def test_a_board_takes_any_netlist():
+def test_a_board_takes_any_switch_table():
     board = plain_board(Other(("left",), bytes([0x01, 0xFF, 0x06, *[0xFF] * 5])))
     board.switches.shift(b"\x05")
     assert board.seen().state.measured == (("left", 1),)

@@ -35,8 +35,8 @@ from support.firmware_host import needs_compiler
 from support.patience import PATIENCE
 
 from coilarray.errors import HardwareError
-from coilarray.hardware.scan.ldc1614_result import Reason
-from coilarray.hardware.scan.scans import SampleFault
+from coilarray.hardware.scan.reader import SampleFault
+from coilarray.hardware.scan.readings import Reason
 from coilarray.hardware.wire.faults import (
     BoardRestarted,
     BusFault,
@@ -47,9 +47,9 @@ from coilarray.hardware.wire.faults import (
     SwitchFault,
     VersionMismatch,
 )
-from coilarray.hardware.wire.protocol import command_line, draft_commands
 from coilarray.hardware.wire.protocol import lines as protocol_lines
-from coilarray.hardware.wire.protocol import scan_gate as protocol_gate
+from coilarray.hardware.wire.protocol import scan_stream as protocol_gate
+from coilarray.hardware.wire.protocol.lines import command_line, draft_commands
 
 pytest.importorskip("serial")
 pytestmark = [needs_compiler, pytest.mark.usefixtures("patient_writing")]
@@ -187,7 +187,7 @@ def test_commands(bench, direction):
     reader = bench.reader
     for number in range(FAULTS[direction]):
         damage, before = DAMAGES[number % len(DAMAGES)], reader.counts.link.repeats
-        following = (reader._session._link._number + 1) % 256  # not a repeat of the one before, which may be on its way
+        following = (reader._session._number + 1) % 256  # not a repeat of the one before, which may be on its way
         sign, hook = (b">", "to_board") if direction == "command" else (b"<", "to_computer")
         with bench.host.paused():
             setattr(bench.host, hook, spoil_once(damage, bench.noise, b"%b%02X" % (sign, following)))

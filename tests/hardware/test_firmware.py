@@ -1,7 +1,7 @@
 """The firmware's logic, compiled here, on small stand-ins for its chips: every command, error, fault and rule.
 
-Who checks whom: its hash against `ScanSettings.canonical`, its rules of switching against `legal_switching` (Python, by
-another hand), its checksum against `binascii`, its memory against the sanitizers of the compiler.
+Who checks whom: its hash against `ScanSettings.canonical`, its rules of switching against `closure.check_switching`
+(Python, by another hand), its checksum against `binascii`, its memory against the sanitizers of the compiler.
 """
 
 import binascii
@@ -21,7 +21,6 @@ from support.firmware_lines import draft, intact, seal
 
 from coilarray.errors import HardwareError
 from coilarray.hardware.emulator.virtual_clock import VirtualClock
-from coilarray.hardware.scan.legal_switching import check_switching
 from coilarray.hardware.scan.settings import StateSettings, scan_settings
 from coilarray.hardware.scan.wiring import load_wiring
 from coilarray.hardware.wire.faults import BusFault, BusTimeout
@@ -550,7 +549,7 @@ def with_words(words, *, safe=SAFE, wiring=SETTINGS.wiring):
 def test_the_firmware_itself_refuses_illegal_switching(words, safe, reason):
     plan = with_words(bytes.fromhex(words), safe=bytes.fromhex(safe))
     with pytest.raises(HardwareError):
-        check_switching(plan)
+        plan.check_switching()
     board = configured()
     board.chain.history.clear()
     assert board.configure(plan)[-1] == f"ERR,4,{reason}"
@@ -578,7 +577,7 @@ def test_rules_of_switching_agree_with_pythons(data):
     words = bytes(data.draw(st.lists(st.integers(0, 255).map(lambda a: a & 0x55), min_size=2, max_size=2)))
     plan = with_words(words, safe=safe, wiring=wiring)
     try:
-        check_switching(plan)
+        plan.check_switching()
         legal = True
     except HardwareError:
         legal = False
@@ -898,7 +897,7 @@ def test_words_that_are_not_legal_never_reach_the_switches():
     sent = {words for words, _ in board.chain.history}
     assert len(sent) > 3
     for words in sent - legal:  # of a state that chance made
-        check_switching(with_words(words))
+        with_words(words).check_switching()
     assert all(slept for _, slept in board.chain.history)
     assert len(board.chain.history) > 1000
 

@@ -13,9 +13,9 @@ from support.pin_level import Registers, SwitchRegister
 
 from coilarray.errors import HardwareError, MissingDependencyError
 from coilarray.hardware.board.connect import open_board
+from coilarray.hardware.wire.buses import ShiftSettings
 from coilarray.hardware.wire.faults import BusFault, BusTimeout, DeviceLost, SwitchFault
 from coilarray.hardware.wire.ft232h import SwitchPins, ft232h_adapters, open_ft232h
-from coilarray.hardware.wire.shift_settings import ShiftSettings
 
 pyftdi_i2c = pytest.importorskip("pyftdi.i2c", reason="pyftdi is not installed")
 from pyftdi.ftdi import Ftdi, FtdiError  # noqa: E402

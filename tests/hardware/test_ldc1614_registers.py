@@ -169,8 +169,8 @@ def test_reset_dividers_are_illegal():
     [
         (lambda: register("RCOUNT4"), "no register 'RCOUNT4'"),
         (lambda: register(0x1D), "no register at the address 0x1d"),
-        (lambda: encode("STATUS", {}), "STATUS only reads"),
-        (lambda: check_value("DEVICE_ID", 0x3055), "DEVICE_ID only reads"),
+        (lambda: encode("STATUS", {}), "STATUS is read-only"),
+        (lambda: check_value("DEVICE_ID", 0x3055), "DEVICE_ID is read-only"),
         (lambda: encode("CONFIG", {"SLEEP": 1}), "CONFIG has the fields ACTIVE_CHAN, .*; got 'SLEEP'"),
         (lambda: encode("CONFIG", {"RESERVED": 1}), "CONFIG has the fields .*; got 'RESERVED'"),
         (lambda: encode("CONFIG", {"ACTIVE_CHAN": 4}), "ACTIVE_CHAN must be an integer from 0 to 3; got 4"),

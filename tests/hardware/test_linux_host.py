@@ -18,9 +18,9 @@ from support.emulated_reader import WIRING
 from coilarray.errors import HardwareError, MissingDependencyError
 from coilarray.hardware.board.connect import open_board
 from coilarray.hardware.wire import linux_host
+from coilarray.hardware.wire.buses import ShiftSettings
 from coilarray.hardware.wire.faults import BusFault, BusTimeout, DeviceLost, SwitchFault
 from coilarray.hardware.wire.linux_host import LinuxRegisterBus, SpiSwitchChain, linux_buses
-from coilarray.hardware.wire.shift_settings import ShiftSettings
 
 if sys.platform != "linux":
     pytest.skip("no i2c-dev on this system", allow_module_level=True)
@@ -168,7 +168,7 @@ def test_a_second_program_is_kept_away(kernel):
 
 def test_a_bus_that_only_knows_smbus_is_refused_and_closed(kernel, devices):
     kernel.functions = SMBUS_ONLY
-    with pytest.raises(HardwareError, match="it is no full I²C bus"):
+    with pytest.raises(HardwareError, match="it is not a full I²C bus"):
         LinuxRegisterBus(1, 0x2A)
     # not their number: what other tests have left open is closed at any time
     held = {os.path.realpath(descriptor) for descriptor in Path("/proc/self/fd").iterdir()}

@@ -8,8 +8,7 @@ from support.localize_boards import FIELD, bells, board
 
 from coilarray.errors import HardwareError
 from coilarray.hardware.record.live_tracking import LiveTracker
-from coilarray.hardware.scan.ldc1614_result import Reason
-from coilarray.hardware.scan.readings import ScanReading, StateReading
+from coilarray.hardware.scan.readings import Reason, ScanReading, StateReading
 from coilarray.localize.forward import forward_model
 from coilarray.localize.inverse import locate
 

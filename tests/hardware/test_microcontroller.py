@@ -33,7 +33,7 @@ from support.scripted_board import (
 
 from coilarray.errors import HardwareError
 from coilarray.hardware.board.microcontroller import open_microcontroller
-from coilarray.hardware.scan.scans import SampleFault
+from coilarray.hardware.scan.reader import SampleFault
 from coilarray.hardware.scan.settings import scan_settings
 from coilarray.hardware.scan.wiring import load_wiring
 from coilarray.hardware.wire.faults import (

@@ -20,34 +20,28 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.scripted_board import crc16
 
-from coilarray.hardware.scan.scans import RawSample, SampleFault
+from coilarray.hardware.scan.reader import RawSample, SampleFault
 from coilarray.hardware.scan.settings import scan_settings
 from coilarray.hardware.scan.wiring import load_wiring
 from coilarray.hardware.wire.faults import BoardRestarted
-from coilarray.hardware.wire.protocol import (
-    MAX_LINE,
+from coilarray.hardware.wire.protocol.lines import MAX_LINE, LineParser, command_line, draft_commands, seal
+from coilarray.hardware.wire.protocol.messages import (
     Answer,
-    BoardTime,
-    GateCounts,
     Greeting,
     Heartbeat,
-    LineParser,
     MessageError,
     Mode,
     Pong,
     Refusal,
-    ScanGate,
     ScanMessage,
     StreamEnd,
     StreamEndReason,
-    command_line,
-    draft_commands,
     parse_message,
     read_greeting,
     read_pong,
     read_scan,
-    seal,
-)
+)  # fmt: skip
+from coilarray.hardware.wire.protocol.scan_stream import BoardTime, GateCounts, ScanGate
 
 TEXTS = st.text(st.characters(min_codepoint=0x20, max_codepoint=0x7E), min_size=1, max_size=MAX_LINE - 5)
 SCAN = "S00000007,000F4240,D9A4,1234ABCD,01798210,01798211.1048,!3,0179FFFF,01790000,0ABCDEF0"

@@ -30,8 +30,8 @@ from coilarray.hardware.record.recording import GridPlace, open_recording
 from coilarray.hardware.record.recording_file import SCHEMA
 from coilarray.hardware.record.recording_summary import summarize_recording
 from coilarray.hardware.record.stream import record_stream
+from coilarray.hardware.scan.reader import RawSample, RawScan, SampleFault
 from coilarray.hardware.scan.readings import read_scan
-from coilarray.hardware.scan.scans import RawSample, RawScan, SampleFault
 from coilarray.hardware.wire.faults import BoardRestarted
 
 DESIGN = two_coils()

@@ -16,9 +16,10 @@ from support.named_switching import check_words
 
 from coilarray.errors import HardwareError
 from coilarray.hardware.board.drive_codes import find_drives
+from coilarray.hardware.board.fault_model import Fault, single_faults, trials
 from coilarray.hardware.board.self_test import self_test
-from coilarray.hardware.scan.closure import Fault, faults, trials
-from coilarray.hardware.scan.ldc1614_result import Reason
+from coilarray.hardware.scan.closure import switch_table
+from coilarray.hardware.scan.readings import Reason
 from coilarray.hardware.scan.wiring import load_wiring
 from coilarray.hardware.wire.faults import BusFault, SwitchFault
 
@@ -143,7 +144,7 @@ def test_a_wrong_bit_map_is_found(wiring, order):
     actual = with_order(wiring, order)
     result = checked(coupled_board(actual), wiring)
     assert not result.passed
-    suspects = {fault.text: fault for fault in faults(wiring)}
+    suspects = {fault.text: fault for fault in single_faults(wiring)}
     assert actual.encode() in {suspects[text].wiring.encode() for text in result.findings}
     # and with the map that was found, the board passes
     right = next(text for text in result.findings if suspects[text].wiring.encode() == actual.encode())
@@ -245,7 +246,7 @@ def test_progress_is_told():
 
 def test_predictions_of_a_good_board():
     good = Fault("", THREE)
-    scan = {trial: good.sight(trial.words) for trial in itertools.chain.from_iterable(trials(THREE))}
+    scan = {trial: good.predict(trial.words) for trial in itertools.chain.from_iterable(trials(THREE))}
     for trial, sight in scan.items():
         assert sight.oscillates == (trial.coil is not None)
         if trial.rest == "ground":
@@ -255,10 +256,15 @@ def test_predictions_of_a_good_board():
 
 
 def test_a_pin_that_leads_to_ground_through_a_coil_is_not_predicted():
-    leaky = Fault("", THREE, stuck={(THREE.terminals[2], "INA"): True})  # coil2.a
+    place = next(
+        (device, bits.index(((1, 0), "INA")))  # coil2.a to INA
+        for device, bits in enumerate(switch_table(THREE.encode()))
+        if ((1, 0), "INA") in bits
+    )
+    leaky = Fault("", THREE, stuck={place: True})
     alone, *pairs = next(group for group in trials(THREE) if group[0].coil == "coil1" and group[-1].other)
-    by_ends = {trial.grounded: leaky.sight(trial.words) for trial in pairs if trial.other == "coil2"}
-    assert leaky.sight(alone.words).oscillates
+    by_ends = {trial.grounded: leaky.predict(trial.words) for trial in pairs if trial.other == "coil2"}
+    assert leaky.predict(alone.words).oscillates
     assert (by_ends["a"].oscillates, by_ends["b"].oscillates, by_ends["both"].oscillates) == (False, None, False)
 
 

@@ -101,12 +101,12 @@ def test_a_name_is_taken_as_it_is(ports):
 @pytest.mark.parametrize(
     ("name", "entries", "message"),
     [
-        (None, [], r"one must be a port of a known board; there is none: no serial port at all\."),
+        (None, [], r"a port of a known board is needed, but there is none: no serial port at all\."),
         (None, [entry("COM1", description="n/a")], r"there is none: COM1 \(n/a\)\."),
         (None, [entry("COM1", 0x1366, "1", "a"), entry("COM2", 0x1366, "2", "b")], r"there are 2: COM1 .*, COM2 .*\."),
-        ("usb:7", [entry("COM1", 0x1366, "1", "a")], "the USB serial number '7'; there is none: COM1"),
-        ("usb:", [entry("COM1", 0x1366, None, "a")], "the USB serial number ''; there is none"),
-        ("usb:0", [entry("COM1", 0x1366, "0", "a")], "the USB serial number '0'; there is none"),
+        ("usb:7", [entry("COM1", 0x1366, "1", "a")], "the USB serial number '7' is needed, but there is none: COM1"),
+        ("usb:", [entry("COM1", 0x1366, None, "a")], "the USB serial number '' is needed, but there is none"),
+        ("usb:0", [entry("COM1", 0x1366, "0", "a")], "the USB serial number '0' is needed, but there is none"),
         ("usb:1", [entry("COM1", 0x1366, "1", "a"), entry("COM2", 0x1366, "01", "b")], "there are 2: COM1 .*, COM2"),
     ],
 )

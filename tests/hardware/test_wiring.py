@@ -19,12 +19,12 @@ from support.named_switching import check_words, nets_of
 from coilarray.design.scan_states import ScanState, paper_plan
 from coilarray.errors import HardwareError, NetworkError
 from coilarray.hardware.chips.adg739 import SWITCHES
-from coilarray.hardware.scan import wirings
 from coilarray.hardware.scan.wiring import (
     Device,
     Switch,
     Terminal,
     Wiring,
+    bundled_wirings,
     load_wiring,
     one_device_a_coil,
     parse_wiring,
@@ -177,7 +177,7 @@ def test_safe_words(wiring):
 @BOTH
 def test_encoding(wiring):
     """Against the file itself: device by device from the far end, bit by bit."""
-    file = tomllib.loads(wirings.read(wiring.name))["wiring"]
+    file = tomllib.loads(bundled_wirings()[wiring.name].read_text(encoding="utf-8"))["wiring"]
     codes = []
     for device in reversed(file["device"]):
         for name in file["part"][device["part"]]["bits"]:
@@ -207,13 +207,11 @@ def _bytes(codes):
 
 
 def test_every_bundled_wiring_loads():
-    for name in wirings.names():
+    for name in bundled_wirings():
         wiring = load_wiring(name)
         assert wiring.name == name
         assert dict(wiring.assumed)["ADG739.bits"]  # not verified, so it is said
     assert load_wiring() == SIX
-    with pytest.raises(KeyError):
-        wirings.read("seven")
 
 
 def test_one_device_a_coil_is_the_bundled_wiring_with_other_names():
@@ -331,7 +329,7 @@ def test_unreadable_files(tmp_path):
     (tmp_path / "latin.toml").write_bytes(b"\xff\xfe")
     for path, message in (
         (tmp_path / "none.toml", "there is no wiring file .*none.toml, nor a bundled wiring of that name"),
-        (tmp_path / "latin.toml", "no text file in UTF-8"),
+        (tmp_path / "latin.toml", "not a text file in UTF-8"),
         (tmp_path, "cannot read"),
         ("a\0b", "cannot read"),
         ("", "the name of a wiring file must not be empty"),

@@ -7,8 +7,9 @@ them on boards that are sound, broken and unusual.
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from typing import Any
 
 from coilarray.hardware.emulator import Conditions, EmulatedBoard, OpenPoints, Oscillator, VirtualClock
 from coilarray.hardware.emulator.tank import series_tank
@@ -156,64 +157,120 @@ class RightDriver:
 
 # ------------------------------------------------------------------------------ wrong in one way
 
-
-class SwappedBytes(RightDriver):
-    """Registers read as SMBus words, least significant byte first."""
-
-    def read(self, register):
-        value = super().read(register)
-        return value >> 8 | (value & 0xFF) << 8
+BROKEN: dict[str, tuple[type[RightDriver], str]] = {}
+"""Broken drivers by what is wrong with them, and what must be found of each, as a regular expression: a driver that is
+caught for another reason does not count."""
 
 
-class SwappedBytesWritten(RightDriver):
-    """Registers written as SMBus words."""
-
-    def write(self, register, value):
-        super().write(register, value >> 8 | (value & 0xFF) << 8)
+def broken(wrong: str, finding: str, **changes: Any) -> None:
+    """Add a driver with other attributes or methods than the right one."""
+    BROKEN[wrong] = (type("BrokenDriver", (RightDriver,), changes), finding)
 
 
-class SwappedHalves(RightDriver):
-    """LSB taken for MSB."""
-
-    def code(self, msb, lsb):
-        return lsb << 16 & 0xFFFFFFF | msb
+def shift_words(driver, coils, word=0x22, order=COILS[::-1]):
+    driver.board.switches.shift(bytes(word if name in coils else 0x11 for name in order))
 
 
-class ShiftedByEight(RightDriver):
-    """Halves joined as if they were bytes."""
-
-    def code(self, msb, lsb):
-        return (msb & 0x0FFF) << 8 | lsb
+def swapped(value):
+    return value >> 8 | (value & 0xFF) << 8
 
 
-class FlagsLeftIn(RightDriver):
-    """The four flags taken for a part of the number."""
-
-    def code(self, msb, lsb):
-        return msb << 16 | lsb
+def single_precision(driver, msb, lsb):
+    return int(struct.unpack("f", struct.pack("f", RightDriver.code(driver, msb, lsb)))[0])
 
 
-class FlagsNotAskedFor(RightDriver):
-    """Flags expected that were never switched on."""
+OFF = "sound: coil. is off by"
+broken(
+    "Registers read as SMBus words, least significant byte first", "sound: coil. is refused: no result",
+    read=lambda self, register: swapped(RightDriver.read(self, register)),
+)  # fmt: skip
+broken(
+    "Registers written as SMBus words", "sound: CONFIG was written with 0x0128: reserved bits",
+    write=lambda self, register, value: RightDriver.write(self, register, swapped(value)),
+)  # fmt: skip
+broken("LSB taken for MSB", OFF, code=lambda self, msb, lsb: lsb << 16 & 0xFFFFFFF | msb)
+broken("Halves joined as if they were bytes", OFF, code=lambda self, msb, lsb: (msb & 0x0FFF) << 8 | lsb)
+broken(
+    "The four flags taken for a part of the number", r"a weak oscillation: [\d.e+]+ Hz",
+    code=lambda self, msb, lsb: msb << 16 | lsb,
+)  # fmt: skip
+broken("Flags expected that were never switched on", "a weak oscillation: not named", errors=0x0001)
+broken(
+    "LSB read before MSB, which latches it", "sound: DATA0_LSB was read without DATA0_MSB",
+    data=lambda self: (self.read(0x01), self.read(0x00))[::-1],
+)  # fmt: skip
+broken(
+    "CLOCK_DIVIDERS not written, whose reset value is reserved", "sound: CLOCK_DIVIDERS0 holds a divider 0",
+    registers=lambda self: (pair for pair in RightDriver.registers(self) if pair[0] != 0x14),
+)  # fmt: skip
+broken(
+    "IDRIVE of the first coil for every coil", "sound: coil[4-6] is doubted: amplitude",
+    drive=lambda self, coil: DRIVES[COILS[0]],
+)  # fmt: skip
+broken("40 MHz whatever the chip has", OFF, reference=20e6)
+broken(
+    "The typical frequency taken for every chip's", "slow clock: coil. is off by",
+    frequency=lambda self, code: 21.7e6 * code / 2**28,
+)  # fmt: skip
+broken(
+    "All four channels configured because the identity is that of a chip with four; others have it too",
+    "two channels: .* not documented",
+    registers=lambda self: (*RightDriver.registers(self), *((0x08 + channel, RCOUNT) for channel in range(4))),
+)
+broken("28 bits in a float of 24", OFF, code=single_precision)
+broken(
+    "OFFSET used and not added again", OFF,
+    offset=0x0100, frequency=lambda self, code: self.reference * code / 2**28,
+)  # fmt: skip
+broken(
+    "OFFSET multiplied by the reference twice", OFF, offset=0x0100,
+    frequency=lambda self, code: self.reference * (code / 2**28 + self.offset * self.reference / 2**16),
+)  # fmt: skip
+broken(
+    "A fixed settling time that knows nothing of Q", "sound: SETTLECOUNT0 is 4; this sensor needs", settle=4
+)  # fmt: skip
+broken(
+    "The nearest input filter in place of the next higher one", "sound: coil. is refused: .*no edges", mux=0x0209
+)  # fmt: skip
+broken(
+    "CONFIG put together from its named fields alone", "sound: CONFIG was written with 0x1400: reserved bits",
+    awake=0x1400,
+)  # fmt: skip
+broken(
+    "The chip put to sleep before the data is fetched, which sleep clears",
+    "sound: DATA0_MSB was read while the chip slept",
+    data=lambda self: (self.sleep(), RightDriver.data(self))[1],
+)
+broken("Converter and switches left as they are", "sound: not left at rest", rest=lambda self: None)
+broken(
+    "The next coil is joined before the last one is disconnected", "sound: coil[2-6] is refused",
+    switch=lambda self, coil: shift_words(self, (coil, COILS[max(COILS.index(coil) - 1, 0)])),
+)  # fmt: skip
+broken(
+    "The ground of the measured coil stays closed", "sound: the words .* make a circuit that is short",
+    switch=lambda self, coil: shift_words(self, (coil,), 0x33),
+)  # fmt: skip
+broken(
+    "The first byte taken for the nearest device", OFF,
+    switch=lambda self, coil: (self.board.switches.shift(bytes(6)), shift_words(self, (coil,), order=COILS)),
+)  # fmt: skip
+broken(
+    "The internal clock undivided, which one channel does not allow", "sound: the reference of channel 0 is",
+    dividers=0x1001, reference=property(lambda self: self.true_clock),
+)  # fmt: skip
 
-    errors = 0x0001
+
+def found_as(finding: str) -> Callable[[type[RightDriver]], type[RightDriver]]:
+    """Add a class of a broken driver, whose docstring says what is wrong."""
+
+    def add(driver: type[RightDriver]) -> type[RightDriver]:
+        BROKEN[driver.__doc__ or ""] = (driver, finding)
+        return driver
+
+    return add
 
 
-class StaleLsb(RightDriver):
-    """LSB read before MSB, which latches it."""
-
-    def data(self):
-        lsb = self.read(0x01)
-        return self.read(0x00), lsb
-
-
-class DividersLeftAtZero(RightDriver):
-    """CLOCK_DIVIDERS not written, whose reset value is reserved."""
-
-    def registers(self):
-        return ((register, value) for register, value in super().registers() if register != 0x14)
-
-
+@found_as("sound: DRIVE_CURRENT0 was written while the chip was active")
 class ConfigNotLast(RightDriver):
     """Woken first, the drive set after that."""
 
@@ -225,6 +282,7 @@ class ConfigNotLast(RightDriver):
         return self.result()
 
 
+@found_as("status clears unread: coil. is refused: nothing unread")
 class StatusReadTwice(RightDriver):
     """STATUS read once for data ready and once more for the rest, which the first read may have cleared."""
 
@@ -238,6 +296,7 @@ class StatusReadTwice(RightDriver):
         return self.convert(status, *self.data())
 
 
+@found_as("sound: coil[2-6] is off by")
 class FirstResultAfterSwitching(RightDriver):
     """Switches move under a converter that is awake, and its next result is used."""
 
@@ -246,89 +305,16 @@ class FirstResultAfterSwitching(RightDriver):
         self.write(0x1E, self.drive(COILS[2]) << 11)
 
     def measure(self, coil):
+        self.switch(coil)
         if coil == COILS[0]:
-            self.switch(coil)
             self.wake()
-        else:
-            self.switch(coil)
         return self.result()
 
     def wait(self):
         """Do not wait longer than until data is ready."""
 
 
-class OneDriveForAll(RightDriver):
-    """IDRIVE of the first coil for every coil."""
-
-    def drive(self, coil):
-        return DRIVES[COILS[0]]
-
-
-class ClockHardWired(RightDriver):
-    """40 MHz whatever the chip has."""
-
-    reference = 20e6
-
-
-class ClockNotCalibrated(RightDriver):
-    """The typical frequency taken for every chip's."""
-
-    def frequency(self, code):
-        return 21.7e6 * code / 2**28
-
-
-class FourChannelsByIdentity(RightDriver):
-    """All four channels configured because the identity is that of a chip with four; others have it too."""
-
-    def registers(self):
-        yield from super().registers()
-        for channel in range(4):
-            yield 0x08 + channel, RCOUNT
-
-
-class SinglePrecision(RightDriver):
-    """28 bits in a float of 24."""
-
-    def code(self, msb, lsb):
-        return int(struct.unpack("f", struct.pack("f", super().code(msb, lsb)))[0])
-
-
-class OffsetForgotten(RightDriver):
-    """OFFSET used and not added again."""
-
-    offset = 0x0100
-
-    def frequency(self, code):
-        return self.reference * code / 2**28
-
-
-class OffsetTwiceByReference(RightDriver):
-    """OFFSET multiplied by the reference twice."""
-
-    offset = 0x0100
-
-    def frequency(self, code):
-        return self.reference * (code / 2**28 + self.offset * self.reference / 2**16)
-
-
-class SettlesTooShort(RightDriver):
-    """A fixed settling time that knows nothing of Q."""
-
-    settle = 4
-
-
-class FilterTooLow(RightDriver):
-    """The nearest input filter in place of the next higher one."""
-
-    mux = 0x0209
-
-
-class ReservedBitsCleared(RightDriver):
-    """CONFIG put together from its named fields alone."""
-
-    awake = 0x1400
-
-
+@found_as("slow clock: coil. is refused")
 class NeverLooksWhetherReady(RightDriver):
     """Reads after a fixed time for the typical clock."""
 
@@ -337,6 +323,7 @@ class NeverLooksWhetherReady(RightDriver):
         return self.convert(0x48, *self.data())
 
 
+@found_as("not acknowledged: not named")
 class SwallowsBusErrors(RightDriver):
     """A read that fails gives the last value."""
 
@@ -350,6 +337,7 @@ class SwallowsBusErrors(RightDriver):
         return self.last
 
 
+@found_as("not acknowledged: not named")
 class BusErrorsAsNumbers(RightDriver):
     """A read that fails gives an error code in place of the value."""
 
@@ -361,66 +349,13 @@ class BusErrorsAsNumbers(RightDriver):
             return 0x0123
 
 
-class ReadsInSleep(RightDriver):
-    """Puts the chip to sleep and then fetches the data, which sleep clears."""
-
-    def data(self):
-        self.sleep()
-        return super().data()
-
-
-class LeavesItAwake(RightDriver):
-    """Leaves converter and switches as they are."""
-
-    def rest(self):
-        """Forget it."""
-
-
-class TwoCoilsAtOnce(RightDriver):
-    """The next coil is joined before the last one is let go."""
-
-    def switch(self, coil):
-        before = COILS[max(COILS.index(coil) - 1, 0)]
-        self.board.switches.shift(bytes(0x22 if name in (coil, before) else 0x11 for name in reversed(COILS)))
-
-
-class GroundedWhileMeasured(RightDriver):
-    """The ground of the measured coil stays closed."""
-
-    def switch(self, coil):
-        self.board.switches.shift(bytes(0x33 if name == coil else 0x11 for name in reversed(COILS)))
-
-
-class WrongEndOfTheChain(RightDriver):
-    """The first byte taken for the nearest device."""
-
-    def switch(self, coil):
-        self.board.switches.shift(bytes(6))
-        self.board.switches.shift(bytes(0x22 if name == coil else 0x11 for name in COILS))
-
-
+@found_as("sound: coil. is refused")
 class WrongModeOfSpi(RightDriver):
     """The default mode of the microcontroller's library."""
 
     def __init__(self, board, clock=43.4e6):
         super().__init__(board, clock)
         board.switches.mode = 0
-
-
-class ReferenceTooFast(RightDriver):
-    """The internal clock undivided, which one channel does not allow."""
-
-    dividers = 0x1001
-
-    @property
-    def reference(self):
-        return self.true_clock
-
-
-BROKEN = [
-    driver for driver in list(globals().values())
-    if isinstance(driver, type) and issubclass(driver, RightDriver) and driver is not RightDriver
-]  # fmt: skip
 
 
 # ------------------------------------------------------------------------------------- the judge

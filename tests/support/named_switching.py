@@ -1,9 +1,8 @@
-"""The rules of switching on the names of a wiring: a second way beside `coilarray.hardware.scan.legal_switching`."""
+"""The rules of switching on the names of a wiring: a second way beside `coilarray.hardware.scan.closure`."""
 
 from __future__ import annotations
 
 from coilarray.errors import HardwareError
-from coilarray.hardware.chips.adg739 import chain_words, closed_switches
 
 
 def nets_of(wiring, words):
@@ -11,9 +10,9 @@ def nets_of(wiring, words):
     joined = dict.fromkeys(wiring.terminals, ())
     if len(words) != len(wiring.devices):
         raise HardwareError(f"wiring {wiring.name} needs {len(wiring.devices)} words; got {len(words)}.")
-    for device, word in zip(wiring.devices, chain_words(words), strict=True):
+    for device, word in zip(wiring.devices, reversed(words), strict=True):
         switches = {switch.name: switch for switch in device.switches}
-        for name in closed_switches(word, device.bits):
+        for name in (name for bit, name in enumerate(device.bits) if word >> bit & 1):
             if name not in switches:
                 raise HardwareError(f"word {word:#04x} closes {name} of {device.name}, which is not wired.")
             switch = switches[name]

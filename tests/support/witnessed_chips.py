@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections import Counter
 from typing import NamedTuple
 
-from coilarray.hardware.scan.ldc1614_result import Reason, judge
-from coilarray.hardware.scan.scans import SampleFault
+from coilarray.hardware.scan.reader import SampleFault
+from coilarray.hardware.scan.readings import Reason, judge
 from coilarray.hardware.scan.wiring import UNUSED
 from support.firmware_chips import StubChain, StubConverter
 

@@ -1,18 +1,23 @@
-"""Lines of printable characters under a checksum, and the machine that finds them in any bytes."""
+"""Lines of printable characters with a checksum: commands for a board, and a parser that finds lines in any bytes."""
 
 from __future__ import annotations
 
 import binascii
 from dataclasses import dataclass, replace
 
+from coilarray.hardware.scan.closure import SWITCHES
+from coilarray.hardware.scan.settings import ScanSettings
+
 MAX_LINE = 512
 """Characters of a line with its checksum, without the line feed."""
+IDS = 0x100
+"""Commands are numbered 00 to FF and then from 00 again."""
 _PRINTABLE = bytes(range(0x20, 0x7F))
 _CHECKSUM = 5  # characters: an asterisk and four digits
 
 
 def seal(text: str) -> bytes:
-    r"""Line of a text: with its checksum (CRC-16/CCITT-FALSE) and the line feed.
+    r"""Return the line of a text: with its checksum (CRC-16/CCITT-FALSE) and the line feed.
 
     Parameters
     ----------
@@ -42,12 +47,12 @@ def intact(line: bytes) -> bool:
 
 @dataclass(frozen=True)
 class LineCounts:
-    """What a parser met so far.
+    """Counts of a parser.
 
     Parameters
     ----------
     good : int
-        Lines given out.
+        Intact lines.
     wrong_checksum, wrong_character, too_long : int
         Lines dropped, each counted once.
     """
@@ -82,7 +87,7 @@ class LineParser:
 
     @property
     def counts(self) -> LineCounts:
-        """What was met so far."""
+        """Counts so far."""
         return self._counts
 
     def feed(self, data: bytes) -> list[str]:
@@ -119,3 +124,32 @@ class LineParser:
             self._counts = replace(counts, good=counts.good + 1)
             return line[:-_CHECKSUM].decode("ascii")
         return None
+
+
+def command_line(number: int, verb: str, *arguments: str) -> bytes:
+    r"""Return the line of a command.
+
+    Examples
+    --------
+    >>> command_line(0x1A, "PEEK", "7E")
+    b'>1A,PEEK,7E*9237\n'
+    """
+    return seal(",".join((f">{number:02X}", verb, *arguments)))
+
+
+def draft_commands(settings: ScanSettings) -> tuple[tuple[str, ...], ...]:
+    """Return the commands that send a board its settings, verb and arguments each, from BEGIN to COMMIT."""
+    wiring = settings.wiring
+    devices = [wiring[first : first + SWITCHES] for first in range(0, len(wiring), SWITCHES)]
+    return (
+        ("BEGIN", f"{len(devices):02X}", f"{len(settings.states):02X}"),
+        *(("WIRE", f"{index:02X}", switches.hex().upper()) for index, switches in enumerate(devices)),
+        ("SAFE", settings.safe_words.hex().upper()),
+        *(("REG", f"{address:02X}", f"{value:04X}") for address, value in settings.registers),
+        ("WAIT", f"{settings.wait_us:08X}", f"{settings.timeout_us:08X}"),
+        *(
+            ("STATE", f"{index:02X}", state.words.hex().upper(), f"{settings.drive_register(state):04X}")
+            for index, state in enumerate(settings.states)
+        ),
+        ("COMMIT", f"{settings.hash:04X}"),
+    )

@@ -1,4 +1,4 @@
-"""What a line of the board says. Every field is checked against its exact form: what comes over a port is data."""
+"""Messages of the board. Every field is checked against its exact form, for a port may send anything."""
 
 from __future__ import annotations
 
@@ -7,21 +7,23 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum, IntEnum
 
-from coilarray.hardware.scan.scans import RawSample, SampleFault
+from coilarray.hardware.scan.reader import RawSample, SampleFault
 
+VERSION = (1, 0)
+"""Major and minor version of the protocol that this package speaks."""
 _GOOD_STATUS = 0x0048
-"""STATUS of a word without one: DRDY and UNREADCONV0, no error."""
+"""STATUS of a word without a status of its own: DRDY and UNREADCONV0, no error."""
 _HEX = {digits: re.compile(rf"[0-9A-F]{{{digits}}}") for digits in (1, 2, 4, 8)}
 _DECIMAL = re.compile(r"0|[1-9][0-9]{0,9}")
 _WORDS = re.compile(r"([0-9A-F]{4})([0-9A-F]{4})(?:\.([0-9A-F]{4}))?")
 
 
 class MessageError(ValueError):
-    """A line that is intact and still says nothing that this version knows."""
+    """An intact line that is not a message of this version."""
 
 
 class Mode(Enum):
-    """What a board is doing."""
+    """State of a board."""
 
     UNCONFIGURED = "u"
     IDLE = "i"
@@ -44,15 +46,15 @@ class ScanMessage:
     Parameters
     ----------
     sequence : int
-        Since the start of the stream; 0 of a single scan.
+        Number of the scan since the start of the stream; 0 for a single scan.
     time : int
-        Of its start in µs by the board's clock, which wraps at 2³².
+        Time of its start in µs by the board's clock, which wraps at 2³².
     configuration : int
         Hash of the settings of the board.
     boot : int
-        Of the session of the board.
+        Number of the board's session.
     samples : tuple of RawSample
-        One for each state.
+        Samples, one for each state.
     """
 
     sequence: int
@@ -64,7 +66,7 @@ class ScanMessage:
 
 @dataclass(frozen=True)
 class Heartbeat:
-    """Sign of life; parameters as of `ScanMessage`."""
+    """Message of a board that has nothing else to send; its fields are those of `ScanMessage`."""
 
     boot: int
     time: int
@@ -74,7 +76,7 @@ class Heartbeat:
 
 @dataclass(frozen=True)
 class StreamEnd:
-    """The stream has ended by itself; coils are grounded, the converter sleeps."""
+    """The board ended the stream by itself; the coils are grounded, the converter sleeps."""
 
     reason: StreamEndReason
     configuration: int
@@ -84,7 +86,7 @@ class StreamEnd:
 
 @dataclass(frozen=True)
 class Answer:
-    """The command was carried out; `fields` is what the board says to it."""
+    """Reply to a command that was carried out, with its fields."""
 
     command: int
     fields: tuple[str, ...]
@@ -92,7 +94,7 @@ class Answer:
 
 @dataclass(frozen=True)
 class Refusal:
-    """The command was not carried out, with the number of the error and a text for people."""
+    """Reply to a command that was not carried out, with the number of the error and a text."""
 
     command: int
     code: int
@@ -173,9 +175,13 @@ def _sample_fault(number: int) -> SampleFault:
 
 def _heartbeat(fields: Sequence[str]) -> Heartbeat:
     boot, time, configuration, mode = _exactly(4, fields)
-    if mode not in {member.value for member in Mode}:
-        raise MessageError(f"a mode must be u, i or s; got {mode!r}.")
-    return Heartbeat(hexadecimal(boot, 8), hexadecimal(time, 8), hexadecimal(configuration, 4), Mode(mode))
+    return Heartbeat(hexadecimal(boot, 8), hexadecimal(time, 8), hexadecimal(configuration, 4), _mode(mode))
+
+
+def _mode(field: str) -> Mode:
+    if field not in {member.value for member in Mode}:
+        raise MessageError(f"a mode must be u, i or s; got {field!r}.")
+    return Mode(field)
 
 
 def _stream_end(fields: Sequence[str]) -> StreamEnd:
@@ -203,3 +209,76 @@ def _exactly(count: int, fields: Sequence[str]) -> Sequence[str]:
     if len(fields) != count:
         raise MessageError(f"the line must have {count} fields; got {len(fields)}.")
     return fields
+
+
+@dataclass(frozen=True)
+class Greeting:
+    """Reply to HELLO.
+
+    Parameters
+    ----------
+    version : tuple of int
+        Major and minor version of the board's protocol.
+    firmware : str
+        Name of the firmware.
+    boot : int
+        Number of the session, which changes at every start.
+    manufacturer, device : int
+        Identity registers of the converter; 0 if it does not answer.
+    most_states, most_devices : int
+        Largest numbers of states and devices that a configuration may have.
+    capabilities : frozenset of str
+        Abilities of the board; "readback" if the end of the chain of switches is wired back.
+    """
+
+    version: tuple[int, int]
+    firmware: str
+    boot: int
+    manufacturer: int
+    device: int
+    most_states: int
+    most_devices: int
+    capabilities: frozenset[str]
+
+
+@dataclass(frozen=True)
+class Pong:
+    """Reply to PING: session, time in µs (wraps at 2³²), mode, and the number of lines dropped by the board."""
+
+    boot: int
+    time: int
+    mode: Mode
+    dropped: int
+
+
+def read_version(fields: Sequence[str]) -> tuple[int, int]:
+    """Read major and minor version of a reply to HELLO, whose other fields may differ in another major version."""
+    major, dot, minor = (fields[0] if fields else "").partition(".")
+    if not dot:
+        raise MessageError(f"a version must be two numbers with a dot; got {major!r}.")
+    return decimal(major), decimal(minor)
+
+
+def read_greeting(fields: Sequence[str]) -> Greeting:
+    """Read the fields of a reply to HELLO; MessageError where one has another form."""
+    if len(fields) < 8:  # a later minor version may have more
+        raise MessageError(f"a greeting must have 8 fields; got {len(fields)}.")
+    _, firmware, boot, manufacturer, device, states, devices, capabilities = fields[:8]
+    return Greeting(
+        version=read_version(fields),
+        firmware=firmware,
+        boot=hexadecimal(boot, 8),
+        manufacturer=hexadecimal(manufacturer, 4),
+        device=hexadecimal(device, 4),
+        most_states=decimal(states),
+        most_devices=decimal(devices),
+        capabilities=frozenset(capabilities.split("+")) - {"-", ""},
+    )
+
+
+def read_pong(fields: Sequence[str]) -> Pong:
+    """Read the fields of a reply to PING; MessageError where one has another form."""
+    if len(fields) < 4:
+        raise MessageError(f"a reply to PING must have 4 fields; got {len(fields)}.")
+    boot, time, mode, dropped = fields[:4]
+    return Pong(hexadecimal(boot, 8), hexadecimal(time, 8), _mode(mode), decimal(dropped))

@@ -13,7 +13,7 @@ from support.emulated_reader import quick_settings
 from support.named_switching import check_words
 
 from coilarray.errors import HardwareError
-from coilarray.hardware.scan.legal_switching import check_switching
+from coilarray.hardware.scan.settings import ScanSettings
 from coilarray.hardware.scan.wiring import load_wiring
 
 BOARDS = [(wiring, quick_settings(wiring)) for wiring in map(load_wiring, ("six_coils", "six_coils_4"))]
@@ -36,7 +36,8 @@ def test_words_are_refused_where_the_wiring_refuses_them(wiring, settings, data)
     for _ in range(data.draw(st.integers(0, 3))):
         words[data.draw(st.integers(0, len(words) - 1))] ^= 1 << data.draw(st.integers(0, 7))
     changed = dataclasses.replace(settings, states=(dataclasses.replace(settings.states[0], words=bytes(words)),))
-    assert refuses(check_switching, changed) == refuses(functools.partial(check_words, wiring), bytes(words))
+    refused = refuses(ScanSettings.check_switching, changed)
+    assert refused == refuses(functools.partial(check_words, wiring), bytes(words))
 
 
 @pytest.mark.parametrize(("wiring", "settings"), BOARDS)
@@ -47,15 +48,15 @@ def test_two_coils_on_the_converter_are_refused(wiring, settings):
         words = bytes(s ^ a ^ b for s, a, b in zip(wiring.safe_words, first, second, strict=True))
         changed = dataclasses.replace(settings, states=(dataclasses.replace(settings.states[0], words=words),))
         with pytest.raises(HardwareError, match="to INA at once"):
-            check_switching(changed)
+            changed.check_switching()
 
 
 @pytest.mark.parametrize(("wiring", "settings"), BOARDS)
 def test_no_other_safe_words_pass_that_differ_in_one_switch(wiring, settings):
-    check_switching(settings)
+    settings.check_switching()
     for device in range(len(wiring.safe_words)):
         for bit in range(8):
             words = bytearray(wiring.safe_words)
             words[device] ^= 1 << bit
             with pytest.raises(HardwareError, match="the safe words"):
-                check_switching(dataclasses.replace(settings, safe_words=bytes(words)))
+                dataclasses.replace(settings, safe_words=bytes(words)).check_switching()

@@ -1,29 +1,68 @@
-"""Which scans of a stream are given out: those of this stream and these settings, each once, in order."""
+"""Scans of a stream: the board's time without wraps, and which scans to accept, each once and in order."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 
 from coilarray.hardware.wire.faults import BoardRestarted
 from coilarray.hardware.wire.protocol.messages import ScanMessage
 
+_WRAP = 1 << 32  # µs of the board's clock, 71.6 minutes
+
+
+class BoardTime:
+    """Unwraps the 32-bit time of a board with the computer's clock as the guide.
+
+    The two clocks may differ by half a wrap (35 minutes) between two readings, so pauses of any length are bridged: a
+    board whose clock is off by 1 % may be silent for 59 hours.
+
+    Examples
+    --------
+    >>> time = BoardTime()
+    >>> time.unwrap(0xFFFFFFFF, now=100.0), time.unwrap(9, now=100.1)
+    (4294967295, 4294967305)
+    """
+
+    def __init__(self) -> None:
+        self._newest: int | None = None
+        self._then = 0.0
+
+    def unwrap(self, microseconds: int, now: float) -> int:
+        """Return the time in µs since the wrap before the first reading.
+
+        Parameters
+        ----------
+        microseconds : int
+            Time that the board sent, 0 to 2³² − 1; it may be older than one before.
+        now : float
+            The computer's time in s, which never steps back.
+        """
+        if self._newest is None:
+            self._newest, self._then = microseconds, now
+            return microseconds
+        expected = self._newest + (now - self._then) * 1e6
+        unwrapped = microseconds + _WRAP * round((expected - microseconds) / _WRAP)
+        if unwrapped > self._newest:
+            self._newest, self._then = unwrapped, now
+        return unwrapped
+
 
 @dataclass(frozen=True)
 class GateCounts:
-    """What a gate met so far.
+    """Counts of a gate.
 
     Parameters
     ----------
     passed : int
-        Scans given out.
+        Scans accepted.
     lost : int
-        Missing numbers of the sequence before scans that were given out.
+        Missing numbers of the sequence before accepted scans.
     repeated : int
-        Scans held back: their number, or a later one, had been given out.
+        Scans rejected because their number, or a later one, had been accepted.
     stale : int
-        Scans held back: older than the stream, or than a scan before them.
+        Scans rejected because they are older than the stream or than a scan before them.
     misfit : int
-        Scans held back: another number of states than the settings have.
+        Scans rejected because they have another number of states than the settings.
     """
 
     passed: int = 0
@@ -33,13 +72,7 @@ class GateCounts:
     misfit: int = 0
 
     def __add__(self, other: GateCounts) -> GateCounts:
-        return GateCounts(
-            self.passed + other.passed,
-            self.lost + other.lost,
-            self.repeated + other.repeated,
-            self.stale + other.stale,
-            self.misfit + other.misfit,
-        )
+        return GateCounts(*map(sum, zip(astuple(self), astuple(other), strict=True)))
 
 
 def same_settings(scan: ScanMessage, configuration: int) -> bool:
@@ -48,14 +81,14 @@ def same_settings(scan: ScanMessage, configuration: int) -> bool:
 
 
 class ScanGate:
-    """Judges the scans of one stream.
+    """Filter of the scans of one stream.
 
     Parameters
     ----------
     configuration : int
         Hash of the settings.
     states : int
-        Of the settings.
+        Number of states of the settings.
     start : int
         Unwrapped time of the board in µs before the stream began.
     """
@@ -68,11 +101,11 @@ class ScanGate:
 
     @property
     def counts(self) -> GateCounts:
-        """What was met so far."""
+        """Counts so far."""
         return self._counts
 
     def passes(self, scan: ScanMessage, time: int) -> bool:
-        """Whether to give out a scan whose unwrapped time in µs is given; counts it.
+        """Whether to accept a scan with this unwrapped time in µs; counts it.
 
         Raises
         ------

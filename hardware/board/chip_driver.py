@@ -1,6 +1,6 @@
-"""The converter and the switches behind their two buses, step by step: sleep, switch, wake, wait, read, check.
+"""Driver of the converter and the switches behind their two buses: sleep, switch, wake, wait, read, check.
 
-What is known of them is kept here: whether the converter sleeps, and which words the switches hold.
+It keeps what is known of the chips: whether the converter sleeps, and which words the switches hold.
 """
 
 from __future__ import annotations
@@ -10,15 +10,15 @@ from dataclasses import dataclass
 
 from coilarray.errors import HardwareError
 from coilarray.hardware.chips.ldc1614_registers import ASLEEP, DEVICE, MANUFACTURER, register, registers
-from coilarray.hardware.scan.scans import RawSample, SampleFault
+from coilarray.hardware.scan.reader import RawSample, SampleFault
 from coilarray.hardware.scan.settings import ScanSettings
 from coilarray.hardware.wire.buses import Clock, RegisterBus, SwitchChain
 from coilarray.hardware.wire.faults import BusFault
 
 ATTEMPTS = 3
-"""How often something is tried that must not fail."""
+"""Number of attempts at a step that must not fail."""
 BUS_FAULTS = (SampleFault.NOT_ACKNOWLEDGED, SampleFault.BUS_TIMEOUT)
-"""Faults of a sample that the bus to the converter has."""
+"""Faults of a sample that come from the bus to the converter."""
 _ADDRESS = {name: found.address for name, found in registers().items()}
 _CONFIGURED = ("RCOUNT0", "OFFSET0", "SETTLECOUNT0", "CLOCK_DIVIDERS0", "ERROR_CONFIG", "CONFIG", "MUX_CONFIG")
 _DATA_MSB, _DATA_LSB = _ADDRESS["DATA0_MSB"], _ADDRESS["DATA0_LSB"]
@@ -32,23 +32,25 @@ _LOOK_AGAIN = 1e-3  # s between two looks at STATUS
 
 
 @dataclass(frozen=True)
-class Orders:
-    """Settings as the chips are told them.
+class ChipSettings:
+    """Settings of a scan as register values and words of the switches.
 
     Parameters
     ----------
     names : tuple of str
-        Of the states.
-    words, drives : tuple
-        Of the switches, and DRIVE_CURRENT0, in each state.
+        Names of the states.
+    words : tuple of bytes
+        Words of the switches in each state.
+    drives : tuple of int
+        Register DRIVE_CURRENT0 in each state.
     asleep : tuple of (int, int)
-        Registers, the converter asleep.
+        Addresses and values of the registers while the converter sleeps.
     active : int
-        CONFIG awake.
+        Register CONFIG while the converter is awake.
     wait, timeout : float
-        From waking to the first look at STATUS and to giving up, in s.
+        Times from waking to the first look at STATUS and to giving up, in s.
     hash : int
-        Of the settings.
+        Hash of the settings.
     """
 
     names: tuple[str, ...]
@@ -61,8 +63,8 @@ class Orders:
     hash: int
 
     @staticmethod
-    def of(settings: ScanSettings) -> Orders:
-        """Take the orders from settings.
+    def of(settings: ScanSettings) -> ChipSettings:
+        """Encode the settings of a scan.
 
         Raises
         ------
@@ -74,7 +76,7 @@ class Orders:
             raise HardwareError(f"the settings must have the registers {', '.join(_CONFIGURED)}, each once.")
         if given[_CONFIG] & ASLEEP:
             raise HardwareError("the settings must have CONFIG as it is while the converter is awake.")
-        return Orders(
+        return ChipSettings(
             names=tuple(state.name for state in settings.states),
             words=tuple(state.words for state in settings.states),
             drives=tuple(settings.drive_register(state) for state in settings.states),
@@ -86,17 +88,17 @@ class Orders:
         )
 
 
-class Chips:
-    """Converter and switches of one board.
+class ChipDriver:
+    """Driver of the converter and the switches of one board.
 
     Parameters
     ----------
     bus : RegisterBus
-        To the converter.
+        Bus of the converter.
     switches : SwitchChain
-        To the switches.
+        Port of the switches.
     clock : Clock
-        By which it waits.
+        Clock of all waits.
     """
 
     def __init__(self, bus: RegisterBus, switches: SwitchChain, clock: Clock) -> None:
@@ -117,7 +119,7 @@ class Chips:
         Raises
         ------
         BusFault
-            It did not answer in any of the attempts.
+            The converter did not answer in any of the attempts.
         """
         while True:
             attempts -= 1
@@ -132,16 +134,16 @@ class Chips:
                 self.asleep = True
                 return
 
-    def wake(self, orders: Orders, drive: int) -> None:
+    def wake(self, settings: ChipSettings, drive: int) -> None:
         """Set the drive current and start converting."""
         self.bus.write(_DRIVE_CURRENT, drive)
         self.asleep = False  # first: the write may be cut off after it was done
-        self.bus.write(_CONFIG, orders.active)
+        self.bus.write(_CONFIG, settings.active)
 
-    def result(self, orders: Orders) -> RawSample:
-        """Wait for the conversion of a converter that was just woken, and read it."""
+    def result(self, settings: ChipSettings) -> RawSample:
+        """Wait for the conversion of a converter that was just woken, and read its result."""
         woken, errors = self.clock.now(), 0
-        self.clock.sleep(orders.wait)
+        self.clock.sleep(settings.wait)
         while True:
             passed = self.clock.now() - woken  # before the look: a pause of the computer after it says nothing
             status = self.bus.read(_STATUS)
@@ -149,18 +151,18 @@ class Chips:
             if status & _DATA_READY:
                 msb, lsb = self.bus.read(_DATA_MSB), self.bus.read(_DATA_LSB)
                 return RawSample(msb, lsb, status | errors)
-            if passed >= orders.timeout:
+            if passed >= settings.timeout:
                 return no_sample(SampleFault.NO_RESULT)
             self.clock.sleep(_LOOK_AGAIN)
 
     def switch(self, words: bytes) -> bool:
-        """Give the switches their words; False where the chain returns others than it was given before."""
+        """Send the switches their words; False if the chain returns other words than it was sent before."""
         expected, self._held = self._held, None  # unknown until all of them are through
         returned = self._switches.shift(words)
         self._held = words
         return returned is None or expected is None or returned == expected
 
-    def configure(self, orders: Orders) -> None:
+    def configure(self, settings: ChipSettings) -> None:
         """Write every register of a sleeping converter and read it back; a reset between two attempts.
 
         Raises
@@ -170,7 +172,7 @@ class Chips:
         """
         for attempts_left in reversed(range(ATTEMPTS)):
             try:
-                self._write(orders)
+                self._write(settings)
             except BusFault:
                 if not attempts_left:
                     raise
@@ -178,30 +180,30 @@ class Chips:
             else:
                 return
 
-    def hold(self, orders: Orders, *, thoroughly: bool) -> bool:
-        """Whether the converter still has its settings: one register tells a reset, all of them a spoilt transfer."""
-        looked_at = [pair for pair in orders.asleep if thoroughly or pair[0] == _CLOCK_DIVIDERS]
+    def hold(self, settings: ChipSettings, *, thoroughly: bool) -> bool:
+        """Whether the converter still has its settings: one shows a reset, all of them a corrupted transfer."""
+        looked_at = [pair for pair in settings.asleep if thoroughly or pair[0] == _CLOCK_DIVIDERS]
         return all(self.bus.read(address) == value for address, value in looked_at)
 
     def close(self) -> None:
-        """Let go of both buses. Never raises."""
+        """Close both buses. Never raises."""
         for port in (self.bus, self._switches):
             with contextlib.suppress(Exception):
                 port.close()
 
-    def _write(self, orders: Orders) -> None:
+    def _write(self, settings: ChipSettings) -> None:
         found = self.identity()
         if found != (MANUFACTURER, DEVICE):
             raise BusFault(
                 f"the chip must be an LDC1614, {MANUFACTURER:04X}/{DEVICE:04X}; got {found[0]:04X}/{found[1]:04X}."
             )
-        for address, value in orders.asleep:
+        for address, value in settings.asleep:
             self.bus.write(address, value)
-        self._sleep_word = orders.active | ASLEEP
-        self.bus.write(_DRIVE_CURRENT, orders.drives[0])
-        for address, value in orders.asleep:
+        self._sleep_word = settings.active | ASLEEP
+        self.bus.write(_DRIVE_CURRENT, settings.drives[0])
+        for address, value in settings.asleep:
             self._require(address, value, 0xFFFF)
-        self._require(_DRIVE_CURRENT, orders.drives[0], _DRIVE_MASK)
+        self._require(_DRIVE_CURRENT, settings.drives[0], _DRIVE_MASK)
 
     def _require(self, address: int, value: int, mask: int) -> None:
         found = self.bus.read(address)
@@ -209,7 +211,7 @@ class Chips:
             raise BusFault(f"register {register(address).name} must read {value:#06x} as written; got {found:#06x}.")
 
     def _reset(self) -> None:
-        """Begin anew with a converter that may be in the middle of a transfer that was cut off."""
+        """Reset a converter that may be in the middle of an interrupted transfer."""
         with contextlib.suppress(BusFault):
             self.bus.clear()
             self.bus.write(_RESET_DEV, _RESET)
@@ -219,5 +221,5 @@ class Chips:
 
 
 def no_sample(fault: SampleFault) -> RawSample:
-    """Return a state without words."""
+    """Return the sample of a state that could not be measured."""
     return RawSample(0, 0, 0, fault)

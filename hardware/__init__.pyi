@@ -1,0 +1,33 @@
+"""Names of `coilarray.hardware` and the modules that they come from; `lazy_loader` reads this file at run time."""
+
+from .board.connect import Board, open_board
+from .board.self_test import SelfTest, self_test
+from .chips.ldc1614 import code_to_frequency, frequency_to_code, inductance_from_frequency
+from .chips.ldc1614_limits import Drive, Limit, check_channel, drive_for, settle_count
+from .scan.design_settings import design_settings
+from .scan.reader import Reader
+from .scan.readings import read_scan
+from .scan.settings import ScanSettings, scan_settings
+from .scan.wiring import Wiring, load_wiring
+
+__all__ = [
+    "Board",
+    "Drive",
+    "Limit",
+    "Reader",
+    "ScanSettings",
+    "SelfTest",
+    "Wiring",
+    "check_channel",
+    "code_to_frequency",
+    "design_settings",
+    "drive_for",
+    "frequency_to_code",
+    "inductance_from_frequency",
+    "load_wiring",
+    "open_board",
+    "read_scan",
+    "scan_settings",
+    "self_test",
+    "settle_count",
+]

@@ -1,0 +1,233 @@
+"""Model of a faulty board: the trials of a self-test, and what each of them shows for every single fault. No I/O.
+
+A board has no meter. All that can be seen of its switches is whether the converter oscillates, and by how much the
+frequency of one coil rises when another one is shorted. Both are predicted here from the wiring alone: a fault whose
+prediction is what was measured is a finding.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Literal
+
+from coilarray.design.scan_states import Passive, ScanState
+from coilarray.errors import HardwareError
+from coilarray.hardware.scan.closure import SWITCHES, Closure, SwitchTable, closed_switches, switch_table
+from coilarray.hardware.scan.wiring import Wiring
+
+Delivery = Literal["as sent", "reversed", "a bit late", "not at all"]
+"""How words arrive at the chain: right, from its other end, one clock late (wrong SPI mode), or not at all."""
+ENDS: Mapping[str, Passive] = {"both": "ground", "a": "ground one end", "b": "ground other end"}
+"""Ends of a coil that a trial of its ground switches grounds, and the name of that state in a scan plan."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One state to measure.
+
+    Parameters
+    ----------
+    words : bytes
+        Words of the switches.
+    coil : str or None
+        Name of the coil at the converter; None for no coil.
+    turned : bool
+        Whether the ends of that coil are exchanged.
+    other : str or None
+        Name of a second coil, which is grounded.
+    grounded : str or None
+        Ends of the second coil that are grounded: "both", "a" or "b".
+    rest : {"ground", "open"}
+        State of all coils that are not named.
+    """
+
+    words: bytes
+    coil: str | None = None
+    turned: bool = False
+    other: str | None = None
+    grounded: str | None = None
+    rest: Literal["ground", "open"] = "open"
+
+
+def trials(wiring: Wiring) -> tuple[tuple[Trial, ...], ...]:
+    """Return all trials of a board, in groups that are best measured without a pause.
+
+    Parameters
+    ----------
+    wiring : Wiring
+        Assumed wiring of the board.
+
+    Returns
+    -------
+    tuple of tuple of Trial
+        First no coil at the converter, and every coil both ways round; then one group for each coil: it alone, and it
+        with every other coil grounded at both ends, at a and at b.
+    """
+    empty = (Trial(wiring.safe_words, rest="ground"), Trial(wiring.open_words))
+    scan = [
+        Trial(words, coil, sense < 0, rest="ground")
+        for coil in wiring.coils
+        for sense in (1, -1)
+        if (words := _words(wiring, ScanState(coil, ((coil, sense),)))) is not None
+    ]
+    return ((*empty, *scan), *(_pairs(wiring, coil) for coil in wiring.coils))
+
+
+def _pairs(wiring: Wiring, coil: str) -> tuple[Trial, ...]:
+    """Return a coil with all others open, which is what the rest is compared with, and with another one grounded."""
+    alone = Trial(wiring.words(ScanState(coil, ((coil, 1),), others="open")), coil)
+    others = [other for other in wiring.coils if other != coil]
+    pairs = []
+    for other, (ends, passive) in itertools.product(others, ENDS.items()):
+        state = ScanState(coil, ((coil, 1),), others="open", exceptions={other: passive})
+        pairs.append(Trial(wiring.words(state), coil, other=other, grounded=ends))
+    return (alone, *pairs)
+
+
+def _words(wiring: Wiring, state: ScanState) -> bytes | None:
+    """Words of a state; None where the wiring cannot turn a coil round."""
+    try:
+        return wiring.words(state)
+    except HardwareError:
+        return None
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What a trial shows.
+
+    Parameters
+    ----------
+    oscillates : bool or None
+        Whether the converter has a sensor; None if that is uncertain.
+    shorted : frozenset of str
+        Coils with their ends joined, which lower the inductance of their neighbours.
+    """
+
+    oscillates: bool | None
+    shorted: frozenset[str]
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One thing that may be wrong with a board; with the defaults, nothing is.
+
+    Parameters
+    ----------
+    text : str
+        Description of the fault; empty for a good board.
+    wiring : Wiring
+        True wiring of the board.
+    delivery : {"as sent", "reversed", "a bit late", "not at all"}
+        How the words arrive at the switches.
+    stuck : mapping of (int, int) to bool
+        Broken switches by the numbers of their device and bit in the words: True for closed, False for open.
+    missing, shorted : str or None
+        Name of a coil that is not connected, and of one whose ends are joined.
+    """
+
+    text: str
+    wiring: Wiring
+    delivery: Delivery = "as sent"
+    stuck: Mapping[tuple[int, int], bool] = field(default_factory=dict)
+    missing: str | None = None
+    shorted: str | None = None
+
+    def predict(self, words: bytes) -> Prediction:
+        """Predict what the board shows with these words."""
+        names = self.wiring.coils
+        present = [coil for coil, name in enumerate(names) if name != self.missing]
+        shorted = [coil for coil, name in enumerate(names) if name == self.shorted]
+        closure = Closure(present, closed_switches(self._table, self._received(words), stuck=self.stuck), shorted)
+        pins = {closure.group("INA"), closure.group("INB")}
+        return Prediction(
+            _oscillates(closure, any(set(branch.ends) == pins for branch in closure.branches)),
+            frozenset(names[coil] for coil, ends in closure.branches if ends[0] == ends[1]),
+        )
+
+    @cached_property
+    def _table(self) -> SwitchTable:
+        return switch_table(self.wiring.encode())
+
+    def _received(self, words: bytes) -> bytes:
+        match self.delivery:
+            case "reversed":
+                return words[::-1]
+            case "not at all":
+                return bytes(len(words))
+            case "a bit late":
+                return (int.from_bytes(words, "big") >> 1).to_bytes(len(words), "big")
+        return words
+
+
+def _oscillates(closure: Closure, measured: bool) -> bool | None:
+    """Whether there is a sensor at the pins; None where a coil leads one to ground, or two are in series."""
+    if closure.joined("INA", "INB") or closure.joined("INA", "ground") or closure.joined("INB", "ground"):
+        return False
+    if closure.conducts("INA", "ground") or closure.conducts("INB", "ground"):
+        return None
+    return measured or (None if closure.conducts("INA", "INB") else False)
+
+
+def single_faults(wiring: Wiring) -> tuple[Fault, ...]:
+    """Return a good board and every board with one thing wrong.
+
+    Parameters
+    ----------
+    wiring : Wiring
+        Assumed wiring of the board.
+
+    Returns
+    -------
+    tuple of Fault
+        The good board first.
+    """
+    return (
+        Fault("", wiring),
+        *_stuck_switches(wiring),
+        *(Fault(f"{coil} or a lead of it is broken", wiring, missing=coil) for coil in wiring.coils),
+        *(Fault(f"{coil} is shorted", wiring, shorted=coil) for coil in wiring.coils),
+        Fault("no word reaches the switches, or the converter is not joined to them", wiring, "not at all"),
+        Fault("words arrive one clock late: another mode of SPI is needed", wiring, "a bit late"),
+        Fault("the chain of devices is wired the other way round", wiring, "reversed"),
+        *_other_maps(wiring),
+    )
+
+
+def _stuck_switches(wiring: Wiring) -> Iterator[Fault]:
+    for number, device in enumerate(wiring.devices, start=1):
+        for switch in device.switches:
+            name = f"{device.name}.{switch.name} ({switch.terminal} to {switch.net})"
+            place = len(wiring.devices) - number, device.bits.index(switch.name)
+            yield Fault(f"{name} stays open", wiring, stuck={place: False})
+            yield Fault(f"{name} stays closed", wiring, stuck={place: True})
+
+
+def _other_maps(wiring: Wiring) -> Iterator[Fault]:
+    """Boards whose switches have other bits: orders that makers use, and any two bits exchanged."""
+    places = tuple(range(SWITCHES))
+    low, high = places[:4], places[4:]
+    interleaved = [
+        tuple(itertools.chain.from_iterable(zip(*halves, strict=True))) for halves in ((low, high), (high, low))
+    ]
+    orders = [places[::-1], high + low, low[::-1] + high[::-1], high[::-1] + low[::-1]]
+    orders += [order[::step] for order in interleaved for step in (1, -1)]
+    for order in orders:
+        other = _with_order(wiring, order)
+        bits = ", ".join(other.devices[0].bits)
+        yield Fault(f"the switches have other bits than the wiring says: from bit 0 on {bits}", other)
+        yield Fault(f"the chain is wired the other way round, and its bits are from bit 0 on {bits}", other, "reversed")
+    for first, second in itertools.combinations(places, 2):
+        exchanged = list(places)
+        exchanged[first], exchanged[second] = second, first
+        other = _with_order(wiring, exchanged)
+        if other.encode() != wiring.encode():
+            yield Fault(f"bits {first} and {second} of every device are exchanged", other)
+
+
+def _with_order(wiring: Wiring, order: Sequence[int]) -> Wiring:
+    devices = (replace(device, bits=tuple(device.bits[k] for k in order)) for device in wiring.devices)
+    return replace(wiring, devices=tuple(devices))

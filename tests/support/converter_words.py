@@ -1,0 +1,17 @@
+"""The other way through the converter: the frequency of a tank, and the two words of a result."""
+
+from __future__ import annotations
+
+import math
+
+
+def oscillation_frequency(inductance, capacitance, quality=math.inf):
+    """Equation 1 of the data sheet: f = √(1 − 1/Q² − 5 ns/(Q √(LC))) / (2π √(LC))."""
+    period = math.sqrt(inductance * capacitance)  # by 2π
+    return math.sqrt(1 - 1 / quality**2 - 5e-9 / (quality * period)) / (2 * math.pi * period)
+
+
+def result_words(result):
+    """DATA0_MSB and DATA0_LSB of a result."""
+    flags = (result.under_range, result.over_range, result.watchdog, result.amplitude)
+    return sum(flag << 15 - k for k, flag in enumerate(flags)) | result.code >> 16, result.code & 0xFFFF
