@@ -103,11 +103,6 @@ class Campaign:
         grid = product(range(self.repeats), self.y, self.x, self.depths)
         return tuple(GridPlace(number, repeat, depth, y, x) for number, (repeat, y, x, depth) in enumerate(grid))
 
-    def seconds(self, scan_time: float) -> float:
-        """Time in s that pressing, dwelling, lifting and scanning take, without the ways between positions."""
-        pressing = sum(2 * depth / self.speed + self.dwell + 2 * self.scans * scan_time for depth in self.depths)
-        return self.size / len(self.depths) * pressing
-
     def to_json(self) -> str:
         """Return the campaign as JSON in one line; `from_json` reads it."""
         return json.dumps(asdict(self))

@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 import tomli_w
 from support.command_line import runner
+from support.quick_coils import series_tank
 from support.quick_recordings import campaign_file, stream_file
 from support.recorded_boards import WIRING_TEXT, QuickWorld, two_coils
 
 from coilarray.cli.main import main
 from coilarray.hardware.emulator import Drift, Oscillator
-from coilarray.hardware.emulator.tank import series_tank
 from coilarray.hardware.record.calibration_file import load_calibration
 from coilarray.hardware.record.channel_calibration import calibrate_board
 from coilarray.hardware.record.recording import open_recording

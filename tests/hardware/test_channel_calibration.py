@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.quick_coils import series_tank
 from support.quick_recordings import DESIGN, GRID, campaign_file, quick_map, stream_file
 from support.recorded_boards import QuickWorld, configured, quick_board, session_of
 
 from coilarray.errors import HardwareError
 from coilarray.hardware.emulator import Drift as Warming
 from coilarray.hardware.emulator import Oscillator
-from coilarray.hardware.emulator.tank import series_tank
 from coilarray.hardware.record.baseline_drift import Drift
 from coilarray.hardware.record.calibration_file import calibration_from_toml, calibration_to_toml, load_calibration
 from coilarray.hardware.record.campaign import Campaign, run_campaign

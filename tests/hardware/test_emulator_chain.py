@@ -12,12 +12,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.quick_coils import plain_board
 
 from coilarray.design.scan_states import ScanState, paper_plan
 from coilarray.errors import HardwareError
-from coilarray.hardware.emulator import plain_board
-from coilarray.hardware.emulator.adg739_chain import Adg739Chain, WiredSwitch, netlist
-from coilarray.hardware.emulator.circuit import what_is_seen
+from coilarray.hardware.emulator.switches import Adg739Chain, WiredSwitch, netlist, what_is_seen
 from coilarray.hardware.scan.wiring import load_wiring
 
 COILS = ("coil1", "coil2", "coil3", "coil4", "coil5", "coil6")

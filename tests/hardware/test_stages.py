@@ -8,10 +8,10 @@ import threading
 
 import pytest
 from support.patience import PATIENCE
+from support.quick_coils import plain_board
 from support.recorded_boards import two_coil_wiring
 
 from coilarray.errors import HardwareError
-from coilarray.hardware.emulator import plain_board
 from coilarray.hardware.record.gcode_stage import GcodeStage, Reach
 from coilarray.hardware.record.recording import GridPlace
 from coilarray.hardware.record.stages import EmulatedStage, PersonStage

@@ -11,11 +11,10 @@ from coilarray.design.model import build_design
 from coilarray.hardware.board.connect import Board
 from coilarray.hardware.board.direct import DirectReader
 from coilarray.hardware.emulator import Conditions, EmulatedBoard, VirtualClock
-from coilarray.hardware.emulator.tank import series_tank
-from coilarray.hardware.emulator.world import FixedCoils
 from coilarray.hardware.record.recorder import begin_session
 from coilarray.hardware.scan.settings import scan_settings
 from coilarray.hardware.scan.wiring import parse_wiring
+from support.quick_coils import FixedCoils, series_tank
 
 _DEVICE = """
 [[wiring.device]]
