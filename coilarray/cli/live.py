@@ -15,21 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
-from coilarray.cli.board_options import (
-    EMULATOR,
-    MARK,
-    BoardOptions,
-    ClockMHz,
-    Coils,
-    Drive,
-    Emulate,
-    ExternalClock,
-    Port,
-    Rate,
-    WiringName,
-    marked,
-    opened_board,
-)
+from coilarray.cli.board_options import EMULATOR, MARK, BoardOptions, board_command, marked, opened_board
 from coilarray.cli.keys import pressed_keys
 from coilarray.cli.maps import check_file, kept_table
 from coilarray.cli.shared import AllowViolations, open_design, progress_bar
@@ -69,6 +55,7 @@ class _Source:
     begin: Callable[[], None] = lambda: None
 
 
+@board_command()
 def live(
     design: Annotated[
         str | None,
@@ -95,14 +82,8 @@ def live(
         float, typer.Option("--noise", help="Standard deviation to which the table is trusted; that of δ is added.")
     ] = 1e-5,
     scans: Annotated[int | None, typer.Option("--scans", help="End after so many scans; never by default.")] = None,
-    port: Port = EMULATOR,
-    wiring: WiringName = None,
-    rate: Rate = None,
-    clock_mhz: ClockMHz = None,
-    external_clock: ExternalClock = False,
-    drive: Drive = None,
-    coil: Coils = None,
-    emulate: Emulate = None,
+    *,
+    options: BoardOptions,
     as_json: Annotated[bool, typer.Option("--json", help="One line of JSON in SI units for each scan.")] = False,
     allow_violations: AllowViolations = False,
 ) -> None:
@@ -116,8 +97,7 @@ def live(
 
     Example: coilarray live --recording run.sqlite --speed 10
     """
-    options = BoardOptions(port, wiring, rate, clock_mhz, external_clock, drive, coil, emulate)
-    if recording is not None and (port != EMULATOR or emulate):
+    if recording is not None and (options.port != EMULATOR or options.emulate):
         raise HardwareError("--recording replays a file; it cannot be given with --port or --emulate.")
     if scans is not None and not 1 <= scans <= _MOST_SCANS:
         raise HardwareError(f"--scans must be 1 to {_MOST_SCANS}; got {scans}.")

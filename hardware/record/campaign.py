@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from itertools import pairwise, product
+from typing import Any
 
 from coilarray.compute.threads import Progress
 from coilarray.design.model import Design
@@ -103,6 +104,25 @@ class Campaign:
         grid = product(range(self.repeats), self.y, self.x, self.depths)
         return tuple(GridPlace(number, repeat, depth, y, x) for number, (repeat, y, x, depth) in enumerate(grid))
 
+    @property
+    def seconds(self) -> float:
+        """Time in s that pressing, dwelling and lifting take, without scans and ways between positions."""
+        pressing = sum(2 * depth / self.speed + self.dwell for depth in self.depths)
+        return self.size / len(self.depths) * pressing
+
+    def to_record(self) -> dict[str, Any]:
+        """Return the campaign as plain values in SI, for JSON."""
+        return {
+            "positions": self.size,
+            "x_m": list(self.x),
+            "y_m": list(self.y),
+            "depths_m": list(self.depths),
+            "repeats": self.repeats,
+            "scans": self.scans,
+            "dwell_s": self.dwell,
+            "speed_m_per_s": self.speed,
+        }
+
     def to_json(self) -> str:
         """Return the campaign as JSON in one line; `from_json` reads it."""
         return json.dumps(asdict(self))
@@ -182,8 +202,8 @@ def run_campaign(
     stage: Stage,
     recorder: Recorder,
     clock: Clock,
-    progress: Progress | None = None,
     *,
+    progress: Progress | None = None,
     reconnect: Callable[[], Reader] | None = None,
 ) -> None:
     """Measure every position that is not measured yet.

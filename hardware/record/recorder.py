@@ -11,18 +11,19 @@ import math
 import os
 import sqlite3
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import asdict
 from importlib import metadata
 from pathlib import Path
-from typing import TypeVar
+from typing import TypeVar, cast
 
+from coilarray.compute.threads import Progress
 from coilarray.design.model import Design
 from coilarray.errors import HardwareError, OutputError
 from coilarray.hardware.record.recording import GridPlace, RecordedSession, Recording
 from coilarray.hardware.record.recording_file import create_tables, is_blank, reading, require_recording
-from coilarray.hardware.scan.reader import Identity
+from coilarray.hardware.scan.reader import Identity, Reader
 from coilarray.hardware.scan.scans import RawScan
 from coilarray.hardware.scan.settings import ScanSettings
 from coilarray.hardware.wire.faults import BoardRestarted
@@ -281,6 +282,70 @@ def open_recorder(path: Path, *, resume: bool = False) -> Iterator[Recorder]:
                     connection.close()
                     if blank and not there:
                         path.unlink()
+
+
+def record_stream(
+    reader: Reader,
+    recorder: Recorder,
+    *,
+    scans: int | None = None,
+    seconds: float | None = None,
+    interval: float = 0.0,
+    progress: Progress | None = None,
+) -> int:
+    """Record the scans of a running board for a number of scans or a time.
+
+    Parameters
+    ----------
+    reader : Reader
+        Board, configured with the settings of the recorder's session.
+    recorder : Recorder
+        Started recorder.
+    scans : int, optional
+        Number of scans.
+    seconds : float, optional
+        Duration in s from the first scan on, by the board's clock; instead of a number of scans.
+    interval : float
+        Time from scan to scan in s; as fast as possible by default.
+    progress : callable, optional
+        Called with (done, total): scans, or tenths of a second.
+
+    Returns
+    -------
+    int
+        Number of scans recorded.
+
+    Raises
+    ------
+    HardwareError
+        Neither or both of `scans` and `seconds`, values that are not positive, or a fault of the board; every earlier
+        scan is in the recording.
+    OutputError
+        A recording that cannot be written.
+    """
+    if (scans is None) == (seconds is None):
+        raise HardwareError("a stream must have either a number of scans or a time in s.")
+    if scans is not None and scans < 1:
+        raise HardwareError(f"a stream must have at least 1 scan; got {scans}.")
+    if seconds is not None and not (math.isfinite(seconds) and seconds > 0):
+        raise HardwareError(f"a stream must last a positive time; got {seconds} s.")
+    count, first = 0, None
+    # an iterator of a reader is a generator: closing it stops the board
+    with closing(cast("Generator[RawScan]", reader.scans(interval))) as stream:
+        for scan in stream:
+            first = scan.time if first is None else first
+            passed = scan.time - first
+            if seconds is not None and passed > seconds:
+                break
+            recorder.add(scan, "stream")
+            count += 1
+            if progress is not None and scans is not None:
+                progress(count, scans)
+            elif progress is not None and seconds is not None:
+                progress(round(10 * passed), math.ceil(10 * seconds))
+            if count == scans:
+                break
+    return count
 
 
 def _log_ahead(path: Path, connection: sqlite3.Connection) -> None:

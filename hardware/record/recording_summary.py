@@ -91,19 +91,7 @@ class RecordingSummary:
 
     def to_record(self) -> dict[str, Any]:
         """Return everything as plain values in SI, for JSON."""
-        campaign = None
-        if self.campaign is not None:
-            campaign = {
-                "positions": self.campaign.size,
-                "measured": self.positions,
-                "x_m": list(self.campaign.x),
-                "y_m": list(self.campaign.y),
-                "depths_m": list(self.campaign.depths),
-                "repeats": self.campaign.repeats,
-                "scans": self.campaign.scans,
-                "dwell_s": self.campaign.dwell,
-                "speed_m_per_s": self.campaign.speed,
-            }
+        plan = self.campaign
         return {
             "file": self.file,
             "emulated": self.emulated,
@@ -127,7 +115,7 @@ class RecordingSummary:
                 }
                 for state in self.states
             ],
-            "campaign": campaign,
+            "campaign": None if plan is None else {**plan.to_record(), "measured": self.positions},
             "self_tests": [
                 {
                     "session": test.session,

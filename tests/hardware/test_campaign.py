@@ -41,7 +41,9 @@ def run(path, campaign, board=None, *, resume=False, reader=None, stage=None, pr
         recorder.start(session_of(board, configured(board), DESIGN), campaign.to_json())
         own = EmulatedStage(board.emulator)
         wrapped = board.reader if reader is None else reader(board.reader)
-        run_campaign(campaign, wrapped, own if stage is None else stage(own), recorder, board.emulator.clock, progress)
+        run_campaign(
+            campaign, wrapped, own if stage is None else stage(own), recorder, board.emulator.clock, progress=progress
+        )
     return path
 
 
@@ -71,6 +73,7 @@ def test_the_papers_grid():
     assert (campaign.speed, campaign.dwell, campaign.repeats, campaign.scans) == (1.5e-3, 0.5, 1, 1)
     assert campaign.size == len(campaign.places) == 189
     assert [place.number for place in campaign.places] == list(range(189))
+    assert campaign.seconds == pytest.approx(189 * (4 / 3 + 0.5))  # pressing and lifting take 2/3 s each
 
 
 RISING = st.lists(st.integers(-900, 900), min_size=1, max_size=5, unique=True).map(

@@ -25,11 +25,10 @@ from coilarray.cli.readings import read_readings
 from coilarray.errors import HardwareError, OutputError
 from coilarray.hardware.record import recorder as recorder_module
 from coilarray.hardware.record.recorded_response import recorded_response, recorded_series, series_csv
-from coilarray.hardware.record.recorder import open_recorder
+from coilarray.hardware.record.recorder import open_recorder, record_stream
 from coilarray.hardware.record.recording import GridPlace, open_recording
 from coilarray.hardware.record.recording_file import SCHEMA
 from coilarray.hardware.record.recording_summary import summarize_recording
-from coilarray.hardware.record.stream import record_stream
 from coilarray.hardware.scan.readings import read_scan
 from coilarray.hardware.scan.scans import RawSample, RawScan, SampleFault
 from coilarray.hardware.wire.faults import BoardRestarted
