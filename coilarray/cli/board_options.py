@@ -83,8 +83,8 @@ class BoardOptions:
         typer.Option(
             "--emulate",
             help="Behaviour of the emulator; may be repeated: seed=1, noise=1e-7 (relative, of a frequency), "
-            "drift=0.01 (K/s), press=X,Y,DEPTH (mm; in live after the baseline), path=FILE.csv (columns time_s, x_mm, y_mm, "
-            "depth_mm).",
+            "drift=0.01 (K/s), press=X,Y,DEPTH (mm; in live after the baseline), path=FILE.csv (columns time_s, x_mm, "
+            "y_mm, depth_mm).",
         ),
     ] = None
     emulation: dict[str, Any] = field(init=False)
