@@ -1,4 +1,4 @@
-"""What is in a recording: where it comes from, how far it got, and how good its readings are."""
+"""Summary of a recording: its origin, its extent, and the quality of its readings."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ class StateSummary:
     Parameters
     ----------
     name : str
-        Of the state.
+        Name of the state.
     frequency, inductance : float or None
         Means in Hz and H; None where nothing was good or doubtful.
     noise : float or None
-        Relative standard deviation of the inductance where the indenter does not press, from the steps between
-        successive scans, which a drift spares; None where there are no two such scans.
+        Relative standard deviation of the inductance at rest, from the differences of successive scans, in which a
+        drift cancels; None where there are no two such scans.
     verdicts : mapping of str to int
-        How many readings were good, doubtful and bad.
+        Numbers of good, doubtful and bad readings.
     reasons : mapping of Reason to int
-        Why.
+        Numbers of readings by the reason why they are not good.
     """
 
     name: str
@@ -48,29 +48,29 @@ class RecordingSummary:
     Parameters
     ----------
     file : str
-        Its path.
+        Path of the file.
     emulated : bool
         Whether the board was an emulator.
     design, design_hash, wiring, version : str
-        Of the first session.
+        Design, wiring and version of this program, from the first session.
     sessions : tuple of mapping
-        When, with which board, and how many scans: for JSON.
+        Time, board and number of scans of every session, for JSON.
     scans : int
-        Of all sessions.
+        Number of scans of all sessions.
     lost : int
-        Scans of streams that the board numbered and nobody received.
+        Number of scans of streams that the board numbered and that never arrived.
     seconds : float
-        From the first to the last scan of every session, by the board's clock.
+        Total time from the first to the last scan of every session, by the board's clock.
     rate : float or None
-        Scans per second that came, without the pauses between sessions; None for a campaign, or too few scans.
+        Recorded scans per second, without the pauses between sessions; None for a campaign, or too few scans.
     states : tuple of StateSummary
-        In the order of the scan.
+        Readings of every state, in the order of the scan.
     campaign : Campaign or None
-        Where there is one.
+        Plan of the campaign, where there is one.
     positions : int
-        How many of the campaign were measured to their end.
+        Number of positions of the campaign that were measured to their end.
     self_tests : tuple of RecordedSelfTest
-        Before and after a campaign.
+        Self-tests before and after a campaign.
     """
 
     file: str
@@ -130,22 +130,7 @@ class RecordingSummary:
 
 
 def summarize_recording(recording: Recording) -> RecordingSummary:
-    """Read a whole recording and say what is in it.
-
-    Parameters
-    ----------
-    recording : Recording
-        Of any kind.
-
-    Returns
-    -------
-    RecordingSummary
-
-    Raises
-    ------
-    HardwareError
-        A damaged file.
-    """
+    """Read a whole recording of any kind and summarize it; HardwareError for a damaged file."""
     states = [_State(name) for name in recording.states]
     times: list[list[float]] = [[] for _ in recording.sessions]
     count, lost = 0, 0

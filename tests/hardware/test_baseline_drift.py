@@ -116,7 +116,7 @@ def test_bad_input(time, values, options, words):
     ],
 )
 def test_a_drift_that_cannot_be(change, words):
-    good = Drift(0, 1, 1.7e9, "coil1", 0.0, 1.0, 0.1, L_0, (1e-6,), ((1e-12, 0.0), (0.0, 1e-12)), 1e-6, True)
+    good = Drift(0.0, 1.0, 0.1, L_0, (1e-6,), ((1e-12, 0.0), (0.0, 1e-12)), 1e-6, True, "coil1", 0, 1, 1.7e9)
     with pytest.raises(HardwareError, match=words):
         replace(good, **change)
 

@@ -292,7 +292,7 @@ GOOD = calibration_to_toml(
     BoardCalibration(
         "by hand", "2025-01-01", "XMC 2Go", False, "abc", 43.2e6, 10.0, "known frequency", "known inductances",
         (Channel("coil1", 120e-12, 1e-13, 52e-6),),
-        (Drift(0, 1, 1.7e9, "coil1", 0.0, 1.0, 0.1, 52e-6, (1e-6,), ((1e-12, 0.0), (0.0, 1e-12)), 1e-6, True),),
+        (Drift(0.0, 1.0, 0.1, 52e-6, (1e-6,), ((1e-12, 0.0), (0.0, 1e-12)), 1e-6, True, "coil1", 0, 1, 1.7e9),),
     )
 )  # fmt: skip
 

@@ -259,7 +259,7 @@ def test_resume_refuses_another_campaign(tmp_path, session):
     ("change", "error", "message"),
     [
         (lambda s: replace(s, boot=s.boot ^ 1), BoardRestarted, "the board restarted"),
-        (lambda s: replace(s, configuration=s.configuration ^ 1), HardwareError, "the board was told"),
+        (lambda s: replace(s, configuration=s.configuration ^ 1), HardwareError, "the board was set to"),
         (lambda s: replace(s, samples=s.samples[:1]), HardwareError, "and 1 states"),
         (lambda s: replace(s, time=float("nan")), HardwareError, "finite times"),
         (lambda s: replace(s, received=float("inf")), HardwareError, "finite times"),
