@@ -11,8 +11,8 @@ import time
 
 import numpy as np
 import pytest
+from support import recorded_boards
 from support.command_line import runner
-from support.recorded_boards import board_files
 
 from coilarray import load_design
 from coilarray.cli import board_options
@@ -24,20 +24,12 @@ from coilarray.hardware.record import campaign as campaign_module
 from coilarray.hardware.record.recording import open_recording
 from coilarray.hardware.scan.readings import read_scan
 
+board = recorded_boards.board
 measure, measure_refused = runner("measure")
 measure_campaign, campaign_refused = runner("campaign")
 scan_info, scan_info_refused = runner("scan-info")
 locate, _ = runner("locate")
 GRID = ("--x-mm", "-3,0,3", "--y-mm", "0,2", "--depth-mm", "0.5,1")
-
-
-@pytest.fixture(scope="module")
-def board(tmp_path_factory):
-    """Arguments for the small board, whose physics is computed once."""
-    folder = tmp_path_factory.mktemp("board")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("COILARRAY_CACHE", str(folder / "cache"))
-        yield board_files(folder)
 
 
 @pytest.fixture

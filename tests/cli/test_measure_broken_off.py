@@ -13,10 +13,11 @@ import time
 
 import numpy as np
 import pytest
+from support import recorded_boards
 from support.command_line import runner
 from support.firmware_host import FirmwareHost, needs_compiler
 from support.patience import PATIENCE
-from support.recorded_boards import board_files, dent, quick_board
+from support.recorded_boards import dent, quick_board
 
 from coilarray.cli import campaign as campaign_command
 from coilarray.cli import measure as measure_command
@@ -26,18 +27,10 @@ from coilarray.hardware.board import microcontroller
 from coilarray.hardware.record.recording import open_recording
 from coilarray.hardware.wire.link import LinkTimes
 
+board = recorded_boards.board
 measure, measure_refused = runner("measure")
 measure_campaign, _ = runner("campaign")
 scan_info, scan_info_refused = runner("scan-info")
-
-
-@pytest.fixture(scope="module")
-def board(tmp_path_factory):
-    """Arguments for the small board, whose physics is computed once."""
-    folder = tmp_path_factory.mktemp("board")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("COILARRAY_CACHE", str(folder / "cache"))
-        yield board_files(folder)
 
 
 @pytest.fixture(autouse=True)
