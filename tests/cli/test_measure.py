@@ -79,8 +79,8 @@ def test_single_with_a_name_is_recorded(board, tmp_path, capsys):
     assert (code, err) == (0, "")
     with open_recording(path) as recording:
         (scan,) = recording.scans()
-        told = recording.sessions[0]
-        frequencies = [state.frequency for state in read_scan(scan.scan, told.settings, told.capacitances).states]
+        own = recording.sessions[0]
+        frequencies = [state.frequency for state in read_scan(scan.scan, own.settings, own.capacitances).states]
     assert scan.stage == "single"
     assert [state["frequency_Hz"] for state in json.loads(out)["states"]] == frequencies
     assert "is a recording of 1 scans already" in measure_refused(capsys, *board, "--single", "--out", path)
@@ -92,7 +92,7 @@ def test_folders_where_nothing_may_be_written(board, tmp_path, capsys, monkeypat
     assert f"run.sqlite: nothing may be written in the folder {tmp_path}" in line
 
 
-def test_a_rate_that_is_not_reached_is_told(board, tmp_path, capsys, monkeypatch):
+def test_a_rate_that_is_not_reached_is_reported(board, tmp_path, capsys, monkeypatch):
     code, out, _ = measure(capsys, *board, "--scans", 20, "--rate", 20, "--out", tmp_path / "a.sqlite", "--json")
     reached = json.loads(out)["rate_per_s"]
     assert reached == pytest.approx(20, rel=0.02)
@@ -202,7 +202,7 @@ def test_a_campaign_on_a_board_with_a_stuck_switch_is_refused(board, stuck, tmp_
     assert {state["bad"] for state in record["states"]} == {0}  # the scans do not tell
 
 
-def test_a_switch_that_sticks_during_a_campaign_is_told(board, tmp_path, capsys, monkeypatch):
+def test_a_switch_that_sticks_during_a_campaign_is_reported(board, tmp_path, capsys, monkeypatch):
     run_campaign = campaign_module.run_campaign
 
     def sticking(plan, reader, stage, *arguments, **options):

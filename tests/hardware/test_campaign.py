@@ -168,9 +168,9 @@ def test_the_papers_sequence(tmp_path):
 
 
 def test_progress(tmp_path):
-    told = []
-    run(tmp_path / "run.sqlite", SMALL, progress=lambda *now: told.append(now))
-    assert told == [(k, SMALL.size) for k in range(SMALL.size + 1)]
+    reported = []
+    run(tmp_path / "run.sqlite", SMALL, progress=lambda *now: reported.append(now))
+    assert reported == [(k, SMALL.size) for k in range(SMALL.size + 1)]
 
 
 # --------------------------------------------------------------------------------- the response
@@ -308,9 +308,9 @@ def test_resume_measures_what_is_missing(tmp_path, scans):
     path, whole = tmp_path / "run.sqlite", run(tmp_path / "whole.sqlite", SMALL)
     with pytest.raises(DeviceLost):
         run(path, SMALL, reader=stopped_after(scans))
-    told = []
-    run(path, SMALL, resume=True, progress=lambda *now: told.append(now))
-    assert told[0] == (scans // 2, SMALL.size)  # two scans a position: what was finished is not measured again
+    reported = []
+    run(path, SMALL, resume=True, progress=lambda *now: reported.append(now))
+    assert reported[0] == (scans // 2, SMALL.size)  # two scans a position: what was finished is not measured again
     xr.testing.assert_equal(response_of(path), response_of(whole))
     with open_recording(path) as recording:
         assert recording.count() == 2 * SMALL.size + scans % 2

@@ -130,16 +130,16 @@ def test_unused_switches_close_nothing():
     assert chain.closed() == (WiredSwitch((0, 0), "ground"),)
 
 
-def test_somebody_is_told_before_and_after_switches_move():
-    told = []
-    chain = Adg739Chain(plan_b(), before_change=lambda: told.append(chain.words), after_change=lambda: told.append(0))
+def test_callbacks_before_and_after_switches_move():
+    calls = []
+    chain = Adg739Chain(plan_b(), before_change=lambda: calls.append(chain.words), after_change=lambda: calls.append(0))
     chain.transfer(b"\x11" * 6)
     chain.transfer(b"\x11" * 6)  # nothing moves
-    assert told == [bytes(6), 0]
+    assert calls == [bytes(6), 0]
     chain.stick(0, 0, "open")
     chain.heal()
     chain.power_up()
-    assert told[2:] == [b"\x11" * 6, 0] * 3
+    assert calls[2:] == [b"\x11" * 6, 0] * 3
 
 
 # ------------------------------------------------------------------------------------ stuck switches
@@ -214,7 +214,7 @@ def test_a_coil_with_both_ends_on_one_pin_is_a_shorted_one():
 
 
 @pytest.mark.parametrize(
-    ("kind", "told"),
+    ("kind", "commanded"),
     [
         ("open", {}),
         ("open", {"coil1": 0x02}),
@@ -226,8 +226,8 @@ def test_a_coil_with_both_ends_on_one_pin_is_a_shorted_one():
         ("tangled", {"coil1": 0x82, "coil2": 0x82, "coil3": 0x28}),
     ],
 )
-def test_what_is_no_coil(kind, told):
-    assert seen(words(**told)) == (kind, None)
+def test_what_is_no_coil(kind, commanded):
+    assert seen(words(**commanded)) == (kind, None)
 
 
 def resistances(closed, coils):
@@ -262,9 +262,9 @@ def resistances(closed, coils):
 
 @given(st.lists(st.sampled_from([0, 0x11, 0x22, 0x44, 0x01, 0x02, 0x12, 0x82, 0x28, 0x84, 0x88, 0x24]), min_size=3,
                 max_size=3), st.sets(st.tuples(st.integers(0, 2), st.integers(0, 7)), max_size=2))  # fmt: skip
-def test_nets_against_direct_currents(told, also_closed):
+def test_nets_against_direct_currents(commanded, also_closed):
     chain = Adg739Chain(plan_b(3))
-    chain.transfer(bytes(told))
+    chain.transfer(bytes(commanded))
     for device, bit in also_closed:
         chain.stick(device, bit, "closed")
     found = what_is_seen(chain.closed(), COILS[:3])

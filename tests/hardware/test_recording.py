@@ -105,7 +105,7 @@ def test_every_bit_comes_back(tmp_path_factory, session, rows):
         recording.check()
 
 
-def test_damage_is_told_in_one_line(path, session):
+def test_damage_is_reported_in_one_line(path, session):
     """SQLite's own check names a table of the file, whose name may have several lines."""
     recorded(path, session, [raw_scan(session, k) for k in range(3)])
     connection = sqlite3.connect(path)
@@ -135,7 +135,7 @@ def test_self_tests_come_back(path, session, monkeypatch):
     assert (first.time, second.time) == (1.7e9, 1.8e9)
 
 
-def test_the_rate_is_told(path, board, session):
+def test_the_rate_is_reported(path, board, session):
     for sequence in range(2):  # the pause between two sessions is none of it
         with open_recorder(path, resume=True) as recorder:
             recorder.start(session)
@@ -164,14 +164,14 @@ def test_one_writer_at_a_time(path, session):
 
 
 def test_stream(path, board, session):
-    told = []
+    reported = []
     with open_recorder(path) as recorder:
         recorder.start(session)
-        assert record_stream(board.reader, recorder, scans=5, progress=lambda *now: told.append(now)) == 5
-        assert told[-1] == (5, 5)
+        assert record_stream(board.reader, recorder, scans=5, progress=lambda *now: reported.append(now)) == 5
+        assert reported[-1] == (5, 5)
         period = board.reader.scan().time
-        count = record_stream(board.reader, recorder, seconds=2.0, progress=lambda *now: told.append(now))
-        assert told[-1][1] == 20
+        count = record_stream(board.reader, recorder, seconds=2.0, progress=lambda *now: reported.append(now))
+        assert reported[-1][1] == 20
         assert count == pytest.approx(2.0 / session.settings.period, abs=1.5)  # the first and the last may just fit
         before = board.emulator.clock.now()
         record_stream(board.reader, recorder, scans=4, interval=0.5)
@@ -580,7 +580,7 @@ except OutputError as error:
 @pytest.mark.skipif(not hasattr(os, "seteuid"), reason="needs users as POSIX has them")
 @pytest.mark.parametrize("killed", [False, True])
 def test_a_folder_of_somebody_else(tmp_path, session, killed):
-    """A user who may only look reads a whole recording, and is told why a killed one is not read."""
+    """A user who may only look reads a whole recording, and the error says why a killed one is not read."""
     with tempfile.TemporaryDirectory() as theirs:  # not below pytest's folder, which other runs of it close to others
         look_as_somebody_else(Path(theirs), tmp_path, session, killed=killed)
 
