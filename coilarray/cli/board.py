@@ -8,18 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from coilarray.cli.board_options import (
-    EMULATOR,
-    BoardOptions,
-    ClockMHz,
-    Drive,
-    Emulate,
-    ExternalClock,
-    Port,
-    WiringName,
-    marked,
-    opened_board,
-)
+from coilarray.cli.board_options import BoardOptions, board_command, marked, opened_board
 from coilarray.cli.shared import (
     AllowViolations,
     AsJson,
@@ -46,28 +35,26 @@ _CHAIN = {
 _MOST_LINES = 6  # symptoms and faults shown; all of them with --json
 
 
+@board_command(without=("rate", "coils"))
 def board(
     design: DesignArgument = None,
-    port: Port = EMULATOR,
     self_test: Annotated[
-        bool, typer.Option("--self-test", help="Try every switch and coil; the exit code is 2 where one is wrong.")
+        bool, typer.Option("--self-test", help="Test every switch and coil; the exit code is 2 where one has a fault.")
     ] = False,
     find_drives: Annotated[
         bool,
-        typer.Option("--find-drives", help="Find IDRIVE of every coil; nothing may be near that is not there later."),
+        typer.Option("--find-drives", help="Find IDRIVE of every coil, in the surroundings of the later measurement."),
     ] = False,
-    wiring: WiringName = None,
-    clock_mhz: ClockMHz = None,
-    external_clock: ExternalClock = False,
-    drive: Drive = None,
-    emulate: Emulate = None,
+    *,
+    options: BoardOptions,
     as_json: AsJson = False,
     allow_violations: AllowViolations = False,
 ) -> None:
-    """Show which ports there are and who answers at one; try its switches and coils.
+    """Show the ports of this computer and the board at one of them; test its switches and coils.
 
     Run the self-test once with every new board: until it has passed, the order of the switches' bits is an assumption.
-    It tells stuck switches, broken and shorted coils and a wrong map from what oscillates and which coil feels which.
+    It detects stuck switches, broken and shorted coils and a wrong map of the switches from what oscillates and from
+    the coupling of neighbouring coils.
 
     Options of a port follow a question mark: i2c:1?mode=2&speed=500000&order=lsb&readback=yes for the switches, and
     with ftdi://... also address=0x2B&clock=0&data=1&sync=2&back=3 (pins C0 to C7). A serial port has baud=9600, or
@@ -78,14 +65,13 @@ def board(
     from coilarray.hardware.board.connect import open_board, wiring_of_board
     from coilarray.hardware.wire.ports import parse_port
 
-    place = parse_port(port)
-    options = BoardOptions(port, wiring, None, clock_mhz, external_clock, drive, None, emulate)
+    place = parse_port(options.port)
     opened = open_design(design, allow_violations=allow_violations)
     if self_test or find_drives:
         drives, result, record, line = _tried(options, opened, self_test=self_test, find_drives=find_drives)
     else:
-        wired = wiring_of_board(place, opened, wiring)
-        with open_board(port, design=opened, wiring=wired, **options.emulation) as one:
+        wired = wiring_of_board(place, opened, options.wiring)
+        with open_board(options.port, design=opened, wiring=wired, **options.emulation) as one:
             drives, result, record, line = None, None, _record(one), one.line
     if as_json:
         print_json(record | {"drives": _drives_record(drives), "self_test": _test_record(result)})
@@ -96,7 +82,7 @@ def board(
         parts += [] if result is None else [_test_text(result)]
         typer.echo(marked("\n".join(parts), emulated=record["emulated"]))
     if result is not None and not result.passed:
-        raise HardwareError(f"the self-test of {port} has failed: {result.symptoms[0]}.")
+        raise HardwareError(f"the self-test of {options.port} has failed: {result.symptoms[0]}.")
 
 
 def _tried(

@@ -1,14 +1,16 @@
-"""Options that every command with a board shares, and how it speaks of an emulated one."""
+"""The options that all commands with a board share, and the mark on every line about an emulated one."""
 
 from __future__ import annotations
 
 import csv
+import inspect
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
@@ -22,50 +24,10 @@ if TYPE_CHECKING:
 
 EMULATOR = "emulator"
 MARK = "[emulator] "
-"""Begins every line that a person reads of an emulated board."""
+"""Start of every line about an emulated board."""
 
-Port = Annotated[
-    str,
-    typer.Option(
-        "--port",
-        help="Board: /dev/ttyACM0, COM5 or usb:SERIALNUMBER (microcontroller), i2c:1[:0x2A][,spi:0.0] (Linux), "
-        "ftdi://...; the emulator by default. /dev/ttyACM0?baud=any tries every rate.",
-    ),
-]
 WiringName = Annotated[
     str | None, typer.Option("--wiring", help="Wiring file (TOML) or name of a bundled one; six_coils by default.")
-]
-Rate = Annotated[
-    float | None,
-    typer.Option(
-        "--rate", help="Scans per second, reckoned with the I²C clock of the port; full resolution by default."
-    ),
-]
-ClockMHz = Annotated[
-    float | None,
-    typer.Option("--clock-MHz", help="Clock of the converter; 43.4 by default, which is typical of its own."),
-]
-ExternalClock = Annotated[
-    bool, typer.Option("--external-clock", help="The clock comes from the pin CLKIN; needs --clock-MHz.")
-]
-Drive = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--drive", help="IDRIVE, 0 to 31, of all coils, or as COIL=CODE; may be repeated. From the design by default."
-    ),
-]
-Coils = Annotated[
-    list[str] | None,
-    typer.Option("--coil", help="Measure only this state of the scan; may be repeated. All by default."),
-]
-Emulate = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--emulate",
-        help="What the emulator does; may be repeated: seed=1, noise=1e-7 (relative, of a frequency), drift=0.01 "
-        "(K/s), press=X,Y,DEPTH (mm; in live after the baseline), path=FILE.csv (columns time_s, x_mm, y_mm, "
-        "depth_mm).",
-    ),
 ]
 
 _PATH_COLUMNS = ["time_s", "x_mm", "y_mm", "depth_mm"]
@@ -75,27 +37,56 @@ _LONGEST_PATH = 1_000_000  # lines
 
 @dataclass(frozen=True)
 class BoardOptions:
-    """What the options above say; checked.
-
-    Parameters
-    ----------
-    port, wiring, rate, clock_MHz, external_clock, drive, coils, emulate
-        As the options.
+    """Options of a command with a board, checked; `board_command` adds them to a command.
 
     Raises
     ------
     HardwareError
-        A value that cannot be: which option, and what is allowed.
+        An invalid value: which option, and what is allowed.
     """
 
-    port: str = EMULATOR
-    wiring: str | None = None
-    rate: float | None = None
-    clock_MHz: float | None = None  # noqa: N815 - as the option
-    external_clock: bool = False
-    drive: Sequence[str] | None = None
-    coils: Sequence[str] | None = None
-    emulate: Sequence[str] | None = None
+    port: Annotated[
+        str,
+        typer.Option(
+            "--port",
+            help="Board: /dev/ttyACM0, COM5 or usb:SERIALNUMBER (microcontroller), i2c:1[:0x2A][,spi:0.0] (Linux), "
+            "ftdi://...; the emulator by default. /dev/ttyACM0?baud=any tries every rate.",
+        ),
+    ] = EMULATOR
+    wiring: WiringName = None
+    rate: Annotated[
+        float | None,
+        typer.Option(
+            "--rate", help="Scans per second, estimated with the I²C clock of the port; full resolution by default."
+        ),
+    ] = None
+    clock_MHz: Annotated[  # noqa: N815 - as the option
+        float | None,
+        typer.Option("--clock-MHz", help="Clock of the converter; by default 43.4, typical of its own oscillator."),
+    ] = None
+    external_clock: Annotated[
+        bool, typer.Option("--external-clock", help="The clock comes from the pin CLKIN; needs --clock-MHz.")
+    ] = False
+    drive: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--drive",
+            help="IDRIVE, 0 to 31, of all coils, or as COIL=CODE; may be repeated. From the design by default.",
+        ),
+    ] = None
+    coils: Annotated[
+        list[str] | None,
+        typer.Option("--coil", help="Measure only this state of the scan; may be repeated. All by default."),
+    ] = None
+    emulate: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--emulate",
+            help="Behaviour of the emulator; may be repeated: seed=1, noise=1e-7 (relative, of a frequency), "
+            "drift=0.01 (K/s), press=X,Y,DEPTH (mm; in live after the baseline), path=FILE.csv (columns time_s, x_mm, "
+            "y_mm, depth_mm).",
+        ),
+    ] = None
     emulation: dict[str, Any] = field(init=False)
     drives: dict[str, int] | int | None = field(init=False)
 
@@ -111,6 +102,37 @@ class BoardOptions:
         object.__setattr__(self, "drives", _drives(self.drive or ()))
 
 
+def board_command(*, without: Sequence[str] = ()) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Return a decorator that replaces the parameter ``options`` of a command by the options of a board.
+
+    Parameters
+    ----------
+    without : sequence of str
+        Names of the fields of `BoardOptions` that the command does not have.
+    """
+    hints = get_type_hints(BoardOptions, include_extras=True)
+    shared = [
+        inspect.Parameter(one.name, inspect.Parameter.KEYWORD_ONLY, default=one.default, annotation=hints[one.name])
+        for one in fields(BoardOptions)
+        if one.init and one.name not in without
+    ]
+
+    def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        @wraps(command)
+        def with_options(**given: Any) -> None:
+            command(options=BoardOptions(**{one.name: given.pop(one.name) for one in shared}), **given)
+
+        parameters: list[inspect.Parameter] = []
+        for own in inspect.signature(command, eval_str=True).parameters.values():
+            parameters += shared if own.name == "options" else [own.replace(kind=inspect.Parameter.KEYWORD_ONLY)]
+        shown: Any = with_options
+        shown.__signature__ = inspect.Signature(parameters)  # typer reads the parameters from here
+        shown.__annotations__ = {one.name: one.annotation for one in parameters}
+        return with_options
+
+    return decorate
+
+
 @contextmanager
 def opened_board(
     options: BoardOptions, design: Design, *, real_time: bool, progress: Progress | None = None
@@ -120,26 +142,25 @@ def opened_board(
     Parameters
     ----------
     options : BoardOptions
-        Of the command line.
+        Options of the command line.
     design : Design
-        Of the board.
+        Design of the coils on the board.
     real_time : bool
-        Whether the emulator takes the time that a board would; else its time is virtual.
+        Whether the emulator takes the time that a board would; otherwise its time is virtual.
     progress : callable, optional
-        Called with (done, total) while the emulator computes what indentations do, once for a design.
+        Called with (done, total) while the emulator computes its response table, once per design.
 
     Yields
     ------
     board : Board
-        Whichever way the block is left, its coils are grounded then.
+        The open board; its coils are grounded whichever way the block is left.
     settings : ScanSettings
-        What it was configured with.
+        Settings that the board was configured with.
 
     Raises
     ------
     HardwareError
-        As `coilarray.hardware.board.connect.open_board`, `coilarray.hardware.scan.design_settings` and
-        `Reader.configure`.
+        Options that do not fit the design or the wiring, or a board that cannot be opened or configured.
     """
     from coilarray.hardware.board.connect import open_board, wiring_of_board
     from coilarray.hardware.scan.design_settings import design_settings
@@ -172,7 +193,7 @@ def opened_board(
 
 
 def marked(text: str, *, emulated: bool) -> str:
-    """Return text for people, every line of it marked where it is of an emulated board.
+    """Return a text with every line marked where it is about an emulated board.
 
     Examples
     --------
@@ -199,7 +220,7 @@ def _drives(texts: Sequence[str]) -> dict[str, int] | int | None:
 
 
 def _emulation(texts: Sequence[str]) -> dict[str, Any]:
-    """Options of the emulated board."""
+    """Return the keyword arguments for the emulated board."""
     given: dict[str, Any] = {}
     for text in texts:
         key, equals, value = text.partition("=")

@@ -34,36 +34,39 @@ def calibrate_board(
         ),
     ] = None,
     inductance_error: Annotated[
-        float, typer.Option("--inductance-error", help="Its relative standard error, as 0.01.")
+        float, typer.Option("--inductance-error", help="Relative standard error of the known inductance, as 0.01.")
     ] = 0.0,
     simulated: Annotated[
         bool,
         typer.Option(
             "--simulated",
-            help="Take the inductances that the simulation of the recorded design gives instead: measured and "
-            "simulated L then agree by construction, which is no test.",
+            help="Take the inductances of the simulated design instead: measured and simulated L then agree by "
+            "construction, which is no test.",
         ),
     ] = False,
     frequency_mhz: Annotated[
         str | None,
         typer.Option(
-            "--frequency-MHz", help="STATE=VALUE: a known frequency stood in place of its tank. It gives the clock."
+            "--frequency-MHz",
+            help="Known frequency that replaced the tank of a state, as STATE=VALUE. It gives the clock.",
         ),
     ] = None,
     frequency_error: Annotated[
-        float, typer.Option("--frequency-error", help="Its relative standard error, as 1e-6.")
+        float, typer.Option("--frequency-error", help="Relative standard error of the known frequency, as 1e-6.")
     ] = 0.0,
     drift_order: Annotated[
         int | None,
-        typer.Option("--drift-order", help="Of the polynomial of the drift, 1 to 3; the lowest that will do."),
+        typer.Option(
+            "--drift-order", help="Order of the polynomial of the drift, 1 to 3; by default the lowest that fits."
+        ),
     ] = None,
     out: Annotated[Path, typer.Option("--out", "-o", help="File to write: .toml.")] = Path("board.toml"),
     as_json: AsJson = False,
 ) -> None:
-    """Find a board's own constants from a recording: clock, capacitance of every tank, drift.
+    """Find the constants of a board from a recording: clock, capacitance of every tank, drift.
 
-    δ depends on none of them but the drift; L does. The clock needs a known frequency, the capacitances known
-    inductances; the drift of L_0 comes from the scans at rest alone. Use the file with: coilarray compare --calibration
+    L depends on all of them, δ only on the drift. The clock needs a known frequency, the capacitances known
+    inductances; the drift of L_0 follows from the scans at rest. Use the file with: coilarray compare --calibration
 
     Example: coilarray calibrate-board run.sqlite --inductance-uH 52.7 --inductance-error 0.005 --out board.toml
 
@@ -100,7 +103,7 @@ def calibrate_board(
 
 
 def _inductances(texts: Sequence[str]) -> dict[str, float]:
-    """Inductances in H by state; that of all states by the empty name."""
+    """Return the inductances in H by state; one for all states has an empty name."""
     found: dict[str, float] = {}
     for text in texts:
         state, value = _pair("--inductance-uH", text if "=" in text else f"={text}", 1e-6)
@@ -161,7 +164,7 @@ def _text(result: BoardCalibration) -> str:
     if result.channels:
         parts.append(table_text(("state", "L (µH)", "C (pF)", "±"), [_channel_row(one) for one in result.channels]))
     if result.inductances_from == "design":
-        parts.append("L is that of the simulation: that measured and simulated L agree is no test any more.")
+        parts.append("L is that of the simulation: measured and simulated L agree by construction, which is no test.")
     if result.drifts:
         headers = ("session", "state", "order", "drift of L_0 (10⁻⁶/h)", "±", "scatter (10⁻⁶)", "smooth")
         parts.append(table_text(headers, [_drift_row(one) for one in result.drifts]))

@@ -15,21 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
-from coilarray.cli.board_options import (
-    EMULATOR,
-    MARK,
-    BoardOptions,
-    ClockMHz,
-    Coils,
-    Drive,
-    Emulate,
-    ExternalClock,
-    Port,
-    Rate,
-    WiringName,
-    marked,
-    opened_board,
-)
+from coilarray.cli.board_options import EMULATOR, MARK, BoardOptions, board_command, marked, opened_board
 from coilarray.cli.keys import pressed_keys
 from coilarray.cli.maps import check_file, kept_table
 from coilarray.cli.shared import AllowViolations, open_design, progress_bar
@@ -53,22 +39,23 @@ _LOCATE = 0.05  # s, at least, from position to position of a board
 _BAR, _LEAST_SCALE = 40, 1e-4  # characters; δ at the end of a bar, at least
 _FADE = 0.98  # of the scale of the bars from scan to scan
 _BLOCKS = " ▏▎▍▌▋▊▉█"
-_TOUR = 3600.0  # s that the emulated finger goes round
-_STEP = 3.2  # s of the tour at one place
-_FIRST = 5  # points of the tour until the finger has pressed once
-_TELLING = ("found", "border")  # verdicts whose positions are shown
-_SHOWN, _TOLD = 2, 10e-3  # positions in a line; standard deviation in m above which none is shown
+_TOUR = 3600.0  # s: duration of the path of the emulated finger
+_STEP = 3.2  # s of the path at one place
+_FIRST = 5  # points of the path until the finger has pressed once
+_LOCATED = ("found", "border")  # verdicts whose positions are shown
+_SHOWN, _LARGEST_ERROR = 2, 10e-3  # positions in a line; standard deviation in m above which none is shown
 
 
 @dataclass(frozen=True)
 class _Source:
-    """Where readings come from, and whether nothing is known to press; `begin` is called once the baseline is there."""
+    """Readings, each with whether the indenter is at rest; `begin` is called once the baseline is complete."""
 
     readings: Iterator[tuple[ScanReading, bool]]
     emulated: bool
     begin: Callable[[], None] = lambda: None
 
 
+@board_command()
 def live(
     design: Annotated[
         str | None,
@@ -81,7 +68,7 @@ def live(
         Path | None, typer.Option("--recording", help="Replay a recording (.sqlite) instead of reading a board.")
     ] = None,
     speed: Annotated[
-        float, typer.Option("--speed", help="Of a replay: 1 as it was recorded; 0 without any waiting.")
+        float, typer.Option("--speed", help="Speed of a replay: 1 as it was recorded, 0 without any waiting.")
     ] = 1.0,
     table: Annotated[
         Path | None,
@@ -89,35 +76,31 @@ def live(
     ] = None,
     locate: Annotated[bool, typer.Option("--locate/--no-locate", help="Also find where the indentation is.")] = True,
     baseline: Annotated[
-        int, typer.Option("--baseline-scans", help="First scans, without an indentation, from which δ counts.")
+        int,
+        typer.Option("--baseline-scans", help="Number of first scans, without an indentation, from which δ counts."),
     ] = 10,
     noise: Annotated[
-        float, typer.Option("--noise", help="Standard deviation to which the table is trusted; that of δ is added.")
+        float, typer.Option("--noise", help="Standard deviation of δ of the table; that of the readings is added.")
     ] = 1e-5,
-    scans: Annotated[int | None, typer.Option("--scans", help="End after so many scans; never by default.")] = None,
-    port: Port = EMULATOR,
-    wiring: WiringName = None,
-    rate: Rate = None,
-    clock_mhz: ClockMHz = None,
-    external_clock: ExternalClock = False,
-    drive: Drive = None,
-    coil: Coils = None,
-    emulate: Emulate = None,
+    scans: Annotated[
+        int | None, typer.Option("--scans", help="Number of scans after which to end; never by default.")
+    ] = None,
+    *,
+    options: BoardOptions,
     as_json: Annotated[bool, typer.Option("--json", help="One line of JSON in SI units for each scan.")] = False,
     allow_violations: AllowViolations = False,
 ) -> None:
     """Show δ of every coil and where the indentation is, scan by scan.
 
-    The first scans, without an indentation, are the baseline; the key z measures it anew, q ends. Piped, it prints a
-    line for each scan. Without --port an emulator stands in for the board, says so on every line, and has a finger go
-    round unless --emulate says otherwise. Ctrl-C leaves the board at rest: all coils grounded, the converter asleep.
+    The first scans, without an indentation, are the baseline; the key z measures it again, q ends. Piped, it prints a
+    line for each scan. Without --port an emulator replaces the board, every line says so, and a finger moves over it
+    unless --emulate says otherwise. Ctrl-C leaves the board at rest: all coils grounded, the converter asleep.
 
     Example: coilarray live gast2020 --port /dev/ttyACM0
 
     Example: coilarray live --recording run.sqlite --speed 10
     """
-    options = BoardOptions(port, wiring, rate, clock_mhz, external_clock, drive, coil, emulate)
-    if recording is not None and (port != EMULATOR or emulate):
+    if recording is not None and (options.port != EMULATOR or options.emulate):
         raise HardwareError("--recording replays a file; it cannot be given with --port or --emulate.")
     if scans is not None and not 1 <= scans <= _MOST_SCANS:
         raise HardwareError(f"--scans must be 1 to {_MOST_SCANS}; got {scans}.")
@@ -126,7 +109,9 @@ def live(
     check_file("--table", table, (".nc",))
     from coilarray.hardware.record.live_tracking import LiveTracker
 
-    LiveTracker(None, baseline_scans=baseline, noise=noise)  # mistakes before anything is opened or computed
+    LiveTracker(
+        None, baseline_scans=baseline, noise=noise
+    )  # refuses invalid options before anything is opened or computed
     with ExitStack() as opened:
         if recording is not None:
             board, source = opened.enter_context(_replay(recording, design, speed))
@@ -155,7 +140,7 @@ def _run(
     *,
     limited: bool,
 ) -> None:
-    """Show scan after scan; with limits the processor rests between positions."""
+    """Show scan after scan; `limited` limits how often a position is computed."""
     located, begun = -math.inf, False
     for count, (scan, at_rest) in enumerate(source.readings, start=1):
         pressed = keys().lower()
@@ -172,7 +157,7 @@ def _run(
             source.begin()
         try:
             show(reading)
-        except BrokenPipeError:  # nobody listens any more; Python would complain again when it closes the stream
+        except BrokenPipeError:  # the reader of the pipe has ended; Python would raise again on closing the stream
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return
         if count == scans:
@@ -181,7 +166,7 @@ def _run(
 
 @contextmanager
 def _stream(options: BoardOptions, design: Design, *, quiet: bool) -> Iterator[_Source]:
-    """Give readings of a board, which rests afterwards."""
+    """Yield the readings of a board, which rests afterwards."""
     from coilarray.hardware.scan.readings import read_scan
 
     lifted = replace(options, emulate=[text for text in options.emulate or () if text not in _held_back(options)])
@@ -198,7 +183,7 @@ def _stream(options: BoardOptions, design: Design, *, quiet: bool) -> Iterator[_
 
 
 def _finger(board: Board, design: Design, options: BoardOptions) -> Callable[[], None]:
-    """Return what moves the finger of an emulator once the baseline is there; what that needs is computed here."""
+    """Return what moves the finger of an emulator after the baseline; compute here what that needs."""
     from coilarray.hardware.emulator.indenter import Place
 
     emulator, setup = board.emulator, design.indentation
@@ -217,13 +202,13 @@ def _finger(board: Board, design: Design, options: BoardOptions) -> Callable[[],
 
 
 def _held_back(options: BoardOptions) -> list[str]:
-    """Options of the emulator that must wait for the baseline: a finger that presses from the first scan on."""
+    """Return the options of the emulator that take effect after the baseline: a finger that presses from the start."""
     return [text for text in options.emulate or () if text.startswith("press=")]
 
 
 @contextmanager
 def _replay(path: Path, design: str | None, speed: float) -> Iterator[tuple[Design, _Source]]:
-    """Give the design of a recording, and its readings in the recorded order and time."""
+    """Yield the design of a recording, and its readings in the recorded order and time."""
     from coilarray.design.model import build_design
     from coilarray.hardware.record.recording import open_recording
     from coilarray.hardware.scan.readings import read_scan
@@ -237,8 +222,8 @@ def _replay(path: Path, design: str | None, speed: float) -> Iterator[tuple[Desi
                     if one.session == session and speed > 0:
                         time.sleep(min(max((one.scan.time - when) / speed, 0.0), _LONGEST_GAP))
                     session, when = one.session, one.scan.time
-                    told = recording.sessions[session]
-                    yield read_scan(one.scan, told.settings, told.capacitances), not (one.depth or 0.0) > 0
+                    own = recording.sessions[session]
+                    yield read_scan(one.scan, own.settings, own.capacitances), not (one.depth or 0.0) > 0
 
         with closing(cast("Generator[tuple[ScanReading, bool]]", readings())) as replayed:
             if design is None:
@@ -249,7 +234,7 @@ def _replay(path: Path, design: str | None, speed: float) -> Iterator[tuple[Desi
 
 
 def _model(design: Design, table: Path | None) -> ForwardModel:
-    """Table of the design for positions, kept for the next time."""
+    """Return the forward model of a design; its table is kept for the next time."""
     from coilarray.compute.store import open_store
     from coilarray.hardware.scan.board_network import board_network
     from coilarray.localize.forward import forward_model, table_for
@@ -266,11 +251,11 @@ def _model(design: Design, table: Path | None) -> ForwardModel:
 
 
 def _tour(setup: Indentation, start: float) -> list[tuple[float, float, float, float]]:
-    """Path of a finger that presses here and there on the design's map: time in s, x, y and depth in m."""
+    """Return the path of a finger that presses all over the design's map: time in s, x, y and depth in m."""
     path = [(start, setup.x[0], setup.y[0], 0.0)]
     for k in range(int(_TOUR / _STEP)):
         at = start + k * _STEP
-        # golden ratio and √2: places that spread evenly and never repeat
+        # multiples of the golden ratio and √2: places that spread evenly and never repeat
         x = setup.x[0] + (setup.x[-1] - setup.x[0]) * ((0.5 + k * 0.6180339887498949) % 1)
         y = setup.y[0] + (setup.y[-1] - setup.y[0]) * ((0.5 + k * 0.4142135623730951) % 1)
         depth = setup.depths[-1] * (1.0 - 0.4 * (k % 3) / 2)
@@ -279,7 +264,7 @@ def _tour(setup: Indentation, start: float) -> list[tuple[float, float, float, f
 
 
 def _lines(text: Callable[[LiveReading], str]) -> Callable[[LiveReading], None]:
-    """Print one line a scan, at once."""
+    """Return what prints one line per scan, at once."""
 
     def show(reading: LiveReading) -> None:
         sys.stdout.write(text(reading) + "\n")
@@ -290,7 +275,7 @@ def _lines(text: Callable[[LiveReading], str]) -> Callable[[LiveReading], None]:
 
 @contextmanager
 def _screen(emulated: bool) -> Iterator[Callable[[LiveReading], None]]:
-    """Picture of the last scan on the terminal, drawn ten times a second at most."""
+    """Draw the latest scan on the terminal, at most ten times a second."""
     from rich.console import Console
     from rich.live import Live
     from rich.text import Text
@@ -313,7 +298,7 @@ def _screen(emulated: bool) -> Iterator[Callable[[LiveReading], None]]:
 
 
 def live_record(reading: LiveReading, *, emulated: bool) -> dict[str, Any]:
-    """Return what a scan says as a mapping for JSON, in SI units."""
+    """Return a reading as a mapping for JSON, in SI units."""
     from coilarray.report.localize_tables import location_record
 
     return {
@@ -333,22 +318,14 @@ def live_record(reading: LiveReading, *, emulated: bool) -> dict[str, Any]:
 
 
 def plain_line(reading: LiveReading) -> str:
-    """Return what a scan says in one line for people."""
+    """Return a reading in one line for people."""
     parts = [f"{reading.elapsed:.3f} s"]
     parts += [f"{state.name} {_delta_text(state)}" for state in reading.states]
     return "  ".join([*parts, _place_text(reading)])
 
 
 def screen_lines(reading: LiveReading, scale: float) -> list[str]:
-    """Return the picture of a scan: a bar for every state, where the indentation is, and how the board does.
-
-    Parameters
-    ----------
-    reading : LiveReading
-        Of the scan.
-    scale : float
-        δ at the end of a bar.
-    """
+    """Return the lines of a picture: a bar for every state, which ends at δ = `scale`, the position, and the rate."""
     width = max((len(state.name) for state in reading.states), default=0)
     lines = [f"δ in 10⁻⁶; bars end at {scale * 1e6:.0f}"]
     for state in reading.states:
@@ -369,7 +346,7 @@ def _delta_text(state: LiveState) -> str:
 
 
 def _bar(part: float) -> str:
-    """Bar of up to 40 characters about a zero at a fifth of its length."""
+    """Return a bar of up to 40 characters about a zero at a fifth of its length."""
     zero = _BAR // 5
     eighths = round(8 * min(max(part, -1.0), 1.0) * (_BAR - zero))
     if eighths >= 0:
@@ -380,7 +357,7 @@ def _bar(part: float) -> str:
 
 
 def _place_text(reading: LiveReading) -> str:
-    """Say where the indentation is, or why that is not known."""
+    """Return where the indentation is, or why that is unknown."""
     if reading.waiting:
         return f"baseline: {reading.waiting} more scans without an indentation"
     if reading.location is None:
@@ -388,7 +365,7 @@ def _place_text(reading: LiveReading) -> str:
     from coilarray.report.localize_tables import location_record
 
     status = str(location_record(reading.location).get("status", reading.location.reason))
-    if reading.location.verdict not in _TELLING:
+    if reading.location.verdict not in _LOCATED:
         return status
     modes = reading.location.modes
     more = f"; or {len(modes) - _SHOWN} more" if len(modes) > _SHOWN else ""
@@ -400,7 +377,7 @@ def _mode_text(mode: Mode) -> str:
     deviations: Sequence[float] = mode.deviations.tolist()
     parts = []
     for k, (name, value) in enumerate(zip(("x", "y", "depth"), values, strict=True)):
-        known = k < len(deviations) and deviations[k] < _TOLD
+        known = k < len(deviations) and deviations[k] < _LARGEST_ERROR
         error = f" ± {deviations[k] * 1e3:.2f}" if known else ""
         parts.append(f"{name} {value * 1e3:.2f}{error}")
     return ", ".join(parts).replace("-", "−") + " mm"

@@ -11,6 +11,7 @@ import typer
 from coilarray.cli import (
     board,
     calibrate_board,
+    campaign,
     check,
     compare,
     distortion,
@@ -69,6 +70,7 @@ app.command("view")(view.view)
 app.command("studio")(studio.studio)
 app.command("board")(board.board)
 app.command("measure")(measure.measure)
+app.command("campaign")(campaign.campaign)
 app.command("scan-info")(scan_info.scan_info)
 app.command("calibrate-board")(calibrate_board.calibrate_board)
 app.command("compare")(compare.compare)

@@ -1,4 +1,4 @@
-"""Readings of the coils as people and programs give them: on the command line, in files, in streams of JSON lines."""
+"""Readings of the coils from the command line, from files and from streams of JSON lines."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 from coilarray.errors import LocalizeError
 
 Reading = dict[str, float] | list[float]
-"""δ by the names of the coils, or in the model's order."""
+"""δ by the names of the coils, or in the order of the model."""
 
 _SHOWN = 60  # characters of a bad input that an error repeats
 
@@ -21,17 +21,17 @@ def read_readings(text: str) -> list[Reading | LocalizeError]:
     Parameters
     ----------
     text : str
-        coil1=7.1e-4,coil2=3e-4,... or the name of a file: .csv, .json or .jsonl.
+        Reading as coil1=7.1e-4,coil2=3e-4,... or the name of a file: .csv, .json or .jsonl.
 
     Returns
     -------
     list of Reading or LocalizeError
-        In the order of the file; for a reading that is none, what is wrong with it.
+        Readings in the order of the file, or what is wrong with them.
 
     Raises
     ------
     LocalizeError
-        A text that is neither, a file that cannot be read as a whole, a file without a reading.
+        Another text, a file that cannot be read as a whole, a file without a reading.
     """
     path = Path(text)
     suffix = path.suffix.lower()
@@ -59,7 +59,7 @@ def read_readings(text: str) -> list[Reading | LocalizeError]:
 
 
 def line_readings(lines: Iterable[bytes]) -> Iterator[Reading | LocalizeError]:
-    """One reading for each line of JSON, or what is wrong with it."""
+    """Yield one reading for each line of JSON, or what is wrong with it."""
     for line in lines:
         try:
             yield json_reading(_parsed(line.decode("utf-8")))
@@ -79,7 +79,7 @@ def json_reading(value: object) -> Reading:
 
 
 def _json_file(content: str) -> list[Reading | LocalizeError]:
-    """One reading, or a list of them."""
+    """Read one reading, or a list of them."""
     value = _parsed(content)
     several = isinstance(value, list) and any(isinstance(one, (dict, list)) for one in value)
     readings: list[Reading | LocalizeError] = []

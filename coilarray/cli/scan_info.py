@@ -19,23 +19,24 @@ if TYPE_CHECKING:
     from coilarray.hardware.record.recording import Recording
     from coilarray.hardware.record.recording_summary import RecordingSummary
 
-_FORMATS = ("nc", "csv")
+FORMATS = ("nc", "csv")
+"""Endings of the files that a recording is converted to."""
 
 
 def scan_info(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="Recording of `coilarray measure`.")],
-    to: Annotated[str | None, typer.Option("--to", help="Convert: nc (netCDF) or csv.")] = None,
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Recording of coilarray measure or campaign.")],
+    to: Annotated[str | None, typer.Option("--to", help="Format to convert to: nc (netCDF) or csv.")] = None,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="File to write; RUN with the ending .nc or .csv by default.")
     ] = None,
     series: Annotated[
-        bool, typer.Option("--series", help="Convert every scan in the order of time, also of a campaign.")
+        bool, typer.Option("--series", help="Convert to a time series of all scans, also for a campaign.")
     ] = False,
     baseline: Annotated[
-        int, typer.Option("--baseline", help="First scans that the δ of a time series counts from.")
+        int, typer.Option("--baseline", help="Number of first scans from which δ of a time series counts.")
     ] = 10,
     partial: Annotated[
-        bool, typer.Option("--partial", help="Convert a campaign that is not whole; what is missing is NaN.")
+        bool, typer.Option("--partial", help="Convert an unfinished campaign; missing positions are NaN.")
     ] = False,
     calibration: Annotated[
         Path | None,
@@ -67,7 +68,7 @@ def scan_info(
                 raise HardwareError("--calibration is for the response of a campaign; δ of a time series needs none.")
             wrote = None if target is None else _write_series(recording, target, baseline)
         else:
-            wrote = None if target is None else _write_response(recording, target, calibration, partial=partial)
+            wrote = None if target is None else write_response(recording, target, calibration, partial=partial)
     if as_json:
         print_json({**summary.to_record(), "wrote": None if target is None else str(target)})
         return
@@ -88,12 +89,11 @@ def print_summary(summary: RecordingSummary) -> None:
     lines.append(f"{summary.scans} scans of {len(summary.states)} states in {summary.seconds:.1f} s{lost}")
     if summary.campaign is not None:
         lines.append(f"campaign: {summary.positions} of {summary.campaign.size} positions are measured")
-    lines += [self_test_line(test.symptoms) for test in summary.self_tests]
+    lines += [_self_test_line(test.symptoms) for test in summary.self_tests]
     rows = [
         (
             state.name,
-            "–" if state.frequency is None else f"{state.frequency * 1e-6:.6f}",
-            "–" if state.inductance is None else f"{state.inductance * 1e6:.4f}",
+            *reading_cells(state.frequency, state.inductance),
             "–" if state.noise is None else f"{state.noise:.1e}",
             *(str(state.verdicts[verdict]) for verdict in ("good", "doubtful", "bad")),
             ", ".join(f"{count} {reason}" for reason, count in state.reasons.most_common()),
@@ -104,7 +104,15 @@ def print_summary(summary: RecordingSummary) -> None:
     typer.echo(marked("\n".join([*lines, table]), emulated=summary.emulated))
 
 
-def self_test_line(symptoms: Sequence[str]) -> str:
+def reading_cells(frequency: float | None, inductance: float | None) -> tuple[str, str]:
+    """Return the cells of a table for a frequency in Hz and an inductance in H."""
+    return (
+        "–" if frequency is None else f"{frequency * 1e-6:.6f}",
+        "–" if inductance is None else f"{inductance * 1e6:.4f}",
+    )
+
+
+def _self_test_line(symptoms: Sequence[str]) -> str:
     """Return the verdict of a self-test in one line."""
     if not symptoms:
         return "self-test passed"
@@ -114,20 +122,22 @@ def self_test_line(symptoms: Sequence[str]) -> str:
 
 def _target(run: Path, to: str | None, out: Path | None) -> Path | None:
     """Return the file to write, with its format as its ending; None where nothing is converted."""
-    if to is not None and to not in _FORMATS:
-        raise OutputError(f"--to must be {' or '.join(_FORMATS)}; got {to!r}.")
+    if to is not None and to not in FORMATS:
+        raise OutputError(f"--to must be {' or '.join(FORMATS)}; got {to!r}.")
     if run.is_dir():
         raise HardwareError(f"cannot read {run}: it is a folder.")
     if out is None:
         out = None if to is None else run.with_suffix(f".{to}")
-    check_file("--out", out, [f".{to}"] if to else [f".{one}" for one in _FORMATS])
+    check_file("--out", out, [f".{to}"] if to else [f".{one}" for one in FORMATS])
     if out is not None and out.resolve() == run.resolve():
         raise OutputError(f"--out must be another file than the recording {run}.")
     return out
 
 
-def _write_response(recording: Recording, target: Path, calibration: Path | None, *, partial: bool) -> str:
-    """Write the response of a campaign; return a line for people."""
+def write_response(
+    recording: Recording, target: Path, calibration: Path | None = None, *, partial: bool = False
+) -> str:
+    """Write the response of a campaign to a file; return a line for people."""
     from coilarray.hardware.record.calibration_file import load_calibration
     from coilarray.hardware.record.channel_calibration import calibrated_response
     from coilarray.hardware.record.recorded_response import recorded_response, response_csv

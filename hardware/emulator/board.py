@@ -2,30 +2,20 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Protocol
 
-from coilarray.hardware.emulator.adg739_chain import Adg739Chain
-from coilarray.hardware.emulator.i2c_bus import EmulatedBus
+from coilarray.hardware.emulator.conditions import Conditions
+from coilarray.hardware.emulator.conversion import Resonator
 from coilarray.hardware.emulator.indenter import Indenter, Place
-from coilarray.hardware.emulator.ldc1614_chip import CHANNELS, Ldc1614, OpenPoints
-from coilarray.hardware.emulator.oscillator import ROOM_TEMPERATURE, Oscillator
-from coilarray.hardware.emulator.switch_port import EmulatedSwitches
-from coilarray.hardware.emulator.tank import Resonator
-from coilarray.hardware.emulator.undocumented import Misuse
-from coilarray.hardware.emulator.world import World
+from coilarray.hardware.emulator.ldc1614_chip import CHANNELS, EmulatedBus, Ldc1614, Misuse, OpenPoints
+from coilarray.hardware.emulator.sensor_world import World
+from coilarray.hardware.emulator.switches import Adg739Chain, EmulatedSwitches
 from coilarray.hardware.scan.closure import Seen, switch_table, what_is_seen
 from coilarray.hardware.wire.buses import Clock
 
-NOISE = 1.4e-7
-"""Relative standard deviation of a frequency at full resolution: what a user of the LDC1612 reports at RCOUNT 0x800,
-8e-7, by the root of the number of counted cycles. Not verified."""
-
-
-_CIRCUITS = 256  # kept, since a scan comes back to the same few
+_CIRCUITS = 256  # solved circuits that are kept: a scan repeats the same few
 
 
 class Netlist(Protocol):
@@ -36,53 +26,7 @@ class Netlist(Protocol):
         """Names of the coils."""
 
     def encode(self) -> bytes:
-        """Eight bytes a device, as `coilarray.hardware.scan.closure.switch_table` reads them."""
-
-
-@dataclass(frozen=True)
-class Drift:
-    """Temperature of the board over time.
-
-    Parameters
-    ----------
-    rate : float
-        In K/s.
-    sway, period : float
-        Amplitude in K and period in s of a swing about it.
-    start : float
-        Temperature in °C at the time 0.
-    """
-
-    rate: float = 0.0
-    sway: float = 0.0
-    period: float = 600.0
-    start: float = ROOM_TEMPERATURE
-
-    def at(self, time: float) -> float:
-        """Temperature in °C at a time in s."""
-        return self.start + self.rate * time + self.sway * math.sin(2 * math.pi * time / self.period)
-
-
-@dataclass
-class Conditions:
-    """What surrounds the converter; may be changed at any time.
-
-    Parameters
-    ----------
-    oscillator : Oscillator
-        Of the converter.
-    drift : Drift
-        Temperature.
-    noise : float
-        Relative standard deviation of a frequency at full resolution.
-    clkin : float or None
-        Frequency at the pin CLKIN in Hz; None where it is grounded.
-    """
-
-    oscillator: Oscillator = field(default_factory=Oscillator)
-    drift: Drift = field(default_factory=Drift)
-    noise: float = NOISE
-    clkin: float | None = None
+        """Return eight bytes per device, as `coilarray.hardware.scan.closure.switch_table` reads them."""
 
 
 class EmulatedBoard:
@@ -93,22 +37,28 @@ class EmulatedBoard:
     coils : sequence of str
         Names of the coils by their number in the netlist.
     wiring : bytes
-        Of the switches, as `switch_table` reads it.
+        Wiring of the switches, as `switch_table` reads it.
     world : World
         Physics of the coils.
     clock : Clock
-        Time.
+        Clock of the board, real or virtual.
     conditions : Conditions, optional
-        Of the converter.
-    channels, open_points, strict, seed
-        As in `Ldc1614` and `Misuse`.
+        Oscillator, temperature and noise of the converter.
+    channels : int
+        Number of channels of the converter, 4 or 2.
+    open_points : OpenPoints, optional
+        How the converter behaves where its documents contradict each other.
+    strict : bool
+        Whether undocumented use of a chip raises UndocumentedUse; it is noted in any case.
     readback : bool
         Whether the end of the chain of switches is wired back.
+    seed : int
+        Seed of the noise.
 
     Notes
     -----
-    `bus` and `switches` are what a driver uses; `chip`, `chain`, `indenter` and `conditions` are for whoever plays the
-    board's fate. `misuse.notes` tells what the driver did against the data sheets.
+    A driver uses `bus` and `switches`; a test causes faults through `chip`, `chain`, `indenter` and `conditions`.
+    `misuse.notes` lists what the driver did against the data sheets.
     """
 
     def __init__(
@@ -148,25 +98,23 @@ class EmulatedBoard:
         return self.conditions.noise
 
     def internal_clock(self, time: float) -> float:
-        """Frequency of the converter's own oscillator in Hz."""
+        """Return the frequency of the converter's own oscillator in Hz."""
         return self.conditions.oscillator.at(time, self.conditions.drift.at(time))
 
     def external_clock(self, time: float) -> float | None:
-        """Frequency at the pin CLKIN in Hz."""
+        """Return the frequency at the pin CLKIN in Hz."""
         return self.conditions.clkin
 
     def sensor(self, channel: int, time: float) -> Resonator | None:
         """Return the tank at a channel of the converter: only the first is wired."""
-        if channel != 0:
-            return None
-        if self._seen.state is None:
+        if channel != 0 or self._seen.state is None:
             return None
         return self.world.resonator(self._seen.state, self.indenter.at(time), self.conditions.drift.at(time))
 
     # ------------------------------------------------------------------ for tests
 
     def seen(self) -> Seen:
-        """Say what the converter sees through the switches."""
+        """Return the circuit that the converter sees through the switches."""
         return self._seen
 
     def true_tank(self) -> Resonator | None:
@@ -182,4 +130,4 @@ class EmulatedBoard:
         commanded = self._solve(self.chain.commanded())
         if commanded.kind in ("short", "grounded", "tangled"):
             words = self.chain.words.hex()
-            self.misuse.remark(f"the words {words} make a circuit that is {commanded.kind}.")  # or a bit slipped
+            self.misuse.remark(f"the words {words} make a circuit that is {commanded.kind}.")  # or a bit was shifted

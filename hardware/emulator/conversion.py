@@ -1,42 +1,88 @@
-"""What an LDC1614 does between its registers: waking, settling, counting, and what can go wrong while it counts."""
+"""What an LDC1614 does between its registers: waking, settling, counting, and what can go wrong while it counts.
+
+`Setting` decodes the registers, `Resonator` is the tank that the converter drives, and `Run` counts its cycles.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
-from coilarray.hardware.emulator.chip_setting import DEGLITCH, Setting
-from coilarray.hardware.emulator.tank import (
-    AMPLITUDE_HIGH,
-    AMPLITUDE_LOW,
-    AMPLITUDE_STOPS,
-    DRIVE_CURRENTS,
-    Resonator,
-)
+# IDRIVE codes 0 to 31 in A: table 42 of the data sheet
+DRIVE_CURRENTS = tuple(
+    1e-6 * microamperes
+    for microamperes in (
+        16, 18, 20, 23, 28, 32, 40, 46, 52, 59, 72, 82, 95, 110, 127, 146,
+        169, 195, 212, 244, 297, 342, 424, 489, 551, 635, 763, 880, 1017, 1173, 1355, 1563,
+    )
+)  # fmt: skip
 
+AMPLITUDE_STOPS = 0.6
+"""Peak voltage in V below which the oscillation stops."""
+AMPLITUDE_LOW = 1.2
+"""Peak voltage in V below which the converter warns."""
+AMPLITUDE_HIGH = 1.8
+"""Peak voltage in V above which the converter warns and its clamps act."""
+DEGLITCH = {0b001: 1e6, 0b100: 3.3e6, 0b101: 10e6, 0b111: 33e6}
+"""Cut-off frequencies of the input filter in Hz by code; the application table prints 0b011 for the last."""
+_SEQUENCES = {0b00: 2, 0b01: 3, 0b10: 4, 0b11: 2}  # channels of RR_SEQUENCE
+_LARGEST_REFERENCE_SINGLE, _LARGEST_REFERENCE_SCAN, _LARGEST_EXTERNAL_SCAN = 35e6, 55e6, 40e6
 FULL_RESOLUTION = 0xFFFF
-"""RCOUNT at which the noise of a converter is given."""
+"""RCOUNT at which the noise of a converter is specified."""
 WATCHDOG = 5.2e-3
 """Time in s without oscillation after which the chip gives up and starts the sensor again."""
 _FULL_SCALE = 1 << 28
 _WAKE_CYCLES = 16384
-# from channel to channel; taken also for the slot before each conversion of a single one, whose length is not given
+# from channel to channel; also assumed for the slot before each conversion of a single one, whose length is not given
 _SWITCH_TIME, _SWITCH_CYCLES = 692e-9, 5
-_LEAST_SETTLE = 2  # what 0 and 1 count as
-_DIVIDED_FROM = 8.75e6  # Hz of the sensor
-# not in the data sheet, which says only that there is an effect: the clamps pull the frequency, and a small amplitude
-# is noisier
+_LEAST_SETTLE = 2  # SETTLECOUNT 0 and 1 act as 2
+_DIVIDED_FROM = 8.75e6  # Hz: sensor frequency from which the input must be divided
+# assumed size of an effect that the data sheet only mentions: clamps pull the frequency, a small amplitude is noisier
 _CLAMP_PULL = -1e-3
 _HIGH_CURRENT = 4.0  # 1.56 mA become about 6 mA
-_UNTOUCHED = 4  # conversions that are counted one by one before the chip's idle turns are left out
+_UNTOUCHED = 4  # conversions that are counted one by one before unread ones are skipped
+
+
+@dataclass(frozen=True)
+class Resonator:
+    """Coil and capacitor at resonance, as the converter's oscillator meets them.
+
+    Parameters
+    ----------
+    frequency : float
+        Resonance frequency in Hz.
+    parallel_resistance : float
+        Parallel resistance R_p at resonance in Ω; infinite without losses.
+    quality_factor : float
+        Quality factor of the whole tank.
+    """
+
+    frequency: float
+    parallel_resistance: float
+    quality_factor: float
+
+    def amplitude(self, current: float) -> float:
+        """Return the peak voltage in V for a drive current in A: V = 4 R_p I/π (eq. 12).
+
+        Examples
+        --------
+        >>> round(Resonator(2e6, 33e3, 40.0).amplitude(40e-6), 2)
+        1.68
+        """
+        return 4 * self.parallel_resistance * current / math.pi
+
+    def automatic_drive(self) -> int:
+        """Return the IDRIVE code that the chip chooses by itself: the largest current that stays below the clamps."""
+        kept = [code for code, current in enumerate(DRIVE_CURRENTS) if self.amplitude(current) <= AMPLITUDE_HIGH]
+        return max(kept, default=0)
 
 
 class Surroundings(Protocol):
-    """What is connected to a converter."""
+    """Everything that is connected to a converter."""
 
     def sensor(self, channel: int, time: float) -> Resonator | None:
         """Return the tank at a channel; None where nothing can oscillate."""
@@ -53,20 +99,108 @@ class Surroundings(Protocol):
 
 
 @dataclass(frozen=True)
+class ChannelSetting:
+    """Registers of one channel, decoded."""
+
+    rcount: int
+    offset: int
+    settle: int
+    fin_divider: int
+    fref_divider: int
+    drive: int
+
+
+@dataclass(frozen=True)
+class Setting:
+    """Registers of a chip as they were when it was woken, decoded."""
+
+    channels: tuple[ChannelSetting, ...]
+    sequence: tuple[int, ...]
+    external: bool
+    fixed_drive: bool
+    fixed_amplitude: bool
+    high_current: bool
+    deglitch: int
+
+    @staticmethod
+    def of(registers: Mapping[int, int], channels: int) -> Setting:
+        """Decode the registers of a chip with the given number of channels."""
+        config, mux = registers[0x1A], registers[0x1B]
+        scan = bool(mux >> 15)
+        sequence = tuple(range(min(_SEQUENCES[mux >> 13 & 0b11], channels))) if scan else (config >> 14,)
+        return Setting(
+            channels=tuple(
+                ChannelSetting(
+                    registers[0x08 + k],
+                    registers[0x0C + k],
+                    registers[0x10 + k],
+                    registers[0x14 + k] >> 12,
+                    registers[0x14 + k] & 0x3FF,
+                    registers[0x1E + k] >> 11,
+                )
+                for k in range(channels)
+            ),
+            sequence=sequence,
+            external=bool(config >> 9 & 1),
+            fixed_drive=bool(config >> 12 & 1),
+            fixed_amplitude=bool(config >> 10 & 1),
+            high_current=bool(config >> 6 & 1),
+            deglitch=mux & 0b111,
+        )
+
+    @property
+    def scan(self) -> bool:
+        """Whether several channels take turns."""
+        return len(self.sequence) > 1
+
+    def problems(self, clock: float | None) -> Iterator[str]:
+        """Yield what the data sheet does not allow, given the clock in Hz; None where the chosen one is missing."""
+        if clock is None:
+            yield "the chip was woken with an external clock, but the pin CLKIN is grounded."
+        if self.high_current and self.sequence != (0,):
+            yield "HIGH_CURRENT_DRV was set although channel 0 is not the only one."
+        if self.deglitch not in DEGLITCH:
+            yield f"DEGLITCH is {self.deglitch:#05b}, which is reserved."
+        for channel in self.sequence:
+            if channel >= len(self.channels):
+                yield f"channel {channel} was chosen; the chip has {len(self.channels)}."
+                continue
+            yield from self._channel_problems(channel, clock)
+
+    def _channel_problems(self, channel: int, clock: float | None) -> Iterator[str]:
+        one = self.channels[channel]
+        if one.fin_divider == 0 or one.fref_divider == 0:
+            yield f"CLOCK_DIVIDERS{channel} holds a divider 0, which is reserved."
+            return
+        if one.rcount <= (8 if self.scan else 4):
+            yield f"RCOUNT{channel} is {one.rcount}, which is reserved."
+        if self.scan and one.settle <= 3:
+            yield f"SETTLECOUNT{channel} is {one.settle}; with several channels it must be more than 3."
+        if clock is None:
+            return
+        reference = clock / one.fref_divider
+        largest = _LARGEST_REFERENCE_SINGLE
+        if self.scan:
+            largest = _LARGEST_EXTERNAL_SCAN if self.external else _LARGEST_REFERENCE_SCAN
+        if reference > largest:
+            yield f"the reference of channel {channel} is {reference:.4g} Hz; at most {largest:.4g} Hz are allowed."
+
+
+@dataclass(frozen=True)
 class Result:
-    """The end of a conversion.
+    """Result of a conversion.
 
     Parameters
     ----------
     channel, code : int
-        Which channel, and its 28 bits.
+        Number of the channel, and the 28 bits of its result.
     last : bool
-        Whether it ends a turn over all channels, so that data is ready.
+        Whether it completes the sequence of channels, so that data is ready.
     under_range, over_range, watchdog, high, low, no_edges : bool
-        What went wrong: below and above what the code holds, no oscillation for too long, amplitude too high and too
-        low, not one edge counted.
+        Errors: below and above the range of the code, no oscillation for too long, amplitude too high and too low, not
+        one edge counted.
     drive : int or None
-        IDRIVE code that the chip found by itself; None where it did not look.
+        IDRIVE code that the chip chose by itself; None where it did not search for one.
     """
 
     channel: int
@@ -82,27 +216,27 @@ class Result:
 
 
 class Run:
-    """The chip from one waking to the next sleep.
+    """The chip from waking until it sleeps again.
 
     Parameters
     ----------
     surroundings : Surroundings
-        What is connected.
+        Everything that is connected to the chip.
     setting : Setting
         Registers at the time of waking.
     time : float
-        Of waking in s.
+        Time of waking in s.
     take : callable
-        Given every result at its time.
+        Called with every result at its time.
     note : callable
-        Given what of the setting does not suit the sensor.
+        Called with a text where the setting does not suit the sensor.
     random : numpy.random.Generator
-        For the noise.
+        Source of the noise.
 
     Notes
     -----
-    Nothing runs while nobody looks: `advance` catches up. Of many conversions that nobody saw only the first and the
-    last few are counted, as they overwrite each other.
+    Conversions are computed when `advance` is called. Of many unread conversions, which overwrite each other, only the
+    first and the last few are counted.
     """
 
     def __init__(
@@ -118,9 +252,9 @@ class Run:
         self._setting = setting
         self._take, self._note = take, note
         self._random = random
-        self._turn = 0  # in the sequence of channels
-        self._done = 0  # conversions
-        self._found: dict[int, int] = {}  # drives that the chip chose itself
+        self._turn = 0  # position in the sequence of channels
+        self._done = 0  # number of conversions
+        self._found: dict[int, int] = {}  # drive codes that the chip chose itself, by channel
         self._time = time + _WAKE_CYCLES / surroundings.internal_clock(time)
         self._activate()
 
@@ -130,10 +264,10 @@ class Run:
         Parameters
         ----------
         until : float
-            In s.
+            Time in s.
         changing : bool
-            Whether something around the chip is about to change: then a conversion is counted as far as it has come,
-            else only where it has ended or the watchdog may bark.
+            Whether something around the chip is about to change: then a running conversion is counted up to now, else
+            only where it has ended or the watchdog may fire.
         """
         while self._time < until:
             if not self._counting:
@@ -171,7 +305,7 @@ class Run:
             self._end = self._time + 16 * max(self._setting.channels[self._channel].settle, _LEAST_SETTLE) / reference
 
     def _watched(self, until: float) -> bool:
-        """Whether the watchdog may bark by a time in s."""
+        """Whether the watchdog may fire by a time in s."""
         return not self._setting.scan and self._quiet_since is not None and self._quiet_since + WATCHDOG <= until
 
     def _begin_count(self) -> None:
@@ -184,7 +318,7 @@ class Run:
         self._least_amplitude = math.inf
 
     def _count(self, until: float) -> None:
-        """Count to the end of the conversion, or as far as is known."""
+        """Count to the end of the conversion, or up to the given time."""
         stop = min(self._end, until)
         sensor = self._surroundings.sensor(self._channel, (self._time + stop) / 2)
         frequency, amplitude = self._oscillation(sensor)
@@ -241,7 +375,7 @@ class Run:
             self._begin_count()
 
     def _leave_out(self, until: float) -> None:
-        """Skip conversions that nobody saw, all but the last few."""
+        """Skip unread conversions, all but the last few."""
         if self._setting.scan or self._done < _UNTOUCHED:
             return
         turn = self._length + _SWITCH_TIME + _SWITCH_CYCLES / self._reference_now
@@ -253,7 +387,7 @@ class Run:
     # ------------------------------------------------------------------- the sensor
 
     def _judge_start(self, sensor: Resonator) -> None:
-        """Look whether the sensor had the time to settle, and whether its frequency suits the input."""
+        """Check whether the sensor had time to settle, and whether its frequency suits the input."""
         one = self._setting.channels[self._channel]
         needed = math.ceil(sensor.quality_factor * self._reference_now / (16 * sensor.frequency))
         if max(one.settle, _LEAST_SETTLE) < needed:
@@ -263,13 +397,13 @@ class Run:
             self._note(f"FIN_DIVIDER{self._channel} must be at least 2 for a sensor of {sensor.frequency:.4g} Hz.")
 
     def _oscillation(self, sensor: Resonator | None) -> tuple[float, float]:
-        """Frequency in Hz that reaches the counter and amplitude in V; both 0 where nothing oscillates."""
+        """Return the frequency in Hz at the counter and the amplitude in V; both 0 where nothing oscillates."""
         if sensor is None:
             return 0.0, 0.0
         amplitude = sensor.amplitude(self._current(sensor))
         frequency = sensor.frequency if amplitude >= AMPLITUDE_STOPS else 0.0
         if frequency > DEGLITCH.get(self._setting.deglitch, math.inf):
-            frequency = 0.0  # the input filter takes it
+            frequency = 0.0  # suppressed by the input filter
         elif amplitude > AMPLITUDE_HIGH:
             frequency *= 1 + _CLAMP_PULL * (min(amplitude, 2 * AMPLITUDE_HIGH) / AMPLITUDE_HIGH - 1)
         return frequency, amplitude
@@ -282,7 +416,7 @@ class Run:
         return current * _HIGH_CURRENT if self._setting.high_current else current
 
     def _automatic(self, sensor: Resonator | None) -> int | None:
-        """Drive that the chip has found; with the correction on it looks again after every conversion."""
+        """Return the drive that the chip chose; with amplitude correction it searches after every conversion."""
         if self._setting.fixed_drive and self._setting.fixed_amplitude:
             return None
         if self._channel not in self._found or not self._setting.fixed_amplitude:

@@ -1,4 +1,4 @@
-"""Where the emulated indenter is: pressed and lifted by hand, or along a path in time."""
+"""Where the emulated indenter is: pressed and lifted at once, or along a path in time."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ class Indenter:
     Parameters
     ----------
     before_change : callable
-        Called before it is moved.
+        Called before the indenter moves.
     check : callable
-        Given every place that it is sent to; raises HardwareError where it cannot go.
+        Called with every place on its path; raises HardwareError where the indenter cannot go.
 
     Examples
     --------
@@ -49,11 +49,11 @@ class Indenter:
         self._places: list[Place] = [LIFTED]
 
     def press(self, x: float, y: float, depth: float) -> None:
-        """Stand at once at x and y, pressed in by a depth; all in m."""
+        """Press at once at x and y to a depth, all in m."""
         self.follow([(0.0, x, y, depth)])
 
     def lift(self) -> None:
-        """Let go."""
+        """Lift at once."""
         last = self._places[-1]
         self.press(last.x, last.y, 0.0)
 
@@ -63,14 +63,14 @@ class Indenter:
         Parameters
         ----------
         path : sequence of (float, float, float, float)
-            Time in s by the board's clock, rising, and x, y and depth in m. Before the first and after the last time it
-            stands still.
+            Time in s by the board's clock, rising, and x, y and depth in m. The indenter stands still before the first
+            and after the last time.
 
         Raises
         ------
         HardwareError
-            No point, times that do not rise, a depth below 0, a value that is not finite, or a place that it cannot go
-            to.
+            No point, times that do not rise, a negative depth, a value that is not finite, or a place where the
+            indenter cannot go.
         """
         times = [point[0] for point in path]
         if not path or not all(math.isfinite(value) for point in path for value in point):
@@ -86,7 +86,7 @@ class Indenter:
         self._times, self._places = times, places
 
     def at(self, time: float) -> Place:
-        """Where it is at a time in s."""
+        """Return where the indenter is at a time in s."""
         after = bisect_right(self._times, time)
         if after == 0 or after == len(self._times):
             return self._places[max(after - 1, 0)]

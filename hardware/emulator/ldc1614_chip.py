@@ -1,4 +1,4 @@
-"""LDC1614 at the level of its registers: what it answers over I²C at any moment.
+"""LDC1614 at the level of its registers, and the I²C bus to it: what it answers at any moment.
 
 Written from the data sheet's register table and text (Texas Instruments SNOSCY9A), not from any driver. What happens
 between the registers, waking, settling and converting, is in `conversion`.
@@ -11,12 +11,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from coilarray.hardware.chips.ldc1614_registers import Register, registers
-from coilarray.hardware.emulator.chip_setting import Setting
-from coilarray.hardware.emulator.conversion import Result, Run, Surroundings
-from coilarray.hardware.emulator.undocumented import Misuse
+from coilarray.hardware.emulator.conversion import Result, Run, Setting, Surroundings
 from coilarray.hardware.wire.buses import Clock
+from coilarray.hardware.wire.faults import BusFault, BusTimeout
 
 CHANNELS = 4
+"""Number of channels of an LDC1614."""
+ADDRESS = 0x2A
+"""I²C address with the pin ADDR low."""
+_READ_BITS, _WRITE_BITS = 48, 38  # on the wire, start and stop included
+_BUS_TIMEOUT = 25e-3  # s until a master gives up a bus that is held down
 _MSB, _LSB = (0x00, 0x02, 0x04, 0x06), (0x01, 0x03, 0x05, 0x07)
 _DIVIDERS, _DRIVE = 0x14, 0x1E
 _STATUS, _ERROR_CONFIG, _CONFIG, _MUX, _RESET = 0x18, 0x19, 0x1A, 0x1B, 0x1C
@@ -26,9 +30,47 @@ _RESET_BIT = 1 << 15
 _START_UP = 2e-3  # s from the end of a shutdown until I²C answers
 
 
+class UndocumentedUse(Exception):  # noqa: N818 - not an error of a board: a fault of the driver that no driver may catch
+    """Use of a chip that its data sheet does not allow, although the chip lets it happen; raised in strict mode."""
+
+
+class Misuse:
+    """Collects undocumented use, and raises it in strict mode.
+
+    Parameters
+    ----------
+    strict : bool
+        Whether undocumented use raises UndocumentedUse.
+
+    Examples
+    --------
+    >>> misuse = Misuse(strict=False)
+    >>> misuse.note("register 0x1D is not documented")
+    >>> misuse.notes
+    ['register 0x1D is not documented']
+    """
+
+    _MOST = 1000  # notes that are kept, so that a runaway driver does not fill the memory
+
+    def __init__(self, strict: bool) -> None:
+        self.strict = strict
+        self.notes: list[str] = []
+
+    def remark(self, what: str) -> None:
+        """Note something that may not be the driver's fault; never raises."""
+        if len(self.notes) < self._MOST:
+            self.notes.append(what)
+
+    def note(self, what: str) -> None:
+        """Note one use; UndocumentedUse in strict mode."""
+        self.remark(what)
+        if self.strict:
+            raise UndocumentedUse(what)
+
+
 @dataclass(frozen=True)
 class OpenPoints:
-    """What the sources leave open or contradict each other in; a driver must be right either way.
+    """Behaviour that the sources leave open or contradict each other in; a driver must work either way.
 
     Parameters
     ----------
@@ -51,17 +93,17 @@ class Ldc1614:
     Parameters
     ----------
     clock : Clock
-        Time of the board.
+        Clock of the board.
     surroundings : Surroundings
         Coils, clocks and temperature.
     channels : int
-        4, or 2 for an LDC1612, which has the same identity.
+        Number of channels: 4, or 2 for an LDC1612, which has the same identity.
     open_points : OpenPoints
-        Which reading of the sources holds.
+        Behaviour where the sources disagree.
     misuse : Misuse
-        Where undocumented use goes.
+        Collects undocumented use.
     seed : int
-        Of the noise.
+        Seed of the noise.
     """
 
     def __init__(
@@ -112,7 +154,7 @@ class Ldc1614:
         return bool(self._registers[_CONFIG] & _SLEEP)
 
     def read(self, address: int) -> int:
-        """Return a register as the bus gives it, with everything that reading does."""
+        """Return a register as the bus gives it, with all side effects of reading."""
         self._look()
         if address not in self.table:
             self._note(f"register {address:#04x} was read; it is not documented.")
@@ -145,24 +187,24 @@ class Ldc1614:
         if address == _CONFIG:
             self._configure(value)
 
-    # --------------------------------------------------------------- what happens to it
+    # ------------------------------------------------------- what happens to the chip
 
     def advance(self) -> None:
-        """Let the chip do what it does until now; to be called before anything around it changes."""
+        """Simulate the chip up to now; to be called before anything around it changes."""
         if self._run is not None:
             self._run.advance(self.clock.now(), changing=True)
 
     def brown_out(self) -> None:
-        """Let the supply drop for a moment: all registers are as after power-up, asleep."""
+        """Drop the supply for a moment: all registers are as after power-up, and the chip sleeps."""
         self.excuse()
         self._reset()
 
     def excuse(self) -> None:
-        """Blame no driver for what registers hold by accident, until CLOCK_DIVIDERS0 is written again."""
+        """Note no undocumented use until CLOCK_DIVIDERS0 is written again: registers hold values by accident."""
         self._excused = True
 
     def shut_down(self, pin: bool) -> None:
-        """Drive the pin SD: high resets and switches off, low starts up again in 2 ms."""
+        """Drive the pin SD: high resets the chip and switches it off, low starts it again within 2 ms."""
         if pin:
             self.brown_out()
         elif self._shut_down:
@@ -170,11 +212,11 @@ class Ldc1614:
         self._shut_down = pin
 
     def peek(self, address: int) -> int:
-        """Return a configuration register without touching anything."""
+        """Return a configuration register without side effects."""
         return self._registers[address]
 
     def poke(self, address: int, value: int) -> None:
-        """Change a configuration register as no driver could: a bit that toppled."""
+        """Change a configuration register behind the driver's back, like a flipped bit."""
         self.excuse()
         self._registers[address] = value
 
@@ -211,11 +253,10 @@ class Ldc1614:
         elif self._run is None:
             now, setting = self.clock.now(), Setting.of(self._registers, self.channels)
             around = self.surroundings
-            for problem in setting.problems(
-                (around.external_clock if setting.external else around.internal_clock)(now)
-            ):
+            source = around.external_clock if setting.external else around.internal_clock
+            for problem in setting.problems(source(now)):
                 self._note(problem)
-            self._run = Run(self.surroundings, setting, now, self._take, self._note, self._random)
+            self._run = Run(around, setting, now, self._take, self._note, self._random)
 
     def _check_write(self, register: Register, value: int) -> None:
         if not 0 <= value <= 0xFFFF:
@@ -235,7 +276,7 @@ class Ldc1614:
             self._note(f"{register.name} was written while the chip was active.")
 
     def _take(self, result: Result) -> None:
-        """Take over the end of a conversion."""
+        """Store the result of a conversion."""
         channel, config = result.channel, self._registers[_ERROR_CONFIG]
         raised = [result.under_range, result.over_range, result.watchdog, result.high, result.low]
         shown = [happened and bool(config & 1 << 15 - k) for k, happened in enumerate(raised)]
@@ -287,3 +328,82 @@ class Ldc1614:
             self._note(f"DATA{channel}_LSB was read without DATA{channel}_MSB before it.")
         self._fresh[channel] = False
         return self._latched[channel]
+
+
+class EmulatedBus:
+    """I²C bus to one converter: a `coilarray.hardware.wire.buses.RegisterBus`.
+
+    Parameters
+    ----------
+    chip : Ldc1614
+        Converter on the bus.
+    clock : Clock
+        Clock of the board, on which every transaction takes its time.
+    speed : float
+        I²C clock frequency in Hz.
+    """
+
+    def __init__(self, chip: Ldc1614, clock: Clock, *, speed: float = 400e3) -> None:
+        self.chip = chip
+        self.clock = clock
+        self.speed = speed
+        self.transactions = 0
+        self.log: list[tuple[str, int, int]] | None = None
+        """List to which every transaction is appended: "read" or "write", register, value; None for no log."""
+        self._refused = 0
+        self._flips: list[int] = []
+        self._held = False
+
+    def read(self, register: int) -> int:
+        """Return a register; BusFault where the chip does not answer."""
+        self._pass(_READ_BITS, register)
+        value = self._damaged(self.chip.read(register))
+        self._note("read", register, value)
+        return value
+
+    def write(self, register: int, value: int) -> None:
+        """Write a register; BusFault where the chip does not answer."""
+        self._pass(_WRITE_BITS, register)
+        arriving = self._damaged(value)
+        if arriving != value:
+            self.chip.excuse()
+        self.chip.write(register, arriving)
+        self._note("write", register, value)
+
+    def clear(self) -> None:
+        """Send nine clocks and a stop, upon which the chip releases the bus."""
+        self.clock.sleep(10 / self.speed)
+        self._held = False
+
+    def close(self) -> None:
+        """Release the bus."""
+
+    def refuse(self, transactions: int = 1) -> None:
+        """Make the chip not acknowledge the next transactions."""
+        self._refused = transactions
+
+    def hold(self) -> None:
+        """Hold the data line low until the bus is cleared, as a chip does whose transfer was interrupted."""
+        self._held = True
+
+    def flip(self, *bits: int) -> None:
+        """Flip the given bits of the next values, one bit in each transaction; I²C has no checksum to detect it."""
+        self._flips += bits
+
+    def _pass(self, bits: int, register: int) -> None:
+        self.transactions += 1
+        if self._held:
+            self.clock.sleep(_BUS_TIMEOUT)
+            raise BusTimeout(f"the bus is held down; register {register:#04x} was not reached.")
+        if self._refused or not self.chip.answers:
+            self._refused = max(self._refused - 1, 0)
+            self.clock.sleep(10 / self.speed)
+            raise BusFault(f"the converter did not acknowledge register {register:#04x}.")
+        self.clock.sleep(bits / self.speed)
+
+    def _damaged(self, value: int) -> int:
+        return value ^ (1 << self._flips.pop(0)) if self._flips else value
+
+    def _note(self, kind: str, register: int, value: int) -> None:
+        if self.log is not None:
+            self.log.append((kind, register, value))

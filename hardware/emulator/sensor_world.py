@@ -1,25 +1,51 @@
-"""The coils of a design under its elastomer: frequency and losses of what the converter drives, by our own physics."""
+"""Physics of an emulated board: resonance and losses of the coils of a design under its elastomer."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import replace
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 
 from coilarray.circuit.network import Network, StateResult, loaded_quality, resonances_near, resonate, solve_state
 from coilarray.design.scan_states import ScanState
 from coilarray.errors import HardwareError, NetworkError
+from coilarray.hardware.emulator.conditions import ROOM_TEMPERATURE
+from coilarray.hardware.emulator.conversion import Resonator
 from coilarray.hardware.emulator.indenter import LIFTED, Place
-from coilarray.hardware.emulator.oscillator import ROOM_TEMPERATURE
 from coilarray.hardware.emulator.response_table import ResponseTable
-from coilarray.hardware.emulator.tank import Resonator
 
 COPPER = 3.93e-3
-"""Relative change of copper's resistance in 1/K."""
+"""Relative change of the resistance of copper with temperature in 1/K."""
 _TEMPERATURE_STEP = 0.01  # K: 2e-8 of a frequency, half a step of the converter's code
 _MOST_KEPT = 20_000  # resonators
+
+
+class World(Protocol):
+    """Physics of the coils behind the switches."""
+
+    def check(self, place: Place) -> None:
+        """Refuse a place where the indenter cannot go; HardwareError."""
+
+    def resonator(self, state: ScanState, place: Place, temperature: float) -> Resonator | None:
+        """Return the tank that the converter drives.
+
+        Parameters
+        ----------
+        state : ScanState
+            Measured coils and terminations of the others.
+        place : Place
+            Position and depth of the indenter.
+        temperature : float
+            Temperature of the board in °C.
+
+        Returns
+        -------
+        Resonator or None
+            Tank at its resonance; None where nothing oscillates.
+        """
 
 
 class SensorWorld:
@@ -28,25 +54,25 @@ class SensorWorld:
     Parameters
     ----------
     network : Network
-        As `coilarray.hardware.scan.board_network.board_network` returns it.
+        Circuit of the board, as `coilarray.hardware.scan.board_network.board_network` returns it.
     table : callable
         Returns the response table; called when the indenter is pressed for the first time.
     strays : mapping of str to float, optional
-        Capacitance across single coils in F that the design does not know.
+        Additional capacitance across single coils in F, by name of the coil.
     copper : float
-        Relative change of all resistances in 1/K.
+        Relative change of all resistances with temperature in 1/K.
     capacitor : float
-        Relative change of the tank's capacitance in 1/K; a class-1 ceramic has at most 30e-6 of either sign.
+        Relative change of the tank capacitance with temperature in 1/K; at most ±30e-6 for a class-1 ceramic.
 
     Raises
     ------
     HardwareError
-        A stray of a coil that is not there.
+        A stray capacitance of a coil that does not exist.
 
     Notes
     -----
-    At room temperature and untouched it is `coilarray.circuit.impedance.scan_design`. Pressed, the resonance of the
-    same network with the changed inductance matrix is found, as `coilarray.response.map.response_map` does it.
+    At room temperature and without an indentation it agrees with `coilarray.circuit.impedance.scan_design`. With one,
+    it solves the same network with the changed inductance matrix, as `coilarray.response.map.response_map` does.
     """
 
     def __init__(
@@ -71,11 +97,11 @@ class SensorWorld:
 
     @cached_property
     def table(self) -> ResponseTable:
-        """Changes of the inductance matrix."""
+        """Change of the inductance matrix over position and depth."""
         return self._make_table()
 
     def check(self, place: Place) -> None:
-        """Refuse a place of the indenter that is not in the table; HardwareError."""
+        """Refuse a place of the indenter outside the table; HardwareError."""
         if place.depth > 0:
             self.table.check(place)
 
@@ -96,7 +122,7 @@ class SensorWorld:
         return self._found[key]
 
     def _resonance(self, state: ScanState) -> tuple[StateResult, float] | None:
-        """Solve a state untouched and at room temperature, with the quality of the whole resonator."""
+        """Solve a state at rest and at room temperature; return it with the quality factor of the whole tank."""
         try:
             found = resonate(self._network, state)
         except NetworkError:
@@ -104,7 +130,7 @@ class SensorWorld:
         return found, loaded_quality(self._network, found)
 
     def _changed(self, untouched: StateResult, quality: float, place: Place, warmer: float) -> Resonator:
-        """Solve a state with the indenter at a place and the board warmer by a difference in K."""
+        """Solve a state with the indenter at a place and the board warmer than room temperature, in K."""
         if place.depth <= 0 and warmer == 0:
             return Resonator(untouched.frequency, untouched.parallel_resistance, quality)
         network = self._warmed(warmer)

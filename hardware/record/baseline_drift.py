@@ -1,15 +1,15 @@
-"""How L_0 of a state drifts while a recording is made: a low polynomial of time, from scans at rest alone.
+"""Drift of L_0 of a state during a recording: a low polynomial of time, fitted to the scans at rest.
 
 The internal oscillator of the converter falls by about 13 ppm/K, which reads as 26 ppm/K in L, and coils and switches
-have coefficients of their own. Over minutes to hours that is a smooth curve. Through all scans at rest it is known much
-better than from the one before each indentation, so that δ loses the noise of its L_0.
+have coefficients of their own. Over minutes to hours that is a smooth curve. A fit to all scans at rest is much more
+accurate than the one baseline before each indentation, so that δ loses the noise of its L_0.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -21,10 +21,10 @@ from coilarray.errors import HardwareError
 FloatArray = npt.NDArray[np.float64]
 
 HIGHEST_ORDER = 3
-"""Of the polynomial."""
+"""Highest order of the polynomial."""
 
 _ROUNDING = 1e-9  # of the variance of a scan
-_SPARE = 5  # scans beyond the coefficients, without which their scatter is not told
+_SPARE = 5  # scans beyond the number of coefficients that the estimate of the scatter needs
 _ALIKE = 3.0  # standard deviations by which von Neumann's ratio may fall short of that of white noise
 
 
@@ -34,39 +34,35 @@ class Drift:
 
     Parameters
     ----------
+    start, stop : float
+        Time of the first and the last scan at rest, in s from the first scan of the recording.
+    gap : float
+        Longest time between two of them in s; by so much the curve may be extrapolated at both ends.
+    inductance : float
+        L_0 at the middle in H.
+    coefficients : tuple of float
+        Coefficients c_1 … c_n, without unit.
+    covariance : tuple of tuple of float
+        Covariance of the relative inductance and the coefficients, shape (n + 1, n + 1).
+    scatter : float
+        Relative standard deviation of one scan about the curve.
+    smooth : bool
+        Whether the scans scatter about the curve randomly; False where no such curve describes L_0.
+    state : str
+        Name of the state.
     session : int
         Index of the session in its recording.
     boot : int
         Session number of the board.
     started : float
-        When the session began, in s since the epoch: it tells it from others of the same board.
-    state : str
-        Name.
-    start, stop : float
-        Time of the first and the last scan at rest, in s from the first scan of the recording.
-    gap : float
-        Longest time between two of them in s; by so much the curve may be used before the first and after the last.
-    inductance : float
-        L_0 at the middle in H.
-    coefficients : tuple of float
-        c_1 … c_n, without unit.
-    covariance : tuple of tuple of float
-        Of the relative inductance and the coefficients, shape (n + 1, n + 1).
-    scatter : float
-        Relative standard deviation of one scan about the curve.
-    smooth : bool
-        Whether the scans scatter about the curve without a system; False where L_0 did what no such curve describes.
+        Start of the session in s since the epoch; it identifies the session among others of the same board.
 
     Raises
     ------
     HardwareError
-        Values that cannot be.
+        Invalid values.
     """
 
-    session: int
-    boot: int
-    started: float
-    state: str
     start: float
     stop: float
     gap: float
@@ -75,6 +71,10 @@ class Drift:
     covariance: tuple[tuple[float, ...], ...]
     scatter: float
     smooth: bool
+    state: str = ""
+    session: int = 0
+    boot: int = 0
+    started: float = 0.0
 
     def __post_init__(self) -> None:
         terms = len(self.coefficients) + 1
@@ -97,11 +97,11 @@ class Drift:
 
     @property
     def rate_error(self) -> float:
-        """Its standard error in 1/s."""
+        """Standard error of `rate` in 1/s."""
         return math.sqrt(max(self.covariance[1][1], 0.0)) / self._half
 
     def at(self, time: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Return L_0 in H at times in s, and its relative standard error; NaN beyond where the curve may be used."""
+        """Return L_0 in H at times in s, and its relative standard error; NaN outside the range of the curve."""
         t = np.asarray(time, dtype=np.float64)
         u = (t - (self.start + self.stop) / 2) / self._half
         powers = u[..., None] ** np.arange(len(self.coefficients) + 1)
@@ -120,9 +120,6 @@ def fit_drift(
     inductance: npt.ArrayLike,
     *,
     order: int | None = None,
-    session: int = 0,
-    boot: int = 0,
-    started: float = 0.0,
     state: str = "",
 ) -> Drift:
     """Fit the drift of a state to its scans at rest.
@@ -130,13 +127,13 @@ def fit_drift(
     Parameters
     ----------
     time : array_like, shape (n,)
-        In s, rising.
+        Times of the scans in s, rising.
     inductance : array_like, shape (n,)
         L_0 in H; NaN where a scan has no value.
     order : int, optional
-        Of the polynomial, 1 to 3; by default the lowest one about which the scans scatter without a system.
-    session, boot, started, state
-        As in `Drift`.
+        Order of the polynomial, 1 to 3; by default the lowest one with random residuals.
+    state : str
+        Name of the state.
 
     Returns
     -------
@@ -149,9 +146,9 @@ def fit_drift(
 
     Notes
     -----
-    Least squares, every scan alike. What is left scatters without a system where J. von Neumann's ratio (Ann. Math.
-    Statist. 12, 1941, 367), half the mean square of successive differences over the mean square, is within three of its
-    standard deviations, √n⁻¹, of one.
+    Unweighted least squares. Residuals count as random where J. von Neumann's ratio (Ann. Math. Statist. 12, 1941,
+    367), half the mean square of successive differences over the mean square, is less than three of its standard
+    deviations, √n⁻¹, below one.
 
     Examples
     --------
@@ -167,8 +164,8 @@ def fit_drift(
         raise HardwareError(
             f"time and inductance of a drift must be rows of one length; got {t.shape}, {values.shape}."
         )
-    told = np.isfinite(values)
-    t, values = t[told], values[told]
+    known = np.isfinite(values)
+    t, values = t[known], values[known]
     if len(t) < (order or 1) + 1 + _SPARE:
         raise HardwareError(
             f"a drift of order {order or 1} needs {(order or 1) + 1 + _SPARE} scans at rest; "
@@ -177,12 +174,10 @@ def fit_drift(
     if not np.isfinite(t).all() or any(later <= earlier for earlier, later in pairwise(t.tolist())):
         raise HardwareError("the times of a drift must be finite and rise.")
     highest = min(HIGHEST_ORDER, len(t) - 1 - _SPARE)
-    orders = list(range(1, highest + 1)) if order is None else [order]
-    drift = _fitted(t, values, orders[0], session, boot, started, state)
-    for higher in orders[1:]:
-        if drift.smooth:
-            break
-        drift = _fitted(t, values, higher, session, boot, started, state)
+    first, last = (1, highest) if order is None else (order, order)
+    drift = _fitted(t, values, first, state)
+    while not drift.smooth and len(drift.coefficients) < last:
+        drift = _fitted(t, values, len(drift.coefficients) + 1, state)
     return drift
 
 
@@ -194,16 +189,16 @@ def fit_drifts(
     Parameters
     ----------
     series : xarray.Dataset
-        As `coilarray.hardware.record.recorded_response.recorded_series` returns it.
+        Time series, as `coilarray.hardware.record.recorded_response.recorded_series` returns it.
     sessions : sequence of (int, float)
         Session number of the board, and start in s since the epoch, for each session of the recording.
     order : int, optional
-        As in `fit_drift`.
+        Order of the polynomial, 1 to 3; by default the lowest one with random residuals.
 
     Returns
     -------
     tuple of Drift
-        Without those sessions and states that have too few scans at rest.
+        Drifts of all sessions and states that have enough scans at rest.
 
     Raises
     ------
@@ -217,22 +212,13 @@ def fit_drifts(
         for k, state in enumerate(series.state.values.tolist()):
             values = series.inductance.values[own, k]
             if np.isfinite(values).sum() >= (order or 1) + 1 + _SPARE:
-                drifts.append(
-                    fit_drift(
-                        series.time.values[own],
-                        values,
-                        order=order,
-                        session=session,
-                        boot=boot,
-                        started=started,
-                        state=state,
-                    )
-                )
+                drift = fit_drift(series.time.values[own], values, order=order, state=state)
+                drifts.append(replace(drift, session=session, boot=boot, started=started))
     return tuple(drifts)
 
 
 def at_rest(series: xr.Dataset) -> npt.NDArray[np.bool_]:
-    """Tell in which scans of a series the indenter is not known to press, shape (scan,)."""
+    """Return in which scans of a series the indenter is not known to press, shape (scan,)."""
     return np.asarray(~(series.depth.values > 0))
 
 
@@ -241,9 +227,7 @@ def _check_order(order: int | None) -> None:
         raise HardwareError(f"the order of a drift must be 1 to {HIGHEST_ORDER}; got {order}.")
 
 
-def _fitted(
-    t: FloatArray, values: FloatArray, order: int, session: int, boot: int, started: float, state: str
-) -> Drift:
+def _fitted(t: FloatArray, values: FloatArray, order: int, state: str) -> Drift:
     start, stop = float(t[0]), float(t[-1])
     u = (t - (start + stop) / 2) / ((stop - start) / 2)
     powers = u[:, None] ** np.arange(order + 1)
@@ -254,10 +238,6 @@ def _fitted(
     scatter = float(np.sqrt(remains @ remains / (len(t) - order - 1)))
     ratio = float(np.mean(np.diff(remains) ** 2) / (2 * np.mean(remains**2))) if remains.any() else 1.0
     return Drift(
-        session=session,
-        boot=boot,
-        started=started,
-        state=state,
         start=start,
         stop=stop,
         gap=float(np.diff(t).max()),
@@ -266,4 +246,5 @@ def _fitted(
         covariance=tuple(map(tuple, (scatter**2 * inverse).tolist())),
         scatter=scatter,
         smooth=ratio > 1 - _ALIKE / math.sqrt(len(t)),
+        state=state,
     )

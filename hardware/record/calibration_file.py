@@ -1,8 +1,9 @@
-"""The file of a board's constants: TOML, units in the names of the keys, full precision, checked when it is read."""
+"""File with the constants of a board: TOML, units in the names of the keys, full precision, checked on reading."""
 
 from __future__ import annotations
 
 import tomllib
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -19,21 +20,12 @@ SCHEMA = 1
 """Version of the format."""
 
 _KIND = "coilarray board calibration"
-_LONGEST_NAME = 200  # characters shown of a file name
+_LONGEST_NAME = 200  # characters of a file name that are shown
 _MOST_BYTES = 10_000_000
 
 
 def calibration_to_toml(calibration: BoardCalibration) -> str:
-    """Write the constants of a board.
-
-    Parameters
-    ----------
-    calibration : BoardCalibration
-
-    Returns
-    -------
-    str
-        Read back by `calibration_from_toml`, every number as it was.
+    """Return the constants of a board as TOML, which `calibration_from_toml` reads without loss.
 
     Examples
     --------
@@ -41,10 +33,7 @@ def calibration_to_toml(calibration: BoardCalibration) -> str:
     >>> calibration_from_toml(calibration_to_toml(calibration)) == calibration
     True
     """
-    clock: dict[str, object] = {"frequency_Hz": calibration.clock, "from": calibration.clock_from}
-    if calibration.clock_error is not None:
-        clock["standard_error_Hz"] = calibration.clock_error
-    document: dict[str, object] = {
+    document = {
         "schema": SCHEMA,
         "kind": _KIND,
         "source": calibration.source,
@@ -52,48 +41,27 @@ def calibration_to_toml(calibration: BoardCalibration) -> str:
         "board": calibration.board,
         "emulated": calibration.emulated,
         "design_hash": calibration.design_hash,
-        "clock": clock,
+        "clock": {
+            "frequency_Hz": calibration.clock,
+            "from": calibration.clock_from,
+            "standard_error_Hz": calibration.clock_error,
+        },
+        "capacitances_from": calibration.inductances_from,
+        "channel": [_keyed(_Channel, asdict(channel)) for channel in calibration.channels],
+        "drift": [_keyed(_Drift, {**asdict(drift), "boot": f"{drift.boot:08X}"}) for drift in calibration.drifts],
     }
-    if calibration.inductances_from is not None:
-        document["capacitances_from"] = calibration.inductances_from
-    document["channel"] = [
-        {
-            "state": channel.state,
-            "capacitance_F": channel.capacitance,
-            "standard_error_F": channel.standard_error,
-            "inductance_H": channel.inductance,
-        }
-        for channel in calibration.channels
-    ]
-    document["drift"] = [
-        {
-            "session": drift.session,
-            "boot": f"{drift.boot:08X}",
-            "started_s": drift.started,
-            "state": drift.state,
-            "start_s": drift.start,
-            "stop_s": drift.stop,
-            "gap_s": drift.gap,
-            "inductance_H": drift.inductance,
-            "coefficients": list(drift.coefficients),
-            "covariance": [list(row) for row in drift.covariance],
-            "scatter": drift.scatter,
-            "smooth": drift.smooth,
-        }
-        for drift in calibration.drifts
-    ]
-    return tomli_w.dumps({key: value for key, value in document.items() if value != []})
+    return tomli_w.dumps(_without_nothing(document))
 
 
 def calibration_from_toml(text: str, origin: str = "calibration") -> BoardCalibration:
-    """Read what `calibration_to_toml` wrote.
+    """Read the constants of a board from TOML.
 
     Parameters
     ----------
     text : str
-        Of the file.
+        Content of the file.
     origin : str
-        Names it in messages.
+        Name of the file in messages.
 
     Returns
     -------
@@ -102,7 +70,7 @@ def calibration_from_toml(text: str, origin: str = "calibration") -> BoardCalibr
     Raises
     ------
     HardwareError
-        Text that is no TOML or of another kind, an unknown or missing key, a value outside its range: one line that
+        Text that is not TOML or of another kind, an unknown or missing key, a value outside its range: one line that
         names the key, what was given and what is allowed.
     """
     try:
@@ -122,13 +90,7 @@ def calibration_from_toml(text: str, origin: str = "calibration") -> BoardCalibr
 
 
 def load_calibration(path: str | Path) -> BoardCalibration:
-    """Read a file of a board's constants.
-
-    Raises
-    ------
-    HardwareError
-        A file that cannot be read, and what `calibration_from_toml` refuses.
-    """
+    """Read a file with the constants of a board; HardwareError for one that cannot be read or is invalid."""
     shown = str(path)[:_LONGEST_NAME]
     try:
         if Path(path).stat().st_size > _MOST_BYTES:
@@ -143,6 +105,20 @@ def load_calibration(path: str | Path) -> BoardCalibration:
     except ValueError as error:
         raise HardwareError(f"cannot read {shown!r}: {error}.") from None
     return calibration_from_toml(text, shown)
+
+
+def _keyed(table: type[Table], values: dict[str, Any]) -> dict[str, Any]:
+    """Return the fields of a table under the keys of the file, which carry the units."""
+    return {field.alias or name: values[name] for name, field in table.model_fields.items()}
+
+
+def _without_nothing(document: dict[str, Any]) -> dict[str, Any]:
+    """Leave out keys without a value, and empty tables."""
+    return {
+        key: _without_nothing(value) if isinstance(value, dict) else value
+        for key, value in document.items()
+        if value is not None and value != []
+    }
 
 
 _Name = Annotated[str, Field(min_length=1, max_length=200)]
@@ -186,11 +162,9 @@ class _Drift(Table):
 
     def build(self) -> Drift:
         """Return the drift."""
-        own: dict[str, Any] = self.model_dump()
-        own["boot"] = int(self.boot, 16)
-        own["coefficients"] = tuple(self.coefficients)
-        own["covariance"] = tuple(tuple(row) for row in self.covariance)
-        return Drift(**own)
+        covariance = tuple(tuple(row) for row in self.covariance)
+        own = {"boot": int(self.boot, 16), "coefficients": tuple(self.coefficients), "covariance": covariance}
+        return Drift(**{**self.model_dump(), **own})
 
 
 class _File(Table):

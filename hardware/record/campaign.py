@@ -1,8 +1,8 @@
-"""The campaign of Gast & Zimmermann (2020, sect. 3.3): a grid of positions, at each the same sequence, recorded.
+"""The campaign of Gast & Zimmermann (2020, sect. 3.3): the same recorded sequence at every position of a grid.
 
 At every position the indenter is moved there without touching (baseline), pressed in slowly to a depth, held for a
-dwell (peak), and lifted slowly. A position counts when it was measured to its end, so a campaign that was broken off
-goes on with those that are missing.
+dwell (peak), and lifted slowly. A position counts when it was measured to its end, so that a campaign that was
+interrupted continues with the missing ones.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from itertools import pairwise, product
+from typing import Any
 
 from coilarray.compute.threads import Progress
 from coilarray.design.model import Design
@@ -27,11 +28,11 @@ from coilarray.hardware.wire.buses import Clock
 from coilarray.hardware.wire.faults import BoardRestarted, BusFault, NoAnswer
 
 SPEED = 1.5e-3
-"""Of indenting and relaxing in m/s, as in the paper."""
+"""Speed of indenting and relaxing in m/s, as in the paper."""
 DWELL = 0.5
-"""At the greatest depth before the peak is measured, in s, as in the paper."""
+"""Time at full depth before the peak is measured, in s, as in the paper."""
 TRIES = 3
-"""At one position before the campaign is given up."""
+"""Number of attempts at one position before the campaign is given up."""
 
 _MOST_PLACES = 1_000_000
 _FARTHEST, _DEEPEST, _FASTEST, _LONGEST, _MOST_SCANS = 1.0, 0.1, 0.1, 3600.0, 1000  # m, m, m/s, s
@@ -46,20 +47,20 @@ class Campaign:
     x, y : tuple of float
         Positions in m from the map's origin, rising.
     depths : tuple of float
-        In m, rising.
+        Depths of the indentation in m, rising.
     repeats : int
-        Of the whole grid.
+        Number of passes over the whole grid.
     scans : int
-        At every baseline and every peak.
+        Number of scans at every baseline and every peak.
     dwell : float
-        In s.
+        Time at full depth before the peak is measured, in s.
     speed : float
-        Of indenting and relaxing in m/s.
+        Speed of indenting and relaxing in m/s.
 
     Raises
     ------
     HardwareError
-        A value that cannot be: which, and what is allowed.
+        An invalid value: which, and what is allowed.
 
     Examples
     --------
@@ -94,7 +95,7 @@ class Campaign:
 
     @property
     def size(self) -> int:
-        """How often the indenter is pressed in."""
+        """Number of indentations."""
         return self.repeats * len(self.y) * len(self.x) * len(self.depths)
 
     @cached_property
@@ -103,10 +104,24 @@ class Campaign:
         grid = product(range(self.repeats), self.y, self.x, self.depths)
         return tuple(GridPlace(number, repeat, depth, y, x) for number, (repeat, y, x, depth) in enumerate(grid))
 
-    def seconds(self, scan_time: float) -> float:
-        """Time in s that pressing, dwelling, lifting and scanning take, without the ways between positions."""
-        pressing = sum(2 * depth / self.speed + self.dwell + 2 * self.scans * scan_time for depth in self.depths)
+    @property
+    def seconds(self) -> float:
+        """Time in s that pressing, dwelling and lifting take, without scans and ways between positions."""
+        pressing = sum(2 * depth / self.speed + self.dwell for depth in self.depths)
         return self.size / len(self.depths) * pressing
+
+    def to_record(self) -> dict[str, Any]:
+        """Return the campaign as plain values in SI, for JSON."""
+        return {
+            "positions": self.size,
+            "x_m": list(self.x),
+            "y_m": list(self.y),
+            "depths_m": list(self.depths),
+            "repeats": self.repeats,
+            "scans": self.scans,
+            "dwell_s": self.dwell,
+            "speed_m_per_s": self.speed,
+        }
 
     def to_json(self) -> str:
         """Return the campaign as JSON in one line; `from_json` reads it."""
@@ -146,11 +161,11 @@ def design_campaign(
     Parameters
     ----------
     design : Design
-        With the tables ``[indenter]`` and ``[indentation]``.
+        Design with the tables ``[indenter]`` and ``[indentation]``.
     x, y, depths : sequence of float, optional
-        In m; the design's by default.
+        Positions and depths in m; the design's by default.
     repeats, scans, dwell, speed
-        As in `Campaign`.
+        Sequence of the campaign, see `Campaign`.
 
     Returns
     -------
@@ -159,7 +174,7 @@ def design_campaign(
     Raises
     ------
     HardwareError
-        A design that says nothing of an indentation, or what `Campaign` refuses.
+        A design without an indentation, or invalid values.
 
     Examples
     --------
@@ -187,8 +202,8 @@ def run_campaign(
     stage: Stage,
     recorder: Recorder,
     clock: Clock,
-    progress: Progress | None = None,
     *,
+    progress: Progress | None = None,
     reconnect: Callable[[], Reader] | None = None,
 ) -> None:
     """Measure every position that is not measured yet.
@@ -196,17 +211,17 @@ def run_campaign(
     Parameters
     ----------
     campaign : Campaign
-        The one that the recorder was started with.
+        Campaign that the recorder was started with.
     reader : Reader
-        Configured with the settings of the recorder's session.
+        Board, configured with the settings of the recorder's session.
     stage : Stage
         Moves the indenter.
     recorder : Recorder
-        Started.
+        Started recorder.
     clock : Clock
-        For the dwell.
+        Clock of the dwell.
     progress : callable, optional
-        Called with (positions done, of how many).
+        Called with (positions done, their total number).
     reconnect : callable, optional
         Opens another session with a board that has restarted, and returns its reader, not configured. The position is
         then measured again, in a new session of the recording. Without it, such a board ends the campaign.
@@ -216,7 +231,7 @@ def run_campaign(
     BoardRestarted
         The board restarted, and there is no `reconnect`.
     HardwareError
-        What the reader and the stage raise; a position where a scan failed `TRIES` times. The indenter is then lifted
+        A fault of the board or the stage, or a position where a scan failed `TRIES` times. The indenter is then lifted
         where the stage can do that by itself.
     OutputError
         A recording that cannot be written.
@@ -224,14 +239,15 @@ def run_campaign(
     stage.check(campaign.places)
     done = recorder.finished()
     count = len(done)
-    _tell(progress, count, campaign.size)
+    update = progress or (lambda done, total: None)
+    update(count, campaign.size)
     run = _Run(campaign, reader, stage, recorder, clock, reconnect)
     try:
         for place in campaign.places:
             if place.number not in done:
                 run.measure(place)
                 count += 1
-                _tell(progress, count, campaign.size)
+                update(count, campaign.size)
     except BaseException:
         stage.retreat()
         raise
@@ -243,7 +259,7 @@ class _BadScanError(HardwareError):
 
 @dataclass
 class _Run:
-    """A campaign under way; its reader is another one after the board has restarted."""
+    """A campaign in progress; its reader changes when the board restarts."""
 
     campaign: Campaign
     reader: Reader
@@ -253,7 +269,7 @@ class _Run:
     reconnect: Callable[[], Reader] | None
 
     def measure(self, place: GridPlace) -> None:
-        """Measure a position, from the beginning again where a scan fails."""
+        """Measure a position; start it again where a scan fails."""
         for attempt in range(1, TRIES + 1):
             position = self.recorder.begin(place)
             try:
@@ -287,7 +303,7 @@ class _Run:
                     raise _BadScanError(f"{state.name} gave no value: {', '.join(state.reasons)}.")
 
     def _configure_again(self) -> None:
-        """After a fault a board wants its settings once more; one that restarted begins another session."""
+        """Configure the board again after a fault; a board that restarted begins another session."""
         session = self.recorder.session
         try:
             self.reader.configure(session.settings)
@@ -307,8 +323,3 @@ def _require_rising(name: str, values: tuple[float, ...], least: float, most: fl
         raise HardwareError(f"{name} of a campaign must be finite and rising, in m; got {list(values)}.")
     if values[0] < least or values[-1] > most:
         raise HardwareError(f"{name} of a campaign must be {least:g} to {most:g} m; got {list(values)}.")
-
-
-def _tell(progress: Progress | None, done: int, total: int) -> None:
-    if progress is not None:
-        progress(done, total)

@@ -1,6 +1,6 @@
-"""What a board's own constants are: the converter's clock, the capacitance of every tank, the drift of a recording.
+"""Constants of a board: the converter's clock, the capacitance of every tank, the drift of a recording.
 
-None of them enters δ but the drift: δ is a ratio of frequencies. Clock and capacitance give L its scale.
+δ, a ratio of frequencies, depends only on the drift. Clock and capacitance give L its scale.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ ClockFrom = Literal["settings", "known frequency"]
 InductancesFrom = Literal["known inductances", "design"]
 
 CAPACITANCES = (1e-12, 1e-6)
-"""Least and greatest capacitance of a tank in F that is believed."""
+"""Least and greatest plausible capacitance of a tank in F."""
 
 _LEAST_SCANS = 2  # at rest, for a standard error
 _MOST_ERROR = 0.5  # relative, of a known inductance or frequency
@@ -42,14 +42,14 @@ class Channel:
     Parameters
     ----------
     state : str
-        Name.
+        Name of the state.
     capacitance : float
-        All that is across the coil in F. It is the one with which the frequency at rest gives the inductance below by
-        the lossless L = 1/((2πf)² C): losses and an error of the clock are in it, and L read with it is right.
+        Total capacitance across the coil in F, with which the frequency at rest gives the inductance below by the
+        lossless L = 1/((2πf)² C). It includes losses and an error of the clock, so that L computed with it is right.
     standard_error : float
-        Of it in F: of the frequency's scatter and of the known inductance.
+        Standard error of the capacitance in F, from the scatter of the frequency and from the known inductance.
     inductance : float
-        That it stands on, in H.
+        Known inductance in H from which the capacitance was computed.
     """
 
     state: str
@@ -77,32 +77,33 @@ class BoardCalibration:
     Parameters
     ----------
     source : str
-        Where they come from, for people.
+        Origin of the constants, for people.
     made : str
-        When, as ISO 8601.
+        Date and time of the calibration, as ISO 8601.
     board : str
-        Its identity.
+        Identity of the board.
     emulated : bool
-        Whether no real board is behind it.
+        Whether the board was an emulator.
     design_hash : str
-        Of the design on the board.
+        Hash of the design on the board.
     clock : float
-        Of the converter in Hz.
+        Clock of the converter in Hz.
     clock_error : float or None
-        Standard error in Hz; None where it is as the settings had it.
+        Standard error of the clock in Hz; None where the clock is that of the settings.
     clock_from : {"settings", "known frequency"}
+        Origin of the clock.
     inductances_from : {"known inductances", "design"} or None
-        What the capacitances stand on. Where it is the design, its simulation: then that measured and simulated L agree
-        is no test.
+        Origin of the inductances that the capacitances were computed from. With those of a simulated design, measured
+        and simulated L agree by construction, which is no test.
     channels : tuple of Channel
-        Empty where no inductances were given.
+        Tanks of the states; empty where no inductances were given.
     drifts : tuple of Drift
-        Of the recording that this was made of.
+        Drifts of the recording that the constants were computed from.
 
     Raises
     ------
     HardwareError
-        A clock that cannot be, or a state that is there twice.
+        An implausible clock, or a state that occurs twice.
     """
 
     source: str
@@ -149,27 +150,27 @@ def calibrate_board(
     source: str = "",
     made: str = "",
 ) -> BoardCalibration:
-    """Calibrate a board by a recording of it at rest.
+    """Calibrate a board with a recording of it at rest.
 
     Parameters
     ----------
     recording : Recording
-        Of any kind. What is at rest counts: baselines, and scans of a stream.
+        Recording of any kind; its scans at rest are used: baselines, and scans of a stream.
     inductances : mapping of str to float, optional
-        Known inductances in H by state: of reference inductors in place of the coils, or measured on another
+        Known inductances in H by state: of reference inductors in place of the coils, or measured with another
         instrument.
     inductance_error : float
-        Their relative standard error.
+        Relative standard error of the known inductances.
     from_design : bool
-        Take the inductances that the simulation of the recorded design gives instead.
+        Whether to take the inductances of the simulated design instead.
     known_frequency : (str, float), optional
-        A state that was measured while a known frequency in Hz stood in place of its tank; it gives the clock.
+        State that was measured while a known frequency in Hz replaced its tank, and that frequency; it gives the clock.
     frequency_error : float
-        Its relative standard error.
+        Relative standard error of the known frequency.
     order : int, optional
-        Of the drift, as in `coilarray.hardware.record.baseline_drift.fit_drift`.
+        Order of the polynomial of the drift, 1 to 3; by default the lowest one with random residuals.
     source, made
-        As in `BoardCalibration`.
+        Origin and date of the calibration, see `BoardCalibration`.
 
     Returns
     -------
@@ -178,8 +179,8 @@ def calibrate_board(
     Raises
     ------
     HardwareError
-        States that the recording does not have, inductances from both sides, values that cannot be, a state with fewer
-        than two scans at rest, a damaged file.
+        States that the recording does not have, inductances both known and simulated, invalid values, a state with
+        fewer than two scans at rest, a damaged file.
     """
     if inductances is not None and from_design:
         raise HardwareError("inductances must be known or simulated, not both.")
@@ -220,30 +221,30 @@ def calibrate_board(
 
 
 def calibrated_response(recording: Recording, calibration: BoardCalibration, *, partial: bool = False) -> xr.Dataset:
-    """Return the response that a campaign measured, with a board's constants, and with its L_0 from the drift.
+    """Return the response that a campaign measured, with the constants of the board and L_0 from its drift.
 
     Parameters
     ----------
     recording : Recording
-        Of a campaign.
+        Recording of a campaign.
     calibration : BoardCalibration
-        Of the board, with this design. Its drifts count where they are of sessions of this recording and smooth;
+        Constants of the board, with this design. A drift is used where it is smooth and of a session of this recording;
         elsewhere L_0 is the one measured at every position, as in `recorded_response`.
     partial : bool
-        As in `recorded_response`.
+        Whether to accept positions that are not measured yet; they are NaN.
 
     Returns
     -------
     xarray.Dataset
-        As `recorded_response`, with ``drift_removed`` (state), and the attributes ``calibration``, its source,
-        ``calibration_board``, of which board it is, and, where it has capacitances, ``capacitance_from``: what they
-        stand on. Where the drift was removed, ``delta_std`` is found from it.
+        Response of `recorded_response`, with ``drift_removed`` (state), and the attributes ``calibration``, its source,
+        ``calibration_board``, the calibrated board, and, where it has capacitances, ``capacitance_from``, their origin.
+        Where the drift was removed, ``delta_std`` follows from it.
 
     Raises
     ------
     HardwareError
-        A calibration of an emulated board for a real one or the other way round, or of another design, and what
-        `recorded_response` refuses.
+        A calibration of an emulated board for a real one or vice versa, or of another design, a recording without a
+        campaign, missing positions, a damaged file.
     """
     if calibration.emulated != recording.emulated:
         kinds = ("a real", "an emulated")
@@ -281,12 +282,12 @@ def calibrated_response(recording: Recording, calibration: BoardCalibration, *, 
 
 
 def simulated_inductances(recording: Recording) -> dict[str, float]:
-    """Return L_0 in H of every state by the simulation of the recorded design, as the converter sees it.
+    """Return L_0 in H of every state as the converter sees it, from the simulation of the recorded design.
 
     Raises
     ------
     HardwareError
-        A design that says nothing of an indentation, and so has no simulated response.
+        A design without an indentation, which has no simulated response.
     """
     design = build_design(recording.sessions[0].design_document, str(recording.path))
     setup = design.indentation
@@ -304,7 +305,7 @@ def simulated_inductances(recording: Recording) -> dict[str, float]:
 def _remove_drift(
     response: xr.Dataset, series: xr.Dataset, state: int, drifts: Sequence[Drift | None], scans: int
 ) -> bool:
-    """Put δ of a state from its drift in place of the recorded one, in place; False where a session has no drift."""
+    """Replace δ of a state by δ from its drift, in place; return False where a session has no drift."""
     peaks = (series.stage.values == "peak") & series.finished.values
     peaks &= np.isfinite(series.inductance.values[:, state])
     sessions = series.session.values[peaks]
@@ -335,7 +336,7 @@ def _remove_drift(
 
 
 def _mean_frequencies(series: xr.Dataset) -> tuple[dict[str, float], dict[str, float]]:
-    """Mean frequency at rest in Hz of the states that have one, and its standard error."""
+    """Return the mean frequency at rest in Hz of the states that have one, and its standard error."""
     rest = at_rest(series)
     means, errors = {}, {}
     for k, state in enumerate(series.state.values.tolist()):
@@ -348,7 +349,7 @@ def _mean_frequencies(series: xr.Dataset) -> tuple[dict[str, float], dict[str, f
 
 
 def _with_inductances(series: xr.Dataset, capacitances: Mapping[str, float], ratio: float) -> xr.Dataset:
-    """Put the inductances of a series that other capacitances give, and a clock that is faster by a ratio."""
+    """Return a series with the inductances for other capacitances and a clock that is faster by a ratio."""
     C = np.array([capacitances[state] for state in series.state.values.tolist()])
     return series.assign(inductance=1 / ((2 * np.pi * series.frequency * ratio) ** 2 * xr.DataArray(C, dims="state")))
 

@@ -1,7 +1,4 @@
-"""From scan to scan: δ of every state against a baseline, and where the indentation is.
-
-No I/O and no display; a scan goes in, and what it says comes out.
-"""
+"""Scan by scan: δ of every state relative to a baseline, and where the indentation is; no input, output or display."""
 
 from __future__ import annotations
 
@@ -18,11 +15,11 @@ from coilarray.localize.forward import ForwardModel
 from coilarray.localize.inverse import Location, locate
 
 BASELINE_SCANS = 10
-"""Scans without an indentation whose mean is L_0."""
+"""Number of scans without an indentation whose mean is L_0."""
 
-_PATIENCE = 3  # times as many scans as a baseline needs, after which a state without values is left out
-_RATE_SCANS = 20  # over which the rate is told
-_LARGEST = 0.5  # |δ| that is still a reading of the sensor
+_PATIENCE = 3  # multiple of the scans of a baseline after which a state without values is left out
+_RATE_SCANS = 20  # over which the rate is averaged
+_LARGEST = 0.5  # |δ| above which a reading is implausible
 
 
 @dataclass(frozen=True)
@@ -32,13 +29,13 @@ class LiveState:
     Parameters
     ----------
     name : str
-        Of the state.
+        Name of the state.
     delta : float or None
-        (L − L_0)/L_0; None while the baseline is measured, and where there is no value.
+        Relative change (L − L_0)/L_0; None while the baseline is measured, and where there is no value.
     verdict : {"good", "doubtful", "bad"}
-        Of the reading.
+        Quality of the reading.
     reasons : tuple of str
-        Why it is not good, or why it has no δ.
+        Reasons why the reading is not good, or has no δ.
     """
 
     name: str
@@ -49,30 +46,30 @@ class LiveState:
 
 @dataclass(frozen=True, eq=False)
 class LiveReading:
-    """What one scan says.
+    """Evaluation of one scan.
 
     Parameters
     ----------
     sequence : int
-        Of the scan.
+        Number of the scan.
     time : float
-        In s by the board's clock.
+        Time of the scan in s by the board's clock.
     elapsed : float
-        In s since the first scan of this session of the board.
+        Time in s since the first scan of this session of the board.
     states : tuple of LiveState
-        In the order of the scan.
+        States in the order of the scan.
     waiting : int
-        Scans that the baseline still needs; 0 where it is there.
+        Number of scans that the baseline still needs; 0 once it is complete.
     location : Location or None
-        Where the indentation is; None where nothing was asked, or nothing can be said.
+        Where the indentation is; None where it was not asked for or cannot be found.
     problem : str
-        Why there is no location, where one was asked for; else empty.
+        Why there is no location, where one was asked for; otherwise empty.
     noise : float or None
-        Standard deviation of δ that the location counts with; None without a baseline.
+        Standard deviation of δ that the location assumes; None without a baseline.
     rate : float or None
-        Scans per second over the last ones, by the board's clock.
+        Scans per second over the latest scans, by the board's clock.
     lost : int
-        Scans that were missing between the others so far.
+        Number of scans missing so far.
     """
 
     sequence: int
@@ -93,11 +90,11 @@ class LiveTracker:
     Parameters
     ----------
     model : ForwardModel or None
-        Of the board; without one there are no positions.
+        Forward model of the board; without one there are no positions.
     baseline_scans : int
-        Of every L_0.
+        Number of scans of a baseline.
     noise : float
-        What a table's δ is trusted to, standard deviation; the noise that the scans of the baseline show is added.
+        Standard deviation of δ of the model; the measured noise of the baseline is added.
 
     Raises
     ------
@@ -128,16 +125,16 @@ class LiveTracker:
         self._noise = math.nan
 
     def take(self, scan: ScanReading, *, at_rest: bool = True, want_location: bool = True) -> LiveReading:
-        """Read a scan.
+        """Evaluate a scan.
 
         Parameters
         ----------
         scan : ScanReading
-            The next one.
+            Next scan.
         at_rest : bool
-            False keeps it out of the baseline: the indenter is known to press.
+            Whether the scan may enter the baseline; False where the indenter is known to press.
         want_location : bool
-            False saves the work of locating.
+            Whether to locate the indentation.
 
         Returns
         -------
@@ -165,7 +162,7 @@ class LiveTracker:
         )
 
     def _measure_baseline(self, scan: ScanReading) -> None:
-        """Collect values until every state has enough of them, or a silent one has been waited for long enough."""
+        """Collect values until every state has enough of them, or a state without values has had enough time."""
         self._seen += 1
         for name, value in scan.inductances.items():
             self._samples.setdefault(name, []).append(value)
@@ -192,7 +189,7 @@ class LiveTracker:
         return LiveState(state.name, state.inductance / base[state.name] - 1, state.verdict, reasons)
 
     def _located(self, model: ForwardModel, states: Sequence[LiveState]) -> tuple[Location | None, str]:
-        """Locate by all states that the model knows and that have a value."""
+        """Locate the indentation by all states of the model that have a value."""
         delta = {
             state.name: state.delta
             for state in states
@@ -206,7 +203,7 @@ class LiveTracker:
         return locate(self._models[used], delta, noise=self._noise), ""
 
     def _count(self, scan: ScanReading) -> None:
-        """Keep account of time and of scans that are missing; a new session or a new stream begins anew."""
+        """Keep track of time and of missing scans; a new session or a new stream starts again."""
         if self._last is not None and self._last[0] == scan.boot and scan.sequence > self._last[1]:
             self._lost += scan.sequence - self._last[1] - 1
         if self._last is None or self._last[0] != scan.boot:

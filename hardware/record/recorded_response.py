@@ -1,4 +1,4 @@
-"""What a recording says as datasets: the response of a campaign as simulations give it, and the plain time series."""
+"""Recordings as datasets: the response of a campaign, as simulations give it, and the time series of all scans."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from coilarray.hardware.scan.readings import ScanReading, Verdict, read_scan
 FloatArray = npt.NDArray[np.float64]
 
 BASELINE_SCANS = 10
-"""Scans at the beginning of a time series that its δ counts from."""
+"""Number of first scans from which δ of a time series counts."""
 VERDICTS: tuple[Verdict, ...] = ("good", "doubtful", "bad")
-"""In the order of the numbers of ``verdict``."""
+"""Verdicts in the order of the numbers of ``verdict``."""
 
 
 def recorded_response(
@@ -37,35 +37,35 @@ def recorded_response(
     Parameters
     ----------
     recording : Recording
-        Of a campaign.
+        Recording of a campaign.
     capacitances : mapping of str to float, or float, optional
-        Of the tank in F, by state; as recorded by default. They scale ``base_inductance`` alone.
+        Capacitance of the tank in F, by state; as recorded by default. It affects ``base_inductance`` only.
     clock : float, optional
-        Of the converter in Hz where it is known better than while measuring; likewise.
+        Clock of the converter in Hz where it is known better than while measuring. It affects ``base_inductance`` only.
     partial : bool
-        Accept positions that are not measured yet; they are NaN.
+        Whether to accept positions that are not measured yet; they are NaN.
 
     Returns
     -------
     xarray.Dataset
-        As `coilarray.response.map.response_map` makes it: ``delta`` (depth, y, x, state) is (L_peak − L_0)/L_0, the
-        mean over the repeats; ``base_inductance`` (state) the mean L_0 in H; coordinates in m. Besides ``delta_std``
-        (depth, y, x, state), the standard deviation of one repeat: from the repeats where there are several, else for
-        all positions alike from the steps between baselines that follow each other (NaN for a single position);
-        ``doubtful`` (depth, y, x, state), where a reading of it is beyond what the data sheet promises. The attributes
-        say what was measured with what, and ``emulated`` whether by a real board (0).
+        Response as `coilarray.response.map.response_map` returns it: ``delta`` (depth, y, x, state) is
+        (L_peak − L_0)/L_0, the mean over the repeats; ``base_inductance`` (state) the mean L_0 in H; coordinates in m.
+        In addition ``delta_std`` (depth, y, x, state), the standard deviation of one repeat: from the repeats where
+        there are several, else the same for all positions, from the differences of successive baselines (NaN for a
+        single position); ``doubtful`` (depth, y, x, state), whether a reading is outside the specification of the data
+        sheet. The attributes name the equipment, and ``emulated`` is 0 for a real board.
 
     Raises
     ------
     HardwareError
-        A recording without a campaign, positions that are missing, a damaged file.
+        A recording without a campaign, missing positions, a damaged file.
     DesignError
-        The recorded design cannot be read by this version.
+        A recorded design that this version cannot read.
 
     Notes
     -----
-    L_0 is measured at every position anew before the indenter touches, as in the paper (eq. 2), so a slow drift does
-    not enter δ.
+    L_0 is measured again at every position before the indenter touches, as in the paper (eq. 2), so that a slow drift
+    does not affect δ.
     """
     campaign = _campaign(recording)
     base, peak, doubtful, baselines = _measured(recording, campaign, capacitances, clock)
@@ -117,20 +117,20 @@ def recorded_series(
     Parameters
     ----------
     recording : Recording
-        Of any kind.
+        Recording of any kind.
     baseline : int
-        δ counts from the mean of so many first scans in which the indenter is not known to press.
+        Number of first scans at rest whose mean is L_0 of δ.
     capacitances, clock
-        As in `recorded_response`.
+        Constants of the board, see `recorded_response`.
 
     Returns
     -------
     xarray.Dataset
-        Dimensions ``scan`` and ``state``: ``frequency`` in Hz, ``inductance`` in H and ``delta``, NaN where the verdict
-        is bad; ``verdict`` 0 good, 1 doubtful, 2 bad; the raw words ``msb``, ``lsb``, ``status`` and ``fault``.
-        Coordinates of a scan: ``time`` in s from the first one, by the board's clock within a session; ``received`` in
-        s since the epoch; ``session``, ``sequence``, ``stage``; ``finished``, whether it is of a position of a campaign
-        that was measured to its end; ``depth``, ``y``, ``x`` in m, NaN where unknown.
+        Dataset with the dimensions ``scan`` and ``state``: ``frequency`` in Hz, ``inductance`` in H and ``delta``, NaN
+        where the verdict is bad; ``verdict`` 0 good, 1 doubtful, 2 bad; the raw words ``msb``, ``lsb``, ``status`` and
+        ``fault``. Coordinates of a scan: ``time`` in s from the first one, by the board's clock within a session;
+        ``received`` in s since the epoch; ``session``, ``sequence``, ``stage``; ``finished``, whether it belongs to a
+        position that was measured to its end; ``depth``, ``y``, ``x`` in m, NaN where unknown.
 
     Raises
     ------
@@ -176,36 +176,14 @@ def recorded_series(
 
 
 def response_csv(response: xr.Dataset) -> str:
-    """Return a measured response as a long table.
-
-    Parameters
-    ----------
-    response : xarray.Dataset
-        As `recorded_response` returns it.
-
-    Returns
-    -------
-    str
-        Columns depth_m, y_m, x_m, state, delta and delta_std; a line for every position and state.
-    """
+    """Return a measured response as CSV: depth_m, y_m, x_m, state, delta, delta_std for every position and state."""
     in_metres = response[["delta", "delta_std"]].rename(depth="depth_m", y="y_m", x="x_m")
     table = in_metres.to_dataframe(dim_order=["depth_m", "y_m", "x_m", "state"])
     return str(table[["delta", "delta_std"]].to_csv(lineterminator="\n"))
 
 
 def series_csv(series: xr.Dataset) -> str:
-    """Return a time series as a table of numbers, which ``coilarray locate`` reads.
-
-    Parameters
-    ----------
-    series : xarray.Dataset
-        As `recorded_series` returns it.
-
-    Returns
-    -------
-    str
-        Columns time_s and δ of every state under its name; a line for every scan, nothing where there is no value.
-    """
+    """Return a time series as CSV for ``coilarray locate``: time_s and δ of every state, empty where unknown."""
     table = series.delta.to_pandas()
     table.index = series.time.to_index().rename("time_s")
     return str(table.to_csv(lineterminator="\n"))
@@ -260,9 +238,9 @@ def _require_whole(recording: Recording, campaign: Campaign, count: npt.NDArray[
 
 
 def _from_steps(baselines: FloatArray, scans: int) -> FloatArray:
-    """Estimate the standard deviation of δ by state from differences of successive L_0, which a drift spares.
+    """Estimate the standard deviation of δ by state from differences of successive L_0, in which a drift cancels.
 
-    That is von Neumann's estimate. δ is a difference as well: of two means of so many scans.
+    This is von Neumann's estimate. δ is a difference as well: of two means of the given number of scans.
     """
     if len(baselines) < 2:
         return np.full(baselines.shape[-1], np.nan)
@@ -288,7 +266,7 @@ def _reading(
 
 
 class _When(NamedTuple):
-    """Of a scan, without its samples."""
+    """Time and place of a scan."""
 
     session: int
     sequence: int

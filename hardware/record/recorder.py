@@ -1,7 +1,7 @@
-"""Recordings, written: a scan is in the file as soon as it is added, and a kill at any moment leaves the file whole.
+"""Writing of recordings: a scan is in the file as soon as it is added, and a kill at any moment leaves the file whole.
 
-A scan is one transaction in SQLite's write-ahead log, so a kill loses only a scan that was not added yet. Once a
-second, and at the end of every position, the log is also forced onto the disk: a power cut loses no more than that.
+A scan is one transaction in SQLite's write-ahead log, so that a kill loses only a scan that was not added yet. Once a
+second, and at the end of every position, the log is also flushed to disk: a power cut loses no more than that.
 """
 
 from __future__ import annotations
@@ -10,19 +10,20 @@ import json
 import math
 import sqlite3
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import asdict
 from importlib import metadata
 from pathlib import Path
-from typing import TypeVar
+from typing import TypeVar, cast
 
 from coilarray.compute.store import locked_database
+from coilarray.compute.threads import Progress
 from coilarray.design.model import Design
 from coilarray.errors import HardwareError, OutputError
 from coilarray.hardware.record.recording import GridPlace, RecordedSession, Recording
 from coilarray.hardware.record.recording_file import create_tables, is_blank, reading, require_recording
-from coilarray.hardware.scan.reader import Identity, RawScan
+from coilarray.hardware.scan.reader import Identity, RawScan, Reader
 from coilarray.hardware.scan.settings import ScanSettings
 from coilarray.hardware.wire.faults import BoardRestarted
 from coilarray.hardware.wire.signals import held_signals
@@ -32,9 +33,9 @@ _T = TypeVar("_T")
 
 
 class Recorder:
-    """A recording that is open for writing; `open_recorder` makes one, and `start` comes before anything else.
+    """A recording that is open for writing, from `open_recorder`; call `start` before any other method.
 
-    Every method writes whole or not at all, and raises OutputError where that fails, for example on a full disk.
+    Every method writes completely or not at all, and raises OutputError where that fails, for example on a full disk.
     """
 
     def __init__(self, path: Path, connection: sqlite3.Connection) -> None:
@@ -46,26 +47,26 @@ class Recorder:
 
     @property
     def session(self) -> RecordedSession:
-        """The one that was started last."""
+        """Session that was started last."""
         if self._session is None:
             raise ValueError("a recorder must be started first.")
         return self._session
 
     def start(self, session: RecordedSession, campaign: str | None = None) -> None:
-        """Begin a session: the first one makes the recording, a later one goes on with it.
+        """Begin a session: the first one creates the recording, a later one continues it.
 
         Parameters
         ----------
         session : RecordedSession
-            From opening the board on.
+            New session.
         campaign : str, optional
-            Plan as JSON.
+            Plan of the campaign as JSON.
 
         Raises
         ------
         HardwareError
-            A recording of another design, wiring or campaign, with other settings, or of an emulator where this is a
-            real board or the other way round.
+            A recording of another design, wiring or campaign, with other settings, or of an emulator where the board
+            is real or vice versa.
         OutputError
             A file that cannot be written.
         """
@@ -94,13 +95,13 @@ class Recorder:
         Parameters
         ----------
         scan : RawScan
-            Of this session.
+            Scan of this session.
         stage : str
-            What is going on: "stream", "single", "baseline" or "peak".
+            Part of the measurement: "stream", "single", "baseline" or "peak".
         position : int, optional
-            As `begin` returned it.
+            Number of the position, from `begin`.
         depth : float, optional
-            Of the indenter in m; 0 where it does not touch.
+            Depth of the indenter in m; 0 where it does not touch.
 
         Raises
         ------
@@ -140,7 +141,7 @@ class Recorder:
             return frozenset(place for (place,) in rows)
 
     def begin(self, place: GridPlace) -> int:
-        """Begin a place of the campaign and return the number of this position; OutputError where that fails."""
+        """Begin a place of the campaign and return the number of this position."""
 
         def write(connection: sqlite3.Connection) -> int:
             row = connection.execute(
@@ -152,7 +153,7 @@ class Recorder:
         return self._write(write, durable=False)
 
     def finish(self, position: int) -> None:
-        """Mark a position as measured to its end: from then on it counts. OutputError where that fails."""
+        """Mark a position as measured to its end: from then on it counts."""
         self._write(
             lambda connection: connection.execute(
                 "UPDATE position SET finished = ? WHERE id = ?", (time.time(), position)
@@ -161,13 +162,7 @@ class Recorder:
         )
 
     def add_self_test(self, symptoms: Sequence[str], findings: Sequence[str]) -> None:
-        """Write what a self-test of the board has shown now; OutputError where that fails.
-
-        Parameters
-        ----------
-        symptoms, findings : sequence of str
-            As in `coilarray.hardware.board.self_test.SelfTest`.
-        """
+        """Write the symptoms and findings of a `coilarray.hardware.board.self_test.SelfTest`."""
         values = (self._number, time.time(), json.dumps(list(symptoms)), json.dumps(list(findings)))
         self._write(
             lambda connection: connection.execute(
@@ -183,7 +178,7 @@ class Recorder:
         if scan.configuration != settings.hash or len(scan.samples) != len(settings.states):
             raise HardwareError(
                 f"scan {scan.sequence} has the settings {scan.configuration:04X} and {len(scan.samples)} states; "
-                f"the board was told {settings.hash:04X} and {len(settings.states)}."
+                f"the board was set to {settings.hash:04X} and {len(settings.states)}."
             )
         if not (math.isfinite(scan.time) and math.isfinite(scan.received)):
             raise HardwareError(f"scan {scan.sequence} must have finite times; got {scan.time} and {scan.received} s.")
@@ -209,15 +204,15 @@ def begin_session(
     Parameters
     ----------
     identity : Identity
-        Of the board, after it was configured.
+        Identity of the board, after it was configured.
     port : str
-        By which it was opened.
+        Name of the port.
     settings : ScanSettings
-        With which it was configured.
+        Settings of the board.
     wiring : str
         Name of the wiring.
     design : Design
-        Of the coils.
+        Design of the coils.
 
     Returns
     -------
@@ -240,14 +235,14 @@ def begin_session(
 
 @contextmanager
 def open_recorder(path: Path, *, resume: bool = False) -> Iterator[Recorder]:
-    """Open a file for a new recording, or a recording to go on with.
+    """Open a file for a new recording, or a recording to continue.
 
     Parameters
     ----------
     path : Path
-        Of the file; its folder must exist.
+        File of the recording; its folder must exist.
     resume : bool
-        Go on with the recording that is there; a new one where there is none.
+        Whether to continue a recording that exists; a new one is made where there is none.
 
     Yields
     ------
@@ -256,9 +251,9 @@ def open_recorder(path: Path, *, resume: bool = False) -> Iterator[Recorder]:
     Raises
     ------
     OutputError
-        A file that is there already, or cannot be written, or is being recorded into by another process.
+        A file that already exists, cannot be written, or is being written by another process.
     HardwareError
-        A file to go on with that is no recording, is of another schema, or damaged.
+        A file to continue that is not a recording, has another schema, or is damaged.
     """
     with _alone(path):
         try:
@@ -280,6 +275,70 @@ def open_recorder(path: Path, *, resume: bool = False) -> Iterator[Recorder]:
                     connection.close()
                     if blank and not there:
                         path.unlink()
+
+
+def record_stream(
+    reader: Reader,
+    recorder: Recorder,
+    *,
+    scans: int | None = None,
+    seconds: float | None = None,
+    interval: float = 0.0,
+    progress: Progress | None = None,
+) -> int:
+    """Record the scans of a running board for a number of scans or a time.
+
+    Parameters
+    ----------
+    reader : Reader
+        Board, configured with the settings of the recorder's session.
+    recorder : Recorder
+        Started recorder.
+    scans : int, optional
+        Number of scans.
+    seconds : float, optional
+        Duration in s from the first scan on, by the board's clock; instead of a number of scans.
+    interval : float
+        Time from scan to scan in s; as fast as possible by default.
+    progress : callable, optional
+        Called with (done, total): scans, or tenths of a second.
+
+    Returns
+    -------
+    int
+        Number of scans recorded.
+
+    Raises
+    ------
+    HardwareError
+        Neither or both of `scans` and `seconds`, values that are not positive, or a fault of the board; every earlier
+        scan is in the recording.
+    OutputError
+        A recording that cannot be written.
+    """
+    if (scans is None) == (seconds is None):
+        raise HardwareError("a stream must have either a number of scans or a time in s.")
+    if scans is not None and scans < 1:
+        raise HardwareError(f"a stream must have at least 1 scan; got {scans}.")
+    if seconds is not None and not (math.isfinite(seconds) and seconds > 0):
+        raise HardwareError(f"a stream must last a positive time; got {seconds} s.")
+    count, first = 0, None
+    # an iterator of a reader is a generator: closing it stops the board
+    with closing(cast("Generator[RawScan]", reader.scans(interval))) as stream:
+        for scan in stream:
+            first = scan.time if first is None else first
+            passed = scan.time - first
+            if seconds is not None and passed > seconds:
+                break
+            recorder.add(scan, "stream")
+            count += 1
+            if progress is not None and scans is not None:
+                progress(count, scans)
+            elif progress is not None and seconds is not None:
+                progress(round(10 * passed), math.ceil(10 * seconds))
+            if count == scans:
+                break
+    return count
 
 
 def _log_ahead(path: Path, connection: sqlite3.Connection) -> None:

@@ -1,4 +1,4 @@
-"""Recordings, read: every scan with its raw words, where the indenter was, and what the board had been told."""
+"""Reading of recordings: every scan with its raw words, the place of the indenter, and the settings of the board."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ class GridPlace:
     Parameters
     ----------
     number : int
-        In the order of the campaign, from 0.
+        Number in the order of the campaign, from 0.
     repeat : int
-        Of the whole grid, from 0.
+        Number of the pass over the whole grid, from 0.
     depth, y, x : float
-        In m; x and y from the map's origin.
+        Depth and position in m, x and y from the map's origin.
     """
 
     number: int
@@ -42,28 +42,28 @@ class GridPlace:
 
 @dataclass(frozen=True, eq=False)
 class RecordedSession:
-    """What holds for all scans from opening a board to letting go of it.
+    """Properties of all scans from opening a board to closing it.
 
     Parameters
     ----------
     started : float
-        In s since the epoch.
+        Start of the session in s since the epoch.
     identity : Identity
-        Of the board.
+        Identity of the board.
     port : str
-        As it was given.
+        Name of the port.
     settings : ScanSettings
-        What the board was told.
+        Settings of the board.
     wiring : str
         Name of the wiring.
     capacitances : mapping of str to float
-        Of the tank in F by state, as L was computed with while measuring.
+        Capacitance of the tank in F by state, as assumed while measuring.
     design, design_hash : str
         Name and digest of the design.
     design_document : mapping of str to object
-        The design as `coilarray.design.model.build_design` takes it.
+        Design as `coilarray.design.model.build_design` takes it.
     version : str
-        Of this program.
+        Version of this program.
     """
 
     started: float
@@ -80,24 +80,24 @@ class RecordedSession:
 
 @dataclass(frozen=True)
 class RecordedScan:
-    """A scan and what went on.
+    """A scan and the circumstances of its measurement.
 
     Parameters
     ----------
     number : int
-        In the recording, rising.
+        Number in the recording, rising.
     scan : RawScan
-        As the board returned it.
+        Raw words of the board.
     session : int
         Index of its session in `Recording.sessions`.
     stage : str
-        "stream", "single", "baseline" or "peak".
+        Part of the measurement: "stream", "single", "baseline" or "peak".
     position : int or None
-        Which time a place was begun; `Recording.positions` names those that were finished.
+        Number of the attempt at a place; `Recording.positions` holds those that were finished.
     place : GridPlace or None
-        Where the indenter was, in a campaign.
+        Place of the indenter in a campaign.
     depth : float or None
-        Of the indenter in m where it is known; 0 where it does not touch.
+        Depth of the indenter in m where it is known; 0 where it does not touch.
     """
 
     number: int
@@ -111,16 +111,16 @@ class RecordedScan:
 
 @dataclass(frozen=True)
 class RecordedSelfTest:
-    """What a self-test showed, before or after a campaign.
+    """Result of a self-test before or after a campaign.
 
     Parameters
     ----------
     session : int
         Index of its session in `Recording.sessions`.
     time : float
-        In s since the epoch.
+        Time of the test in s since the epoch.
     symptoms, findings : tuple of str
-        As in `coilarray.hardware.board.self_test.SelfTest`.
+        Deviations from a good board, and the faults that each explain them alone.
     """
 
     session: int
@@ -130,24 +130,24 @@ class RecordedSelfTest:
 
     @property
     def passed(self) -> bool:
-        """Whether nothing was wrong, as far as can be seen."""
+        """Whether no fault was visible."""
         return not self.symptoms
 
 
 class Recording:
-    """A recording that is open for reading; `open_recording` makes one.
+    """A recording that is open for reading, from `open_recording`.
 
     Parameters
     ----------
     path : Path
-        Of the file.
+        File of the recording.
     connection : sqlite3.Connection
-        To it.
+        Connection to the file.
 
     Attributes
     ----------
     sessions : tuple of RecordedSession
-        In the order in which they began.
+        Sessions in the order in which they began.
     campaign : str or None
         Plan of the campaign as JSON (`coilarray.hardware.record.campaign.Campaign.from_json`); None where there is
         none.
@@ -186,10 +186,11 @@ class Recording:
 
     def count(self) -> int:
         """Return how many scans there are."""
-        return int(self._one("SELECT count(*) FROM scan"))
+        with reading(self.path):
+            return int(self._connection.execute("SELECT count(*) FROM scan").fetchone()[0])
 
     def positions(self) -> dict[int, GridPlace]:
-        """Return what was measured to its end, in the order of the campaign: the places by the numbers of positions."""
+        """Return the finished places in the order of the campaign, by the numbers of their positions."""
         with reading(self.path):
             rows = self._connection.execute(
                 "SELECT id, place, repeat, depth, y, x FROM position WHERE finished IS NOT NULL ORDER BY place"
@@ -202,18 +203,14 @@ class Recording:
         Parameters
         ----------
         after : int
-            Only those of a larger number, for following a recording that grows.
+            Number of a scan; only later ones are read, for following a recording that grows.
         finished : bool
-            Only those of positions that were measured to their end.
+            Whether to read only scans of positions that were measured to their end.
 
         Yields
         ------
         RecordedScan
-
-        Raises
-        ------
-        HardwareError
-            A damaged file.
+            Next scan; HardwareError for a damaged file.
         """
         wanted = "AND position.finished IS NOT NULL" if finished else ""
         query = f"""
@@ -228,7 +225,7 @@ class Recording:
                 yield self._scan(list(group))
 
     def check(self) -> None:
-        """Look through the whole file for damage; HardwareError names the first that is found."""
+        """Check the whole file for damage; HardwareError names the first that is found."""
         check_pages(self._connection, self.path)
         self.self_tests()
         for _ in self.scans():
@@ -280,28 +277,20 @@ class Recording:
         except (KeyError, TypeError, ValueError, OverflowError, AttributeError, RecursionError, HardwareError) as error:
             raise HardwareError(f"{self.path} is damaged: session {row['id']}: {error}.") from None
 
-    def _one(self, query: str) -> Any:
-        with reading(self.path):
-            return self._connection.execute(query).fetchone()[0]
-
 
 @contextmanager
 def open_recording(path: Path) -> Iterator[Recording]:
-    """Open a recording for reading; what records at the same time is not disturbed.
+    """Open a recording for reading; a program that writes it at the same time is not disturbed.
 
     Parameters
     ----------
     path : Path
-        Of the file.
+        File of the recording.
 
     Yields
     ------
     Recording
-
-    Raises
-    ------
-    HardwareError
-        A file that is not there, is no recording, is of another schema, or damaged.
+        Open recording; HardwareError for a file that is missing, not a recording, of another schema, or damaged.
     """
     with closing(connect_to_read(path)) as connection:
         yield Recording(path, connection)

@@ -1,4 +1,4 @@
-"""What is in a recording: where it comes from, how far it got, and how good its readings are."""
+"""Summary of a recording: its origin, its extent, and the quality of its readings."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ class StateSummary:
     Parameters
     ----------
     name : str
-        Of the state.
+        Name of the state.
     frequency, inductance : float or None
         Means in Hz and H; None where nothing was good or doubtful.
     noise : float or None
-        Relative standard deviation of the inductance where the indenter does not press, from the steps between
-        successive scans, which a drift spares; None where there are no two such scans.
+        Relative standard deviation of the inductance at rest, from the differences of successive scans, in which a
+        drift cancels; None where there are no two such scans.
     verdicts : mapping of str to int
-        How many readings were good, doubtful and bad.
+        Numbers of good, doubtful and bad readings.
     reasons : mapping of Reason to int
-        Why.
+        Numbers of readings by the reason why they are not good.
     """
 
     name: str
@@ -47,29 +47,29 @@ class RecordingSummary:
     Parameters
     ----------
     file : str
-        Its path.
+        Path of the file.
     emulated : bool
         Whether the board was an emulator.
     design, design_hash, wiring, version : str
-        Of the first session.
+        Design, wiring and version of this program, from the first session.
     sessions : tuple of mapping
-        When, with which board, and how many scans: for JSON.
+        Time, board and number of scans of every session, for JSON.
     scans : int
-        Of all sessions.
+        Number of scans of all sessions.
     lost : int
-        Scans of streams that the board numbered and nobody received.
+        Number of scans of streams that the board numbered and that never arrived.
     seconds : float
-        From the first to the last scan of every session, by the board's clock.
+        Total time from the first to the last scan of every session, by the board's clock.
     rate : float or None
-        Scans per second that came, without the pauses between sessions; None for a campaign, or too few scans.
+        Recorded scans per second, without the pauses between sessions; None for a campaign, or too few scans.
     states : tuple of StateSummary
-        In the order of the scan.
+        Readings of every state, in the order of the scan.
     campaign : Campaign or None
-        Where there is one.
+        Plan of the campaign, where there is one.
     positions : int
-        How many of the campaign were measured to their end.
+        Number of positions of the campaign that were measured to their end.
     self_tests : tuple of RecordedSelfTest
-        Before and after a campaign.
+        Self-tests before and after a campaign.
     """
 
     file: str
@@ -90,19 +90,7 @@ class RecordingSummary:
 
     def to_record(self) -> dict[str, Any]:
         """Return everything as plain values in SI, for JSON."""
-        campaign = None
-        if self.campaign is not None:
-            campaign = {
-                "positions": self.campaign.size,
-                "measured": self.positions,
-                "x_m": list(self.campaign.x),
-                "y_m": list(self.campaign.y),
-                "depths_m": list(self.campaign.depths),
-                "repeats": self.campaign.repeats,
-                "scans": self.campaign.scans,
-                "dwell_s": self.campaign.dwell,
-                "speed_m_per_s": self.campaign.speed,
-            }
+        plan = self.campaign
         return {
             "file": self.file,
             "emulated": self.emulated,
@@ -126,7 +114,7 @@ class RecordingSummary:
                 }
                 for state in self.states
             ],
-            "campaign": campaign,
+            "campaign": None if plan is None else {**plan.to_record(), "measured": self.positions},
             "self_tests": [
                 {
                     "session": test.session,
@@ -141,22 +129,7 @@ class RecordingSummary:
 
 
 def summarize_recording(recording: Recording) -> RecordingSummary:
-    """Read a whole recording and say what is in it.
-
-    Parameters
-    ----------
-    recording : Recording
-        Of any kind.
-
-    Returns
-    -------
-    RecordingSummary
-
-    Raises
-    ------
-    HardwareError
-        A damaged file.
-    """
+    """Read a whole recording of any kind and summarize it; HardwareError for a damaged file."""
     states = [_State(name) for name in recording.states]
     times: list[list[float]] = [[] for _ in recording.sessions]
     count, lost = 0, 0

@@ -1,44 +1,59 @@
-"""What moves the indenter: a person, a machine that speaks G-code (`record.gcode_stage`), or the emulator.
+"""What moves the indenter: a person, a machine that speaks G-code over a serial port, or the emulator.
 
 The coordinates of every stage are those of the map: x and y from its origin, depth 0 where the indenter just touches.
-Finding that point before a campaign is the user's part, as homing is.
+The user finds that point before a campaign and homes the machine.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Protocol
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, Protocol, get_args
 
 from coilarray.errors import HardwareError
 from coilarray.hardware.record.recording import GridPlace
+from coilarray.hardware.wire.serial_ports import BytePort
 
 if TYPE_CHECKING:
     from coilarray.hardware.emulator import EmulatedBoard
 
+Dialect = Literal["grbl", "marlin"]
+"""Firmware of a machine that speaks G-code."""
+
 _TRAVEL = 20e-3  # m/s, of the emulated stage between positions
+_WAIT = {"grbl": "G4 P0.01", "marlin": "M400"}  # answered when all movements before it are over
+_REFUSALS = ("error", "alarm", "!!", "resend")  # begin what GRBL and Marlin say of a line that failed
+_GREETINGS = ("grbl ", "start")  # of a machine that has just started
+_LONGEST_LINE, _MOST_AT_ONCE = 512, 4096  # bytes that are kept of a line that does not end
+_MOST_BYTES = 65536  # of answers to one line
+_QUIET = 0.3  # s after the greeting, for its last lines
+_SHOWN = 80  # characters of an answer
+_FARTHEST, _HIGHEST = 1.0, 0.1  # m
 
 
 class Stage(Protocol):
     """Moves the indenter; a method returns when the movement is over, or raises a HardwareError."""
 
     def check(self, places: Sequence[GridPlace]) -> None:
-        """Refuse places that are out of reach, before anything moves."""
+        """Refuse places outside the range of the stage, before anything moves."""
 
     def move(self, x: float, y: float) -> None:
         """Go to a position in m, lifted off."""
 
     def indent(self, depth: float, speed: float) -> None:
-        """Press in from where the indenter touches to a depth in m, at a speed in m/s."""
+        """Indent to a depth in m below the point of contact, at a speed in m/s."""
 
     def relax(self, speed: float) -> None:
-        """Lift off at a speed in m/s; nothing where it does not touch."""
+        """Lift off at a speed in m/s; does nothing where the indenter does not touch."""
 
     def retreat(self) -> None:
-        """Lift off after a failure as far as it goes without a person. Never raises."""
+        """Lift off after a failure, where that needs no person. Never raises."""
 
     def close(self) -> None:
-        """Let go of the machine. Never raises."""
+        """Release the machine. Never raises."""
 
 
 class PersonStage:
@@ -47,7 +62,7 @@ class PersonStage:
     Parameters
     ----------
     ask : callable
-        Shows a text and returns when it has been done; raises HardwareError where nobody is there.
+        Shows an instruction and returns when it has been carried out; raises HardwareError where nobody answers.
     """
 
     def __init__(self, ask: Callable[[str], None]) -> None:
@@ -78,12 +93,12 @@ class PersonStage:
 
 
 class EmulatedStage:
-    """Moves the indenter of an emulated board, and takes the board's time for it.
+    """Moves the indenter of an emulated board, in the time of its clock.
 
     Parameters
     ----------
     board : EmulatedBoard
-        As `coilarray.hardware.emulator.emulated_board` returns it.
+        Board that the indenter presses on.
     """
 
     def __init__(self, board: EmulatedBoard) -> None:
@@ -104,7 +119,7 @@ class EmulatedStage:
         self._x, self._y = x, y
 
     def indent(self, depth: float, speed: float) -> None:
-        """Press in."""
+        """Indent."""
         self._clock.sleep(depth / speed)
         self._indenter.press(self._x, self._y, depth)
         self._depth = depth
@@ -123,23 +138,203 @@ class EmulatedStage:
         """Do nothing."""
 
 
-def require_reach(
-    places: Sequence[GridPlace], x: tuple[float, float], y: tuple[float, float], deepest: float, where: str
-) -> None:
-    """Refuse places outside the range of a machine.
+@dataclass(frozen=True)
+class StageLimits:
+    """Where a machine may go; nothing outside is ever sent.
+
+    Parameters
+    ----------
+    x, y : tuple of float
+        Least and greatest position in m.
+    depth : float
+        Greatest depth below the point of contact in m.
+    clearance : float
+        Height above the point of contact in m at which the indenter travels and baselines are measured.
 
     Raises
     ------
     HardwareError
-        The first of them.
+        A range that is empty or too large.
     """
-    for place in places:
-        if not (x[0] <= place.x <= x[1] and y[0] <= place.y <= y[1] and place.depth <= deepest):
+
+    x: tuple[float, float]
+    y: tuple[float, float]
+    depth: float
+    clearance: float = 2e-3
+
+    def __post_init__(self) -> None:
+        for name, (low, high) in (("x", self.x), ("y", self.y)):
+            if not -_FARTHEST <= low <= high <= _FARTHEST:
+                raise HardwareError(f"{name} of a stage must rise and be at most {_FARTHEST} m; got {low} to {high} m.")
+        for name, value in (("depth", self.depth), ("clearance", self.clearance)):
+            if not 0 < value <= _HIGHEST:
+                raise HardwareError(f"{name} of a stage must be positive and at most {_HIGHEST} m; got {value} m.")
+
+
+class GcodeStage:
+    """A machine with three axes that speaks G-code in mm, as GRBL and Marlin do; it answers every line by ``ok``.
+
+    The machine must be homed and its work origin set: x and y of the map, z = 0 where the indenter just touches, z
+    upwards. Only ``G21``, ``G90``, ``G0``, ``G1`` and the command that waits for the end of a movement are ever sent.
+
+    Parameters
+    ----------
+    port : BytePort
+        Serial port of the machine, as `coilarray.hardware.wire.serial_ports.open_serial_port` returns it.
+    limits : StageLimits
+        Where the machine may go.
+    dialect : {"grbl", "marlin"}
+        Firmware of the machine.
+    greeting : float
+        Longest time in s from opening the port until the machine has started.
+    patience : float
+        Longest time in s until an answer, beside the time of the movement itself.
+    longest : float
+        Longest time in s of a movement between positions.
+    now : callable
+        Clock of the deadlines, in s.
+
+    Raises
+    ------
+    HardwareError
+        Another dialect; a machine that does not answer, or refuses. The port is then closed.
+    """
+
+    def __init__(
+        self,
+        port: BytePort,
+        limits: StageLimits,
+        dialect: Dialect = "grbl",
+        *,
+        greeting: float = 3.0,
+        patience: float = 5.0,
+        longest: float = 120.0,
+        now: Callable[[], float] = time.monotonic,
+    ) -> None:
+        if dialect not in get_args(Dialect):
+            raise HardwareError(f"the stage must speak {' or '.join(get_args(Dialect))}; got {dialect!r}.")
+        self._port, self._limits, self._dialect = port, limits, dialect
+        self._patience, self._longest, self._now = patience, longest, now
+        self._rest = b""  # of a line that has not ended yet
+        self._due = 0  # lines that were sent and not answered: more than one after an interrupt
+        self._ready = False
+        try:
+            self._pass_greeting(greeting)
+            for line in ("G21", "G90"):
+                self._send(line, 0.0)
+        except BaseException:
+            port.close()
+            raise
+        self._ready = True
+
+    def check(self, places: Sequence[GridPlace]) -> None:
+        """Refuse places outside the limits of the machine."""
+        (x_min, x_max), (y_min, y_max), deepest = self._limits.x, self._limits.y, self._limits.depth
+        for place in places:
+            if not (x_min <= place.x <= x_max and y_min <= place.y <= y_max and place.depth <= deepest):
+                raise HardwareError(
+                    f"the stage at {self._port.name} reaches x {_mm(x_min)} to {_mm(x_max)}, y {_mm(y_min)} to "
+                    f"{_mm(y_max)} mm and {_mm(deepest)} mm deep; the campaign goes to x = {_mm(place.x)}, "
+                    f"y = {_mm(place.y)}, depth {_mm(place.depth)} mm."
+                )
+
+    def move(self, x: float, y: float) -> None:
+        """Lift off and go to a position in m."""
+        self.check([GridPlace(0, 0, 0.0, y, x)])
+        self._go(f"G0 Z{_word(self._limits.clearance)}", self._longest)
+        self._go(f"G0 X{_word(x)} Y{_word(y)}", self._longest)
+
+    def indent(self, depth: float, speed: float) -> None:
+        """Indent to a depth in m at a speed in m/s."""
+        if not 0 < depth <= self._limits.depth:
             raise HardwareError(
-                f"{where} reaches x {_mm(x[0])} to {_mm(x[1])}, y {_mm(y[0])} to {_mm(y[1])} mm and {_mm(deepest)} mm "
-                f"deep; the campaign goes to x = {_mm(place.x)}, y = {_mm(place.y)}, depth {_mm(place.depth)} mm."
+                f"depth of the stage must be positive and at most {self._limits.depth * 1e3:g} mm; "
+                f"got {depth * 1e3:g} mm."
             )
+        way = self._limits.clearance + depth
+        self._go(f"G1 Z{_word(-depth)} F{_feed(speed)}", way / speed)
+
+    def relax(self, speed: float) -> None:
+        """Lift off at a speed in m/s."""
+        way = self._limits.clearance + self._limits.depth
+        self._go(f"G1 Z{_word(self._limits.clearance)} F{_feed(speed)}", way / speed)
+
+    def retreat(self) -> None:
+        """Lift off. Never raises."""
+        if self._ready:
+            with suppress(HardwareError):
+                self._go(f"G0 Z{_word(self._limits.clearance)}", self._longest)
+
+    def close(self) -> None:
+        """Release the port. Never raises."""
+        self._port.close()
+
+    def _go(self, line: str, seconds: float) -> None:
+        """Move and wait until the movement is over: ``ok`` alone says only that the line was understood."""
+        self._send(line, seconds)
+        self._send(_WAIT[self._dialect], seconds)
+
+    def _send(self, line: str, seconds: float) -> None:
+        self._due += 1
+        self._port.write(f"{line}\n".encode("ascii"))
+        until = self._now() + seconds + self._patience
+        for answer in self._answers(until):
+            low = answer.lower()
+            if low == "ok" or low.startswith("ok "):
+                self._due -= 1
+                if not self._due:
+                    return
+            if low.startswith(_REFUSALS):
+                raise self._failed(f"refused {line!r}: {_shown(answer)}")
+            if self._ready and low.startswith(_GREETINGS):
+                raise self._failed(f"restarted at {line!r}, so it may not know where it is")
+        raise self._failed(f"did not answer {line!r} within {seconds + self._patience:.3g} s")
+
+    def _failed(self, what: str) -> HardwareError:
+        self._ready = False  # from now on only its user moves it
+        return HardwareError(f"the stage at {self._port.name} {what}.")
+
+    def _answers(self, until: float) -> Iterator[str]:
+        """Yield lines that come before a deadline, and those that have already come however late it is."""
+        taken = 0
+        while True:
+            while b"\n" in self._rest:
+                line, _, self._rest = self._rest.partition(b"\n")
+                yield line.decode("ascii", "replace").strip()
+            left = until - self._now()
+            data = self._port.read(max(left, 0.0))
+            if left <= 0 and not data:
+                return
+            taken += len(data)
+            self._rest = (self._rest + data)[-_LONGEST_LINE - _MOST_AT_ONCE :]
+            if taken > _MOST_BYTES:
+                raise self._failed("sends without end; is it a stage")
+
+    def _pass_greeting(self, seconds: float) -> None:
+        """Discard what the machine says first: many restart when their port is opened."""
+        for answer in self._answers(self._now() + seconds):
+            if answer.lower().startswith(_GREETINGS):
+                break
+        for _ in self._answers(self._now() + _QUIET):
+            pass
 
 
 def _mm(value: float) -> str:
+    """Return a length in mm, for people."""
     return f"{value * 1e3:.4g}"
+
+
+def _word(value: float) -> str:
+    """Return a coordinate in mm, for the machine."""
+    return f"{value * 1e3:.4f}"
+
+
+def _feed(speed: float) -> str:
+    """Return a speed in mm/min, for the machine."""
+    if not (math.isfinite(speed) and speed > 0):
+        raise HardwareError(f"speed of the stage must be positive; got {speed} m/s.")
+    return f"{speed * 60e3:.2f}"
+
+
+def _shown(text: str) -> str:
+    return repr(text[:_SHOWN])

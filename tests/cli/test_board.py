@@ -64,19 +64,19 @@ def test_it_says_who_answers_and_what_ports_there_are(capsys):
 def test_the_same_as_json(capsys):
     code, out, err = run(capsys, "--json", "--wiring", "six_coils_4")
     assert (code, err) == (0, "")
-    told = json.loads(out)
-    assert (told["emulated"], told["port"], told["wiring"]) == (True, "emulator", "six_coils_4")
-    assert (told["identity"]["manufacturer"], told["identity"]["device"]) == (0x5449, 0x3055)
-    assert told["ports"]["linux"] == ["i2c:1", "spi:0.0"]
-    assert set(told["assumed"]) == {"wiring", "ADG739.bits"}
-    assert (told["drives"], told["self_test"]) == (None, None)
+    reported = json.loads(out)
+    assert (reported["emulated"], reported["port"], reported["wiring"]) == (True, "emulator", "six_coils_4")
+    assert (reported["identity"]["manufacturer"], reported["identity"]["device"]) == (0x5449, 0x3055)
+    assert reported["ports"]["linux"] == ["i2c:1", "spi:0.0"]
+    assert set(reported["assumed"]) == {"wiring", "ADG739.bits"}
+    assert (reported["drives"], reported["self_test"]) == (None, None)
 
 
 def test_the_emulator_has_the_coils_of_any_design(capsys):
     code, out, err = run(capsys, "starter", "--json")  # three coils
     assert (code, err) == (0, "")
-    told = json.loads(out)
-    assert (told["wiring"], told["chain"]) == ("one_device_a_coil", None)
+    reported = json.loads(out)
+    assert (reported["wiring"], reported["chain"]) == ("one_device_a_coil", None)
     code, _, err = run(capsys, "starter", "--wiring", "six_coils")
     assert code == 2
     assert "the wiring has the coil 'coil4', the design starter only coil1, coil2, coil3" in err
@@ -109,13 +109,13 @@ def test_the_findings_are_in_the_json_too(capsys, broken):
     broken(lambda emulator: emulator.chain.stick(*emulator.chain.find(2, 0, "ground"), "closed"))
     code, out, _ = run(capsys, "--self-test", "--json")
     assert code == 2
-    told = json.loads(out)["self_test"]
-    assert not told["passed"]
-    assert told["findings"] == ["U3.S1A (coil3.a to ground) stays closed"]
-    assert told["coils"][2]["frequency"] is None
+    reported = json.loads(out)["self_test"]
+    assert not reported["passed"]
+    assert reported["findings"] == ["U3.S1A (coil3.a to ground) stays closed"]
+    assert reported["coils"][2]["frequency"] is None
 
 
-def test_a_converter_that_does_not_answer_is_told(capsys, broken):
+def test_a_converter_that_does_not_answer_is_reported(capsys, broken):
     broken(lambda emulator: emulator.bus.refuse(10**6))
     code, out, err = run(capsys)
     assert (code, err) == (0, "")

@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 import tomli_w
 from support.command_line import runner
+from support.quick_coils import series_tank
 from support.quick_recordings import campaign_file, stream_file
 from support.recorded_boards import WIRING_TEXT, QuickWorld, two_coils
 
 from coilarray.cli.main import main
 from coilarray.hardware.emulator import Drift, Oscillator
-from coilarray.hardware.emulator.tank import series_tank
 from coilarray.hardware.record.calibration_file import load_calibration
 from coilarray.hardware.record.channel_calibration import calibrate_board
 from coilarray.hardware.record.recording import open_recording
@@ -96,7 +96,7 @@ def test_drift_alone(capsys, recordings):
 
 
 def test_the_whole_way_from_the_emulator(capsys, tmp_path_factory, monkeypatch):
-    """measure --campaign, calibrate-board, compare: all physics of two coils on both sides, scale 1 within noise.
+    """campaign, calibrate-board, compare: all physics of two coils on both sides, scale 1 within noise.
 
     The emulator interpolates in a table that is right to 1e-3 of the largest δ; the noise is chosen above that.
     """
@@ -107,7 +107,7 @@ def test_the_whole_way_from_the_emulator(capsys, tmp_path_factory, monkeypatch):
     board = (str(folder / "two_coils.toml"), "--wiring", str(folder / "wiring.toml"))
     noise = ("--emulate", "noise=1e-6", "--emulate", "drift=0.002")
     axes = ("--x-mm", "-6:6:7", "--y-mm", "-4:4:5")
-    assert main(["measure", *board, "--campaign", *axes, *noise, "--out", "run.sqlite"]) == 0
+    assert main(["campaign", *board, *axes, *noise, "--out", "run.sqlite"]) == 0
     assert main(["calibrate-board", "run.sqlite", "--simulated"]) == 0
     capsys.readouterr()
     code, out, err = compare(

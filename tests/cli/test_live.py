@@ -62,6 +62,11 @@ def _in_a_folder_of_its_own(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
+def on(board):
+    """Arguments for the emulator of two coils, without positions."""
+    return (board / "two_coils.toml", "--wiring", board / "wiring.toml", "--no-locate")
+
+
 def lines_of(out):
     return [json.loads(line) for line in out.splitlines()]
 
@@ -118,17 +123,8 @@ def test_a_replay_keeps_the_recorded_time(capsys, recording):
 
 def test_positions_of_a_recording(capsys, recording, board):
     """The quick board's bells are no response of the design: what counts is that the library is asked and answers."""
-    code, out, err = run(
-        capsys,
-        board / "two_coils.toml",
-        "--recording",
-        recording,
-        "--speed",
-        "0",
-        "--table",
-        board / "table.nc",
-        "--json",
-    )
+    files = (board / "two_coils.toml", "--recording", recording, "--table", board / "table.nc")
+    code, out, err = run(capsys, *files, "--speed", "0", "--json")
     assert (code, err) == (0, "")
     answers = lines_of(out)
     assert answers[5]["position"] is None
@@ -163,10 +159,7 @@ def test_the_emulator_is_located(capsys, board, monkeypatch):
 
 
 def test_every_line_of_an_emulator_says_so(capsys, board):
-    code, out, err = run(
-        capsys, board / "two_coils.toml", "--wiring", board / "wiring.toml", "--no-locate",
-        "--rate", "30", "--scans", "10", "--baseline-scans", "3",
-    )  # fmt: skip
+    code, out, err = run(capsys, *on(board), "--rate", "30", "--scans", "10", "--baseline-scans", "3")
     assert (code, err) == (0, "")
     first, *lines = out.splitlines()
     assert first.startswith("[emulator] emulator: emulator; LDC1614")
@@ -179,10 +172,7 @@ def test_without_a_path_a_finger_goes_round(capsys, board, monkeypatch):
     monkeypatch.setattr(buses, "ComputerClock", VirtualClock)  # on a busy computer scans may come late
     begun, tour = [], live_command._tour
     monkeypatch.setattr(live_command, "_tour", lambda setup, start: begun.append(start) or tour(setup, start))
-    code, out, err = run(
-        capsys, board / "two_coils.toml", "--wiring", board / "wiring.toml", "--no-locate", "--json",
-        "--rate", "30", "--scans", "75", "--baseline-scans", "3",
-    )  # fmt: skip
+    code, out, err = run(capsys, *on(board), "--json", "--rate", "30", "--scans", "75", "--baseline-scans", "3")
     assert (code, err) == (0, "")
     after = [(answer["time_s"] - begun[-1], answer["delta"]["coil1"]) for answer in lines_of(out)[3:]]
     assert all(abs(delta) < 10e-6 for time, delta in after if time < 0.5)  # the finger comes down from then on
@@ -191,9 +181,18 @@ def test_without_a_path_a_finger_goes_round(capsys, board, monkeypatch):
 
 def test_a_finger_that_presses_is_not_in_the_baseline(capsys, board):
     code, out, err = run(
-        capsys, board / "two_coils.toml", "--wiring", board / "wiring.toml", "--no-locate", "--json",
-        "--rate", "30", "--scans", "15", "--baseline-scans", "5", "--emulate", "press=0,0,1",
-    )  # fmt: skip
+        capsys,
+        *on(board),
+        "--json",
+        "--rate",
+        "30",
+        "--scans",
+        "15",
+        "--baseline-scans",
+        "5",
+        "--emulate",
+        "press=0,0,1",
+    )
     assert (code, err) == (0, "")
     answers = lines_of(out)
     assert abs(answers[4]["delta"]["coil1"]) < 1e-5  # noise: ten times that of a scan at this rate
@@ -224,10 +223,8 @@ def test_the_table_of_the_emulator_is_there_before_the_first_scan(board, emulate
 
 
 def test_a_finger_beside_the_sample_is_refused_before_the_first_scan(capsys, board):
-    assert "x of the emulated indenter must be" in refused(
-        capsys, board / "two_coils.toml", "--wiring", board / "wiring.toml", "--no-locate", "--json",
-        "--emulate", "press=500,0,1",
-    )  # fmt: skip
+    line = refused(capsys, *on(board), "--json", "--emulate", "press=500,0,1")
+    assert "x of the emulated indenter must be" in line
 
 
 # boards that break, and interrupts
@@ -299,9 +296,7 @@ def test_the_end_leaves_the_board_at_rest(capsys, board, broken):
 
 
 def test_ctrl_c_ends_a_process(board):
-    process = command(
-        "live", str(board / "two_coils.toml"), "--wiring", str(board / "wiring.toml"), "--no-locate", "--json"
-    )
+    process = command("live", *map(str, on(board)), "--json")
     assert process.stdout.readline()
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=PATIENCE)

@@ -1,4 +1,4 @@
-"""The commands measure and scan-info, on an emulated board of two coils."""
+"""The commands measure, campaign and scan-info, on an emulated board of two coils."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ import time
 
 import numpy as np
 import pytest
+from support import recorded_boards
 from support.command_line import runner
-from support.recorded_boards import board_files
 
 from coilarray import load_design
 from coilarray.cli import board_options
-from coilarray.cli import measure as measure_command
+from coilarray.cli import campaign as campaign_command
 from coilarray.compute.netcdf import load_part
 from coilarray.errors import HardwareError
 from coilarray.hardware.board.direct import DirectReader
@@ -24,27 +24,31 @@ from coilarray.hardware.record import campaign as campaign_module
 from coilarray.hardware.record.recording import open_recording
 from coilarray.hardware.scan.readings import read_scan
 
+board = recorded_boards.board
 measure, measure_refused = runner("measure")
+measure_campaign, campaign_refused = runner("campaign")
 scan_info, scan_info_refused = runner("scan-info")
 locate, _ = runner("locate")
-GRID = ("--campaign", "--x-mm", "-3,0,3", "--y-mm", "0,2", "--depth-mm", "0.5,1")
-
-
-@pytest.fixture(scope="module")
-def board(tmp_path_factory):
-    """Arguments for the small board, whose physics is computed once."""
-    folder = tmp_path_factory.mktemp("board")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("COILARRAY_CACHE", str(folder / "cache"))
-        yield board_files(folder)
+GRID = ("--x-mm", "-3,0,3", "--y-mm", "0,2", "--depth-mm", "0.5,1")
 
 
 @pytest.fixture
 def campaign(board, tmp_path, capsys):
     path = tmp_path / "campaign.sqlite"
-    code, _, err = measure(capsys, *board, *GRID, "--out", path)
+    code, _, err = measure_campaign(capsys, *board, *GRID, "--out", path)
     assert (code, err) == (0, "")
     return path
+
+
+def test_the_plan_of_a_campaign(board, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    code, out, _ = measure_campaign(capsys, *board, *GRID, "--plan")
+    # pressing and lifting take (0.5 + 1) mm · 2/(1.5 mm/s) for both depths, dwelling 2 · 0.5 s, at 6 positions
+    text = "3 × 2 positions, 2 depths, 1 repeats: 12 indentations, at least 0.3 min without scans and travel"
+    assert (code, out) == (0, f"{text}\n")
+    code, out, _ = measure_campaign(capsys, *board, *GRID, "--plan", "--json")
+    assert json.loads(out)["least_seconds"] == pytest.approx(6 * 3.0)
+    assert list(tmp_path.iterdir()) == []
 
 
 def all_marked(text):
@@ -75,8 +79,8 @@ def test_single_with_a_name_is_recorded(board, tmp_path, capsys):
     assert (code, err) == (0, "")
     with open_recording(path) as recording:
         (scan,) = recording.scans()
-        told = recording.sessions[0]
-        frequencies = [state.frequency for state in read_scan(scan.scan, told.settings, told.capacitances).states]
+        own = recording.sessions[0]
+        frequencies = [state.frequency for state in read_scan(scan.scan, own.settings, own.capacitances).states]
     assert scan.stage == "single"
     assert [state["frequency_Hz"] for state in json.loads(out)["states"]] == frequencies
     assert "is a recording of 1 scans already" in measure_refused(capsys, *board, "--single", "--out", path)
@@ -88,7 +92,7 @@ def test_folders_where_nothing_may_be_written(board, tmp_path, capsys, monkeypat
     assert f"run.sqlite: nothing may be written in the folder {tmp_path}" in line
 
 
-def test_a_rate_that_is_not_reached_is_told(board, tmp_path, capsys, monkeypatch):
+def test_a_rate_that_is_not_reached_is_reported(board, tmp_path, capsys, monkeypatch):
     code, out, _ = measure(capsys, *board, "--scans", 20, "--rate", 20, "--out", tmp_path / "a.sqlite", "--json")
     reached = json.loads(out)["rate_per_s"]
     assert reached == pytest.approx(20, rel=0.02)
@@ -157,9 +161,11 @@ def test_campaign(board, campaign, tmp_path, capsys):
     lines = (tmp_path / "long.csv").read_text().splitlines()
     assert lines[0] == "depth_m,y_m,x_m,state,delta,delta_std"
     assert len(lines) == 1 + response.delta.size
-    before = campaign.read_bytes()
-    code, out, err = measure(capsys, *board, *GRID, "--out", campaign, "--resume")  # nothing is left to do
-    assert (code, err) == (0, "")
+    before, same = campaign.read_bytes(), tmp_path / "same.csv"
+    # nothing is left to measure
+    code, out, err = measure_campaign(capsys, *board, *GRID, "--out", campaign, "--resume", "--response", same)
+    assert (code, err, all_marked(out)) == (0, "", True)
+    assert same.read_text().splitlines() == lines
     with open_recording(campaign) as recording:
         assert recording.count() == 24
     assert before != campaign.read_bytes()  # but that it was tried
@@ -168,7 +174,7 @@ def test_campaign(board, campaign, tmp_path, capsys):
 @pytest.fixture
 def stuck(monkeypatch):
     """Let a switch to ground stay open, which changes L by little: every scan is good."""
-    opened_board = measure_command.opened_board
+    opened_board = campaign_command.opened_board
 
     @contextlib.contextmanager
     def with_fault(*arguments, **options):
@@ -177,16 +183,16 @@ def stuck(monkeypatch):
             chain.stick(*chain.find(1, 0, "ground"), "open")
             yield opened, settings
 
-    monkeypatch.setattr(measure_command, "opened_board", with_fault)
+    monkeypatch.setattr(campaign_command, "opened_board", with_fault)
 
 
 def test_a_campaign_on_a_board_with_a_stuck_switch_is_refused(board, stuck, tmp_path, capsys):
     path = tmp_path / "run.sqlite"
-    line = measure_refused(capsys, *board, *GRID, "--out", path)
+    line = campaign_refused(capsys, *board, *GRID, "--out", path)
     assert "the self-test before the campaign has failed: " in line
     assert line.endswith("or go on with --ignore-self-test.")
     assert list(tmp_path.iterdir()) == []
-    code, out, _ = measure(capsys, *board, *GRID, "--out", path, "--ignore-self-test")
+    code, out, _ = measure_campaign(capsys, *board, *GRID, "--out", path, "--ignore-self-test")
     assert code == 0
     assert out.count("[emulator] self-test failed: ") == 2
     code, out, _ = scan_info(capsys, path, "--json")
@@ -196,16 +202,16 @@ def test_a_campaign_on_a_board_with_a_stuck_switch_is_refused(board, stuck, tmp_
     assert {state["bad"] for state in record["states"]} == {0}  # the scans do not tell
 
 
-def test_a_switch_that_sticks_during_a_campaign_is_told(board, tmp_path, capsys, monkeypatch):
+def test_a_switch_that_sticks_during_a_campaign_is_reported(board, tmp_path, capsys, monkeypatch):
     run_campaign = campaign_module.run_campaign
 
-    def sticking(plan, reader, stage, recorder, clock, progress, **options):
-        run_campaign(plan, reader, stage, recorder, clock, progress, **options)
+    def sticking(plan, reader, stage, *arguments, **options):
+        run_campaign(plan, reader, stage, *arguments, **options)
         chain = stage._board.chain
         chain.stick(*chain.find(1, 0, "ground"), "open")
 
     monkeypatch.setattr(campaign_module, "run_campaign", sticking)
-    code, out, _ = measure(capsys, *board, *GRID, "--out", tmp_path / "run.sqlite")
+    code, out, _ = measure_campaign(capsys, *board, *GRID, "--out", tmp_path / "run.sqlite")
     lines = [line.split(":")[0] for line in out.splitlines() if "self-test" in line]
     assert (code, lines) == (0, ["[emulator] self-test passed", "[emulator] self-test failed"])
 
@@ -225,8 +231,8 @@ def test_series_for_locate(board, tmp_path, capsys):
     rows = (tmp_path / "run.csv").read_text().splitlines()
     (tmp_path / "last.csv").write_text("\n".join([rows[0], rows[-1]]) + "\n")
     # a recorded reading on the table of a recorded campaign of that depth: the position comes out
-    grid = ("--campaign", "--x-mm", "-6:6:7", "--y-mm", "-4:4:5", "--depth-mm", "0.8")
-    code, _, _ = measure(capsys, *board, *grid, "--out", tmp_path / "map.sqlite")
+    grid = ("--x-mm", "-6:6:7", "--y-mm", "-4:4:5", "--depth-mm", "0.8")
+    code, _, _ = measure_campaign(capsys, *board, *grid, "--out", tmp_path / "map.sqlite")
     assert code == 0
     code, _, _ = scan_info(capsys, tmp_path / "map.sqlite", "--to", "nc")
     code, out, err = locate(capsys, "--model", tmp_path / "map.nc", tmp_path / "last.csv", "--noise", 1e-6, "--json")
@@ -260,15 +266,15 @@ def test_person_at_the_keyboard(board, tmp_path, capsys, monkeypatch):
     from coilarray.hardware.record.stages import PersonStage
 
     monkeypatch.setattr(
-        measure_command, "_mover", lambda *_: lambda board: PersonStage(Person(board.emulator.indenter))
+        campaign_command, "_stage_maker", lambda *_: lambda board: PersonStage(Person(board.emulator.indenter))
     )
-    code, _, _ = measure(capsys, *board, *GRID, "--out", tmp_path / "person.sqlite")
+    code, _, _ = measure_campaign(capsys, *board, *GRID, "--out", tmp_path / "person.sqlite")
     assert code == 0
     assert len(asked) == 3 * 12
     scan_info(capsys, tmp_path / "person.sqlite", "--to", "nc")
     monkeypatch.undo()
     monkeypatch.setenv("COILARRAY_CACHE", os.environ["COILARRAY_CACHE"])
-    measure(capsys, *board, *GRID, "--out", tmp_path / "machine.sqlite")
+    measure_campaign(capsys, *board, *GRID, "--out", tmp_path / "machine.sqlite")
     scan_info(capsys, tmp_path / "machine.sqlite", "--to", "nc")
     person, machine = (load_part(tmp_path / f"{name}.nc").delta for name in ("person", "machine"))
     np.testing.assert_allclose(person, machine, atol=2e-6)  # the noise of two readings, four deviations
@@ -278,10 +284,10 @@ def test_nobody_answers(monkeypatch, capsys):
     import io
 
     monkeypatch.setattr(sys, "stdin", io.StringIO("\n"))
-    measure_command._ask("Move.")
+    campaign_command._ask("Move.")
     assert capsys.readouterr().err == "Move. Then press Enter. "
     with pytest.raises(HardwareError, match="nobody answers"):
-        measure_command._ask("Move.")
+        campaign_command._ask("Move.")
 
 
 def test_resume_of_a_campaign(board, campaign, tmp_path, capsys):
@@ -291,7 +297,7 @@ def test_resume_of_a_campaign(board, campaign, tmp_path, capsys):
     connection.execute("UPDATE position SET finished = NULL WHERE place IN (0, 5, 11)")
     connection.commit()
     connection.close()
-    code, out, _ = measure(capsys, *board, *GRID, "--out", campaign, "--resume", "--json")
+    code, out, _ = measure_campaign(capsys, *board, *GRID, "--out", campaign, "--resume", "--json")
     assert (code, json.loads(out)["scans"]) == (0, 24 + 6)
     scan_info(capsys, campaign, "--out", tmp_path / "after.nc")
     before, after = (load_part(tmp_path / f"{name}.nc") for name in ("before", "after"))
@@ -308,11 +314,11 @@ def test_never_overwritten(board, campaign, tmp_path, capsys):
     assert line.endswith(f"{campaign} is a recording of 24 scans already; resume it or name another file.")
     assert "it is of a campaign" in measure_refused(capsys, *board, "--out", campaign, "--resume")
     other = [*GRID, "--repeats", 2]
-    assert "it is of another campaign" in measure_refused(capsys, *board, *other, "--out", campaign, "--resume")
-    assert "its hash of settings was" in measure_refused(
+    assert "it is of another campaign" in campaign_refused(capsys, *board, *other, "--out", campaign, "--resume")
+    assert "its hash of settings was" in campaign_refused(
         capsys, *board, *GRID, "--rate", 20, "--out", campaign, "--resume"
     )
-    assert "its hash of settings was" in measure_refused(
+    assert "its hash of settings was" in campaign_refused(
         capsys, *board, *GRID, "--coil", "coil1", "--out", campaign, "--resume"
     )
     assert campaign.read_bytes() == before
@@ -326,49 +332,16 @@ def test_never_overwritten(board, campaign, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--single", "--campaign"], "--single and --campaign cannot be given together"),
+        (["--single", "--scans", 3], "--single and --scans cannot be given together"),
         (["--scans", 3, "--seconds", 3], "--scans and --seconds cannot be given together"),
         (["--scans", 0], "--scans must be 1 to"),
         (["--scans", "x"], "--scans"),
         (["--seconds", 0], "--seconds must be positive"),
         (["--seconds", "nan"], "--seconds must be positive"),
-        (["--x-mm", "0"], "--x-mm is for --campaign"),
-        (["--y-mm", "0", "--stage", "person"], "--y-mm and --stage are for --campaign"),
-        (["--repeats", 1], "--repeats is for --campaign"),
-        (["--average", 4], "--average is for --campaign"),
-        (["--dwell-s", 0], "--dwell-s is for --campaign"),
-        (["--single", "--speed-mm-s", 1.5], "--speed-mm-s is for --campaign"),
-        (["--scans", 3, "--clearance-mm", 2], "--clearance-mm is for --campaign"),
-        (["--seconds", 3, "--ignore-self-test"], "--ignore-self-test is for --campaign"),
+        (["--campaign"], "campaigns have a command of their own, with the same options: coilarray campaign."),
+        (["--y-mm", "0", "--stage", "person"], "coilarray campaign"),
+        (["--campaign", "--depth-mm", 1, "--repeats", 2, "--ignore-self-test"], "coilarray campaign"),
         (["--single", "--resume"], "--resume is not for --single"),
-        (["--campaign", "--clearance-mm", 2], "--clearance-mm is for a stage of G-code"),
-        (["--campaign", "--x-mm", "3,1"], "--x-mm must be rising"),
-        (["--campaign", "--depth-mm", "0"], "depths of a campaign must be positive"),
-        (["--campaign", "--repeats", 0], "repeats of a campaign must be"),
-        (["--campaign", "--average", 0], "scans of a campaign must be"),
-        (["--campaign", "--dwell-s", -1], "dwell of a campaign must be"),
-        (["--campaign", "--speed-mm-s", 0], "speed of a campaign must be"),
-        (["--campaign", "--x-mm", "0,500"], "x of the emulated indenter must be"),
-        (["--campaign", "--stage", "person"], "--stage is for a real board"),
-        (["--campaign", "--stage", "robot", "--port", "COM5"], "--stage must be person, grbl:PORT or marlin:PORT"),
-        (["--campaign", "--stage", "grbl:", "--port", "COM5"], "--stage must be person, grbl:PORT or marlin:PORT"),
-        (["--campaign", "--stage", "grbl:COM4", "--port", "COM5"], "--reach-mm must be given with a stage of G-code"),
-        (
-            ["--campaign", "--reach-mm", "0,1,0,1,1", "--port", "COM5"],
-            "--reach-mm must be given with a stage of G-code",
-        ),
-        (
-            ["--campaign", "--stage", "grbl:COM5", "--reach-mm", "0,1,0,1,1", "--port", "COM5"],
-            "--stage and --port must be different",
-        ),
-        (
-            ["--campaign", "--stage", "grbl:COM4", "--reach-mm", "0,1,0", "--port", "COM5"],
-            "--reach-mm must be XMIN,XMAX,YMIN,YMAX,DEPTH",
-        ),
-        (
-            ["--campaign", "--stage", "grbl:COM4", "--reach-mm", "1,0,0,1,1", "--port", "COM5"],
-            "x of a stage must rise",
-        ),
         (["--port", "nowhere"], "nowhere"),
         (["--port", "/dev/nothing-here"], "/dev/nothing-here"),
         (["--wiring", "no.toml"], "no.toml"),
@@ -405,6 +378,47 @@ def test_bad_input(board, tmp_path, capsys, monkeypatch, arguments, message):
     monkeypatch.chdir(tmp_path)
     line = measure_refused(capsys, *board, *arguments)
     assert any(part in line for part in message.split("|"))
+    assert list(tmp_path.iterdir()) == []  # nothing is made
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--clearance-mm", 2], "--clearance-mm is for a stage of G-code"),
+        (["--x-mm", "3,1"], "--x-mm must be rising"),
+        (["--depth-mm", "0"], "depths of a campaign must be positive"),
+        (["--repeats", 0], "repeats of a campaign must be"),
+        (["--average", 0], "scans of a campaign must be"),
+        (["--dwell-s", -1], "dwell of a campaign must be"),
+        (["--speed-mm-s", 0], "speed of a campaign must be"),
+        (["--x-mm", "0,500"], "x of the emulated indenter must be"),
+        (["--stage", "person"], "--stage is for a real board"),
+        (["--stage", "robot", "--port", "COM5"], "--stage must be person, grbl:PORT or marlin:PORT"),
+        (["--stage", "grbl:", "--port", "COM5"], "--stage must be person, grbl:PORT or marlin:PORT"),
+        (["--stage", "grbl:COM4", "--port", "COM5"], "--reach-mm must be given with a stage of G-code"),
+        (
+            ["--reach-mm", "0,1,0,1,1", "--port", "COM5"],
+            "--reach-mm must be given with a stage of G-code",
+        ),
+        (
+            ["--stage", "grbl:COM5", "--reach-mm", "0,1,0,1,1", "--port", "COM5"],
+            "--stage and --port must be different",
+        ),
+        (
+            ["--stage", "grbl:COM4", "--reach-mm", "0,1,0", "--port", "COM5"],
+            "--reach-mm must be XMIN,XMAX,YMIN,YMAX,DEPTH",
+        ),
+        (
+            ["--stage", "grbl:COM4", "--reach-mm", "1,0,0,1,1", "--port", "COM5"],
+            "x of a stage must rise",
+        ),
+        (["--response", "map.txt"], "--response must end in .nc or .csv"),
+        (["--out", "a.nc", "--response", "a.nc"], "--response must be another file than the recording a.nc"),
+    ],
+)
+def test_bad_campaigns(board, tmp_path, capsys, monkeypatch, arguments, message):
+    monkeypatch.chdir(tmp_path)
+    assert message in campaign_refused(capsys, *board, *arguments)
     assert list(tmp_path.iterdir()) == []  # nothing is made
 
 

@@ -1,4 +1,4 @@
-"""The command measure when it is broken off, and with the real firmware behind a pseudo-terminal."""
+"""The commands measure and campaign when they are broken off, and with the real firmware behind a pseudo-terminal."""
 
 from __future__ import annotations
 
@@ -13,11 +13,13 @@ import time
 
 import numpy as np
 import pytest
+from support import recorded_boards
 from support.command_line import runner
 from support.firmware_host import FirmwareHost, needs_compiler
 from support.patience import PATIENCE
-from support.recorded_boards import board_files, dent, quick_board
+from support.recorded_boards import dent, quick_board
 
+from coilarray.cli import campaign as campaign_command
 from coilarray.cli import measure as measure_command
 from coilarray.compute.netcdf import load_part
 from coilarray.errors import HardwareError
@@ -25,17 +27,10 @@ from coilarray.hardware.board import microcontroller
 from coilarray.hardware.record.recording import open_recording
 from coilarray.hardware.wire.link import LinkTimes
 
+board = recorded_boards.board
 measure, measure_refused = runner("measure")
+measure_campaign, _ = runner("campaign")
 scan_info, scan_info_refused = runner("scan-info")
-
-
-@pytest.fixture(scope="module")
-def board(tmp_path_factory):
-    """Arguments for the small board, whose physics is computed once."""
-    folder = tmp_path_factory.mktemp("board")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("COILARRAY_CACHE", str(folder / "cache"))
-        yield board_files(folder)
 
 
 @pytest.fixture(autouse=True)
@@ -98,7 +93,7 @@ def test_stream_of_a_microcontroller(board, tmp_path, capsys, monkeypatch):
 def test_campaign_of_a_microcontroller(board, tmp_path, capsys, monkeypatch):
     """A person at the keyboard, the firmware, and the indenter in between: the bell of `dent` comes out."""
     path = tmp_path / "run.sqlite"
-    grid = ("--campaign", "--x-mm", "-3,2", "--y-mm", "0", "--depth-mm", "1", "--dwell-s", 0.01, "--rate", 20)
+    grid = ("--x-mm", "-3,2", "--y-mm", "0", "--depth-mm", "1", "--dwell-s", 0.01, "--rate", 20)
     with firmware() as (emulator, host):
         where = [0.0, 0.0]
 
@@ -111,9 +106,9 @@ def test_campaign_of_a_microcontroller(board, tmp_path, capsys, monkeypatch):
                 else:
                     emulator.indenter.lift()
 
-        monkeypatch.setattr(measure_command, "_ask", ask)
+        monkeypatch.setattr(campaign_command, "_ask", ask)
         # quick coils do not feel each other, which the self-test misses
-        code, _, err = measure(capsys, *board, *grid, "--port", host.port, "--out", path, "--ignore-self-test")
+        code, _, err = measure_campaign(capsys, *board, *grid, "--port", host.port, "--out", path, "--ignore-self-test")
     assert code == 0
     assert err.splitlines() == [f"{k} of 2 positions are measured." for k in range(3)]
     scan_info(capsys, path, "--to", "nc")
@@ -127,7 +122,7 @@ def test_campaign_of_a_microcontroller(board, tmp_path, capsys, monkeypatch):
 def test_a_microcontroller_that_restarts_in_a_campaign(board, tmp_path, capsys, monkeypatch):
     """It is opened again, and the position is measured anew: nobody has to run the command again."""
     path = tmp_path / "run.sqlite"
-    grid = ("--campaign", "--x-mm", "-3,0,2", "--y-mm", "0", "--depth-mm", "1", "--dwell-s", 0, "--rate", 20)
+    grid = ("--x-mm", "-3,0,2", "--y-mm", "0", "--depth-mm", "1", "--dwell-s", 0, "--rate", 20)
     with firmware() as (_, host):
         presses = 0
 
@@ -137,8 +132,8 @@ def test_a_microcontroller_that_restarts_in_a_campaign(board, tmp_path, capsys, 
             if text.startswith("Press") and presses == 2:
                 host.reset()
 
-        monkeypatch.setattr(measure_command, "_ask", ask)
-        code, _, err = measure(capsys, *board, *grid, "--port", host.port, "--out", path, "--ignore-self-test")
+        monkeypatch.setattr(campaign_command, "_ask", ask)
+        code, _, err = measure_campaign(capsys, *board, *grid, "--port", host.port, "--out", path, "--ignore-self-test")
     assert code == 0
     assert err.splitlines() == [f"{k} of 3 positions are measured." for k in range(4)]
     assert presses == 4
@@ -149,7 +144,13 @@ def test_a_microcontroller_that_restarts_in_a_campaign(board, tmp_path, capsys, 
 
 def started(board, *arguments):
     return subprocess.Popen(
-        [sys.executable, "-c", "from coilarray.cli.main import run; run()", "measure", *map(str, (*board, *arguments))],
+        [
+            sys.executable,
+            "-c",
+            "from coilarray.cli.main import run; run()",
+            "campaign",
+            *map(str, (*board, *arguments)),
+        ],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -176,7 +177,7 @@ def wait_for_scans(path, scans, process):
 def test_broken_off_and_resumed(board, tmp_path, capsys, number):
     path = tmp_path / "run.sqlite"
     # so long that it is not over before the signal, however late this process is to send it
-    grid = ("--campaign", "--x-mm", "-6:6:200", "--y-mm", "-4:4:100", "--depth-mm", "0.5", "--out", path)
+    grid = ("--x-mm", "-6:6:200", "--y-mm", "-4:4:100", "--depth-mm", "0.5", "--out", path)
     with started(board, *grid, "--emulate", "noise=0") as process:
         wait_for_scans(path, 20, process)
         process.send_signal(number)

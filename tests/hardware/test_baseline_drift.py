@@ -1,4 +1,4 @@
-"""Drift of L_0: polynomials found again within their standard errors, and told where no polynomial describes it."""
+"""Drift of L_0: polynomials found again within their standard errors, and reported where no polynomial describes it."""
 
 from __future__ import annotations
 
@@ -46,9 +46,9 @@ def test_standard_errors_are_those_of_repeated_measurements():
     runs = [fit_drift(TIME, L_0 * (1 + change + 1e-6 * random.standard_normal(TIME.size)), order=2) for _ in range(200)]
     at = np.linspace(TIME[0], TIME[-1], 9)
     values = np.array([run.at(at)[0] for run in runs]) / L_0 - 1
-    told = np.mean([run.at(at)[1] for run in runs], axis=0)
-    np.testing.assert_allclose(values.std(axis=0), told, rtol=0.2)
-    assert np.abs((values.mean(axis=0) - curve(0.0, 2e-5, -1e-5, time=at)) / told).max() < 0.35
+    reported = np.mean([run.at(at)[1] for run in runs], axis=0)
+    np.testing.assert_allclose(values.std(axis=0), reported, rtol=0.2)
+    assert np.abs((values.mean(axis=0) - curve(0.0, 2e-5, -1e-5, time=at)) / reported).max() < 0.35
     rates = np.array([run.rate for run in runs])
     assert rates.std() == pytest.approx(np.mean([run.rate_error for run in runs]), rel=0.2)
     assert np.mean([run.scatter for run in runs]) == pytest.approx(1e-6, rel=0.02)
@@ -63,7 +63,7 @@ def test_the_lowest_order_that_will_do_is_taken(coefficients, order):
     assert drift.smooth
 
 
-def test_what_no_polynomial_describes_is_told():
+def test_what_no_polynomial_describes_is_reported():
     swing = 2e-5 * np.sin(TIME / 100)
     noise = 1e-6 * np.random.default_rng(2).standard_normal(TIME.size)
     drift = fit_drift(TIME, L_0 * (1 + swing + noise))
@@ -116,7 +116,7 @@ def test_bad_input(time, values, options, words):
     ],
 )
 def test_a_drift_that_cannot_be(change, words):
-    good = Drift(0, 1, 1.7e9, "coil1", 0.0, 1.0, 0.1, L_0, (1e-6,), ((1e-12, 0.0), (0.0, 1e-12)), 1e-6, True)
+    good = Drift(0.0, 1.0, 0.1, L_0, (1e-6,), ((1e-12, 0.0), (0.0, 1e-12)), 1e-6, True, "coil1", 0, 1, 1.7e9)
     with pytest.raises(HardwareError, match=words):
         replace(good, **change)
 

@@ -11,12 +11,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from support.emulated_reader import WIRING, at_rest, plain, quick_settings, reader_of
+from support.quick_coils import plain_board
 
 from coilarray import hardware
 from coilarray.errors import HardwareError, MissingDependencyError
 from coilarray.hardware import emulator
 from coilarray.hardware.board.connect import Board, open_board, wiring_of_board
-from coilarray.hardware.emulator import VirtualClock, plain_board
+from coilarray.hardware.emulator import VirtualClock
 from coilarray.hardware.wire import ports
 from coilarray.hardware.wire.buses import ShiftSettings
 from coilarray.hardware.wire.ft232h import SwitchPins

@@ -18,7 +18,7 @@ from support.patience import PATIENCE
 
 from coilarray.errors import HardwareError
 from coilarray.hardware.board.connect import Board
-from coilarray.hardware.emulator.switch_port import EmulatedSwitches
+from coilarray.hardware.emulator.switches import EmulatedSwitches
 from coilarray.hardware.scan.wiring import load_wiring
 from coilarray.hardware.wire.faults import BusFault, DeviceLost
 from coilarray.hardware.wire.signals import held_signals, orderly_termination

@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.quick_coils import series_tank
 from support.quick_recordings import DESIGN, GRID, campaign_file, quick_map, stream_file
 from support.recorded_boards import QuickWorld, configured, quick_board, session_of
 
 from coilarray.errors import HardwareError
 from coilarray.hardware.emulator import Drift as Warming
 from coilarray.hardware.emulator import Oscillator
-from coilarray.hardware.emulator.tank import series_tank
 from coilarray.hardware.record.baseline_drift import Drift
 from coilarray.hardware.record.calibration_file import calibration_from_toml, calibration_to_toml, load_calibration
 from coilarray.hardware.record.campaign import Campaign, run_campaign
@@ -38,6 +38,12 @@ NOISE = 2e-7  # of a frequency
 def calibrated(path, **options):
     with open_recording(path) as recording:
         return calibrate_board(recording, **options)
+
+
+def both_responses(path, calibration):
+    """Response of a campaign without and with a calibration."""
+    with open_recording(path) as recording:
+        return recorded_response(recording), calibrated_response(recording, calibration)
 
 
 @pytest.fixture(scope="module")
@@ -97,8 +103,7 @@ def test_simulated_inductances_are_those_of_the_response(rest):
 
 def test_a_calibrated_response_has_the_known_inductance(campaign):
     found = calibrated(campaign, inductances={"coil1": TRUE, "coil2": 2 * TRUE})
-    with open_recording(campaign) as recording:
-        plain, corrected = recorded_response(recording), calibrated_response(recording, found)
+    plain, corrected = both_responses(campaign, found)
     np.testing.assert_allclose(corrected.base_inductance, [TRUE, 2 * TRUE], rtol=1e-9)
     assert plain.base_inductance[0] != pytest.approx(TRUE, rel=1e-4)  # its losses
     assert corrected.attrs["capacitance_from"] == "known inductances"
@@ -108,15 +113,13 @@ def test_a_calibrated_response_has_the_known_inductance(campaign):
 def test_the_drift_takes_noise_out_of_delta(campaign):
     """δ is a peak over one baseline, each with noise 2σ_f in L: √2 of it goes when L_0 is known."""
     truth = quick_map(GRID.x, GRID.y).delta
-    found = calibrated(campaign)
-    with open_recording(campaign) as recording:
-        plain, corrected = recorded_response(recording), calibrated_response(recording, found)
+    plain, corrected = both_responses(campaign, calibrated(campaign))
     assert corrected.drift_removed.all()
     rms, means = {}, {}
     for name, response in (("plain", plain), ("corrected", corrected)):
         error = response.delta - truth
         rms[name] = np.sqrt((error**2).mean(("depth", "y", "x")))
-        # 105 positions: 7 %; what it says of itself is told by as many
+        # 105 positions: 7 %; what it says of itself is reported by as many
         np.testing.assert_allclose(rms[name], np.sqrt((response.delta_std**2).mean(("depth", "y", "x"))), rtol=0.4)
         means[name] = error.mean(("depth", "y", "x"))
     # 26e-6/K at 0.005 K/s from baseline to peak: a scan of two coils, 1 mm at 1.5 mm/s, 0.5 s
@@ -131,30 +134,27 @@ def test_the_drift_takes_noise_out_of_delta(campaign):
 def test_emulator_to_recording_to_comparison_ends_at_scale_one(campaign):
     """The whole way through converter codes and SQLite: scale 1, shift 0, and nothing but noise remains."""
     simulated = quick_map(np.arange(-12e-3, 25.1e-3, 1e-3), np.arange(-10e-3, 10.1e-3, 1e-3))
-    found = calibrated(campaign)
-    with open_recording(campaign) as recording:
-        for measured in (recorded_response(recording), calibrated_response(recording, found)):
-            one = compare_responses(measured, simulated, replicates=0)
-            # a cubic spline through positions 1 mm apart is 1e-4 of the bell off, between the positions only
-            assert (np.abs(one.scale - 1) < 4 * one.scale_std + 1e-5).all()
-            assert (np.abs(one["shift"]) < 4 * one.shift_std + 1e-7).all()
-            assert (one.scale_std < 5e-4).all()
-            np.testing.assert_allclose(one.rms_after / one.noise, 1.0, rtol=0.35)
-            assert (one.correlation_after > 0.99999).all()
-            assert one.attrs["measured_emulated"] == 1
+    for measured in both_responses(campaign, calibrated(campaign)):
+        one = compare_responses(measured, simulated, replicates=0)
+        # a cubic spline through positions 1 mm apart is 1e-4 of the bell off, between the positions only
+        assert (np.abs(one.scale - 1) < 4 * one.scale_std + 1e-5).all()
+        assert (np.abs(one["shift"]) < 4 * one.shift_std + 1e-7).all()
+        assert (one.scale_std < 5e-4).all()
+        np.testing.assert_allclose(one.rms_after / one.noise, 1.0, rtol=0.35)
+        assert (one.correlation_after > 0.99999).all()
+        assert one.attrs["measured_emulated"] == 1
 
 
 def test_drifts_of_another_session_do_not_count(campaign):
     found = calibrated(campaign)
-    others = replace(found, drifts=tuple(replace(one, boot=one.boot ^ 1) for one in found.drifts))
-    later_in_it = replace(found, drifts=tuple(replace(one, started=one.started + 60) for one in found.drifts))
-    rough = replace(found, drifts=tuple(replace(one, smooth=False) for one in found.drifts))
-    later = replace(found, drifts=tuple(replace(one, session=7) for one in found.drifts))
+    first = found.drifts[0]
     half = replace(found, drifts=found.drifts[:1])
+    changes = ({"boot": first.boot ^ 1}, {"started": first.started + 60}, {"smooth": False}, {"session": 7})
     with open_recording(campaign) as recording:
         plain = recorded_response(recording)
-        for calibration in (others, later_in_it, rough, later):
-            response = calibrated_response(recording, calibration)
+        for change in changes:
+            other = replace(found, drifts=tuple(replace(one, **change) for one in found.drifts))
+            response = calibrated_response(recording, other)
             assert not response.drift_removed.any()
             assert response.delta_std.attrs["found_from"] == "baselines"
             np.testing.assert_allclose(response.delta, plain.delta, rtol=0, atol=1e-15)
@@ -165,29 +165,20 @@ def test_drifts_of_another_session_do_not_count(campaign):
         np.testing.assert_allclose(response.delta[..., 1], plain.delta[..., 1], rtol=0, atol=1e-15)
 
 
-def test_a_calibration_of_an_emulator_is_not_for_a_board(campaign):
-    found = replace(calibrated(campaign), emulated=False)
-    with (
-        open_recording(campaign) as recording,
-        pytest.raises(HardwareError, match=r"is of a real board, .* of an emul"),
-    ):
-        calibrated_response(recording, found)
-
-
-def test_a_calibration_of_another_design_is_refused(campaign):
-    found = calibrated(campaign)
-    other = replace(found, design_hash="0" * 64)
-    with (
-        open_recording(campaign) as recording,
-        pytest.raises(HardwareError, match=rf"with the design 000000000000, .* with {found.design_hash[:12]}"),
-    ):
-        calibrated_response(recording, other)
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"emulated": False}, "is of a real board, .* of an emul"),
+        ({"design_hash": "0" * 64}, f"with the design 000000000000, .* with {DESIGN.digest[:12]}"),
+    ],
+)
+def test_a_calibration_of_another_board_is_refused(campaign, change, words):
+    with open_recording(campaign) as recording, pytest.raises(HardwareError, match=words):
+        calibrated_response(recording, replace(calibrated(campaign), **change))
 
 
 def test_the_board_of_a_calibration_is_named(campaign):
-    found = replace(calibrated(campaign), board="another board")
-    with open_recording(campaign) as recording:
-        response = calibrated_response(recording, found)
+    _, response = both_responses(campaign, replace(calibrated(campaign), board="another board"))
     assert (response.attrs["calibration_board"], response.attrs["board"]) == ("another board", "emulator")
 
 
@@ -292,7 +283,7 @@ GOOD = calibration_to_toml(
     BoardCalibration(
         "by hand", "2025-01-01", "XMC 2Go", False, "abc", 43.2e6, 10.0, "known frequency", "known inductances",
         (Channel("coil1", 120e-12, 1e-13, 52e-6),),
-        (Drift(0, 1, 1.7e9, "coil1", 0.0, 1.0, 0.1, 52e-6, (1e-6,), ((1e-12, 0.0), (0.0, 1e-12)), 1e-6, True),),
+        (Drift(0.0, 1.0, 0.1, 52e-6, (1e-6,), ((1e-12, 0.0), (0.0, 1e-12)), 1e-6, True, "coil1", 0, 1, 1.7e9),),
     )
 )  # fmt: skip
 

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.quick_coils import plain_board
 
 from coilarray.design.scan_states import ScanState, paper_plan
 from coilarray.errors import HardwareError
-from coilarray.hardware.emulator import plain_board
-from coilarray.hardware.emulator.adg739_chain import Adg739Chain
+from coilarray.hardware.emulator.switches import Adg739Chain
 from coilarray.hardware.scan.closure import WiredSwitch, switch_table, what_is_seen
 from coilarray.hardware.scan.wiring import load_wiring
 
@@ -131,16 +131,16 @@ def test_unused_switches_close_nothing():
     assert chain.closed() == (WiredSwitch((0, 0), "ground"),)
 
 
-def test_somebody_is_told_before_and_after_switches_move():
-    told = []
-    chain = Adg739Chain(plan_b(), before_change=lambda: told.append(chain.words), after_change=lambda: told.append(0))
+def test_callbacks_before_and_after_switches_move():
+    calls = []
+    chain = Adg739Chain(plan_b(), before_change=lambda: calls.append(chain.words), after_change=lambda: calls.append(0))
     chain.transfer(b"\x11" * 6)
     chain.transfer(b"\x11" * 6)  # nothing moves
-    assert told == [bytes(6), 0]
+    assert calls == [bytes(6), 0]
     chain.stick(0, 0, "open")
     chain.heal()
     chain.power_up()
-    assert told[2:] == [b"\x11" * 6, 0] * 3
+    assert calls[2:] == [b"\x11" * 6, 0] * 3
 
 
 # ------------------------------------------------------------------------------------ stuck switches
@@ -215,7 +215,7 @@ def test_a_coil_with_both_ends_on_one_pin_is_a_shorted_one():
 
 
 @pytest.mark.parametrize(
-    ("kind", "told"),
+    ("kind", "commanded"),
     [
         ("open", {}),
         ("open", {"coil1": 0x02}),
@@ -227,8 +227,8 @@ def test_a_coil_with_both_ends_on_one_pin_is_a_shorted_one():
         ("tangled", {"coil1": 0x82, "coil2": 0x82, "coil3": 0x28}),
     ],
 )
-def test_what_is_no_coil(kind, told):
-    assert seen(words(**told)) == (kind, None)
+def test_what_is_no_coil(kind, commanded):
+    assert seen(words(**commanded)) == (kind, None)
 
 
 def resistances(closed, coils):
@@ -263,9 +263,9 @@ def resistances(closed, coils):
 
 @given(st.lists(st.sampled_from([0, 0x11, 0x22, 0x44, 0x01, 0x02, 0x12, 0x82, 0x28, 0x84, 0x88, 0x24]), min_size=3,
                 max_size=3), st.sets(st.tuples(st.integers(0, 2), st.integers(0, 7)), max_size=2))  # fmt: skip
-def test_nets_against_direct_currents(told, also_closed):
+def test_nets_against_direct_currents(commanded, also_closed):
     chain = Adg739Chain(plan_b(3))
-    chain.transfer(bytes(told))
+    chain.transfer(bytes(commanded))
     for device, bit in also_closed:
         chain.stick(device, bit, "closed")
     found = what_is_seen(chain.closed(), COILS[:3])

@@ -13,14 +13,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.quick_coils import series_tank
 
 from coilarray.errors import HardwareError
 from coilarray.hardware.emulator import Drift, Ldc1614, OpenPoints, Oscillator, UndocumentedUse, VirtualClock
-from coilarray.hardware.emulator.conversion import WATCHDOG
-from coilarray.hardware.emulator.i2c_bus import EmulatedBus
-from coilarray.hardware.emulator.oscillator import any_oscillator
-from coilarray.hardware.emulator.tank import Resonator, series_tank
-from coilarray.hardware.emulator.undocumented import Misuse
+from coilarray.hardware.emulator.conversion import WATCHDOG, Resonator
+from coilarray.hardware.emulator.ldc1614_chip import EmulatedBus, Misuse
 from coilarray.hardware.wire.faults import BusFault, BusTimeout
 
 CLOCK = 43.4e6
@@ -361,10 +359,7 @@ def test_the_same_seed_gives_the_same_noise():
 # ------------------------------------------------------------------------------- the clock of the chip
 
 
-def test_every_clock_in_its_range_and_what_it_does_to_the_frequency():
-    clocks = [any_oscillator(seed).frequency for seed in range(200)]
-    assert 35e6 <= min(clocks) < 36e6  # 200 of an even spread: nothing in the last 5 % once in 3e4
-    assert 54e6 < max(clocks) <= 55e6
+def test_what_every_clock_in_its_range_does_to_the_frequency():
     for frequency in (35e6, 55e6):
         chip = Chip(oscillator=Oscillator(frequency))
         chip.wake()

@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.broken_drivers import RightDriver
+from support.quick_coils import plain_board
 
 from coilarray import load_design
 from coilarray.circuit.impedance import design_network, scan_states
@@ -22,15 +23,7 @@ from coilarray.design.bundled import read
 from coilarray.design.model import parse_design
 from coilarray.design.scan_states import ScanState, Switches, paper_plan
 from coilarray.errors import HardwareError
-from coilarray.hardware.emulator import (
-    Conditions,
-    Drift,
-    EmulatedBoard,
-    Oscillator,
-    VirtualClock,
-    emulated_board,
-    plain_board,
-)
+from coilarray.hardware.emulator import Conditions, Drift, EmulatedBoard, Oscillator, VirtualClock, emulated_board
 from coilarray.hardware.emulator.indenter import LIFTED, Indenter, Place
 from coilarray.hardware.emulator.response_table import ResponseTable, response_table, table_axes
 from coilarray.hardware.emulator.sensor_world import SensorWorld
@@ -436,5 +429,3 @@ def test_a_plain_board_has_the_inductances_it_is_given():
     for state, L in zip(paper_plan(WIRING.coils)[:2], (50e-6, 60e-6), strict=True):
         board.switches.shift(WIRING.words(state))
         assert board.true_tank().frequency == pytest.approx(1 / (2 * math.pi * math.sqrt(L * 120e-12)))
-    with pytest.raises(HardwareError, match="inductances"):
-        plain_board(WIRING, {"coil1": 50e-6})

@@ -20,7 +20,7 @@ from support.firmware_host import SKETCH, SUPPORT, Firmware, compiled, logic_sou
 from support.firmware_lines import draft, intact, seal
 
 from coilarray.errors import HardwareError
-from coilarray.hardware.emulator.virtual_clock import VirtualClock
+from coilarray.hardware.emulator import VirtualClock
 from coilarray.hardware.scan.settings import StateSettings, scan_settings
 from coilarray.hardware.scan.wiring import load_wiring
 from coilarray.hardware.wire.faults import BusFault, BusTimeout

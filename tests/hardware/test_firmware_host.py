@@ -16,7 +16,7 @@ from support.firmware_host import Firmware, FirmwareHost, needs_compiler
 from support.firmware_lines import draft, intact, seal
 from support.patience import PATIENCE, until
 
-from coilarray.hardware.emulator.virtual_clock import VirtualClock
+from coilarray.hardware.emulator import VirtualClock
 from coilarray.hardware.wire.buses import ComputerClock
 
 pytestmark = [needs_compiler, pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")]

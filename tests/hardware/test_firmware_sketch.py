@@ -11,7 +11,7 @@ from support.firmware_host import SKETCH, SUPPORT, compiled, logic_sources, need
 from support.firmware_lines import draft, intact, seal
 from support.firmware_pins import I2cSlave, ShiftRegisters
 
-from coilarray.hardware.emulator.virtual_clock import VirtualClock
+from coilarray.hardware.emulator import VirtualClock
 from coilarray.hardware.scan.settings import scan_settings
 from coilarray.hardware.scan.wiring import load_wiring
 from coilarray.hardware.wire.faults import BusFault

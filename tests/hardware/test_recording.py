@@ -25,11 +25,10 @@ from coilarray.cli.readings import read_readings
 from coilarray.errors import HardwareError, OutputError
 from coilarray.hardware.record import recorder as recorder_module
 from coilarray.hardware.record.recorded_response import recorded_response, recorded_series, series_csv
-from coilarray.hardware.record.recorder import open_recorder
+from coilarray.hardware.record.recorder import open_recorder, record_stream
 from coilarray.hardware.record.recording import GridPlace, open_recording
 from coilarray.hardware.record.recording_file import SCHEMA
 from coilarray.hardware.record.recording_summary import summarize_recording
-from coilarray.hardware.record.stream import record_stream
 from coilarray.hardware.scan.reader import RawSample, RawScan, SampleFault
 from coilarray.hardware.scan.readings import read_scan
 from coilarray.hardware.wire.faults import BoardRestarted
@@ -50,6 +49,11 @@ def board():
 
 
 @pytest.fixture
+def path(tmp_path):
+    return tmp_path / "run.sqlite"
+
+
+@pytest.fixture
 def session(board):
     return session_of(board, configured(board), DESIGN)
 
@@ -60,6 +64,16 @@ def recorded(path, session, scans, stage="stream"):
         for scan in scans:
             recorder.add(scan, stage)
     return path
+
+
+def summary_of(path):
+    with open_recording(path) as recording:
+        return summarize_recording(recording)
+
+
+def series_of(path):
+    with open_recording(path) as recording:
+        return recorded_series(recording)
 
 
 def raw_scan(session, sequence, time=0.0):
@@ -91,9 +105,9 @@ def test_every_bit_comes_back(tmp_path_factory, session, rows):
         recording.check()
 
 
-def test_damage_is_told_in_one_line(tmp_path, session):
+def test_damage_is_reported_in_one_line(path, session):
     """SQLite's own check names a table of the file, whose name may have several lines."""
-    path = recorded(tmp_path / "run.sqlite", session, [raw_scan(session, k) for k in range(3)])
+    recorded(path, session, [raw_scan(session, k) for k in range(3)])
     connection = sqlite3.connect(path)
     connection.executescript(
         """CREATE TABLE "a
@@ -106,8 +120,7 @@ def test_damage_is_told_in_one_line(tmp_path, session):
     assert str(caught.value).isprintable()
 
 
-def test_self_tests_come_back(tmp_path, session, monkeypatch):
-    path = tmp_path / "run.sqlite"
+def test_self_tests_come_back(path, session, monkeypatch):
     days = iter([1.7e9, 1.8e9])  # the computer's own clock may be set back in between
     monkeypatch.setattr(recorder_module, "time", SimpleNamespace(time=lambda: next(days), monotonic=time.monotonic))
     with open_recorder(path) as recorder:
@@ -122,19 +135,16 @@ def test_self_tests_come_back(tmp_path, session, monkeypatch):
     assert (first.time, second.time) == (1.7e9, 1.8e9)
 
 
-def test_the_rate_is_told(tmp_path, board, session):
-    path = tmp_path / "run.sqlite"
+def test_the_rate_is_reported(path, board, session):
     for sequence in range(2):  # the pause between two sessions is none of it
         with open_recorder(path, resume=True) as recorder:
             recorder.start(session)
             for k in range(5):
                 recorder.add(raw_scan(session, k, 100.0 * sequence + 0.25 * k), "stream")
-    with open_recording(path) as recording:
-        assert summarize_recording(recording).rate == pytest.approx(4.0)
+    assert summary_of(path).rate == pytest.approx(4.0)
 
 
-def test_read_while_it_is_written(tmp_path, board, session):
-    path = tmp_path / "run.sqlite"
+def test_read_while_it_is_written(tmp_path, path, board, session):
     with open_recorder(path) as recorder:
         recorder.start(session)
         for k in range(3):
@@ -144,8 +154,7 @@ def test_read_while_it_is_written(tmp_path, board, session):
     assert [one.name for one in tmp_path.iterdir()] == ["run.sqlite"]
 
 
-def test_one_writer_at_a_time(tmp_path, session):
-    path = tmp_path / "run.sqlite"
+def test_one_writer_at_a_time(path, session):
     with open_recorder(path) as recorder:
         recorder.start(session)
         with pytest.raises(OutputError, match=r"another program is recording into .*run\.sqlite"), open_recorder(path):
@@ -154,15 +163,15 @@ def test_one_writer_at_a_time(tmp_path, session):
         recorder.start(session)
 
 
-def test_stream(tmp_path, board, session):
-    told = []
-    with open_recorder(tmp_path / "run.sqlite") as recorder:
+def test_stream(path, board, session):
+    reported = []
+    with open_recorder(path) as recorder:
         recorder.start(session)
-        assert record_stream(board.reader, recorder, scans=5, progress=lambda *now: told.append(now)) == 5
-        assert told[-1] == (5, 5)
+        assert record_stream(board.reader, recorder, scans=5, progress=lambda *now: reported.append(now)) == 5
+        assert reported[-1] == (5, 5)
         period = board.reader.scan().time
-        count = record_stream(board.reader, recorder, seconds=2.0, progress=lambda *now: told.append(now))
-        assert told[-1][1] == 20
+        count = record_stream(board.reader, recorder, seconds=2.0, progress=lambda *now: reported.append(now))
+        assert reported[-1][1] == 20
         assert count == pytest.approx(2.0 / session.settings.period, abs=1.5)  # the first and the last may just fit
         before = board.emulator.clock.now()
         record_stream(board.reader, recorder, scans=4, interval=0.5)
@@ -176,15 +185,15 @@ def test_stream(tmp_path, board, session):
 @pytest.mark.parametrize(
     "wrong", [{}, {"scans": 1, "seconds": 1.0}, {"scans": 0}, {"seconds": 0.0}, {"seconds": float("nan")}]
 )
-def test_wrong_streams(tmp_path, board, session, wrong):
-    with open_recorder(tmp_path / "run.sqlite") as recorder:
+def test_wrong_streams(path, board, session, wrong):
+    with open_recorder(path) as recorder:
         recorder.start(session)
         with pytest.raises(HardwareError, match="stream must"):
             record_stream(board.reader, recorder, **wrong)
 
 
-def test_nothing_is_overwritten(tmp_path, session):
-    path = recorded(tmp_path / "run.sqlite", session, [raw_scan(session, 0)])
+def test_nothing_is_overwritten(tmp_path, path, session):
+    recorded(path, session, [raw_scan(session, 0)])
     before = path.read_bytes()
     with pytest.raises(OutputError, match=r"is a recording of 1 scans already; resume it or name another"):
         recorded(path, session, [])
@@ -193,8 +202,7 @@ def test_nothing_is_overwritten(tmp_path, session):
 
 
 @pytest.mark.parametrize("content", [b"", None])
-def test_blank_files_are_none(tmp_path, session, content):
-    path = tmp_path / "run.sqlite"
+def test_blank_files_are_none(path, session, content):
     if content is None:  # what a kill before the first transaction leaves
         connection = sqlite3.connect(path)
         connection.execute("PRAGMA journal_mode = WAL")
@@ -208,17 +216,17 @@ def test_blank_files_are_none(tmp_path, session, content):
         assert recording.count() == 1
 
 
-def test_a_session_that_never_began_leaves_nothing(tmp_path):
+def test_a_session_that_never_began_leaves_nothing(tmp_path, path):
     def no_board():
         raise HardwareError("there is no board")
 
-    with pytest.raises(HardwareError, match="no board"), open_recorder(tmp_path / "run.sqlite"):
+    with pytest.raises(HardwareError, match="no board"), open_recorder(path):
         no_board()
     assert list(tmp_path.iterdir()) == []
 
 
-def test_resume(tmp_path, board, session):
-    path = recorded(tmp_path / "run.sqlite", session, [board.reader.scan()])
+def test_resume(path, board, session):
+    recorded(path, session, [board.reader.scan()])
     later = replace(session, identity=replace(session.identity, boot=7), started=session.started + 60)
     with open_recorder(path, resume=True) as recorder:
         recorder.start(later)
@@ -239,16 +247,15 @@ def test_resume(tmp_path, board, session):
         (lambda s: replace(s, identity=replace(s.identity, emulated=False)), "its board was emulated; now it is real"),
     ],
 )
-def test_resume_refuses_something_else(tmp_path, session, change, message):
-    path = recorded(tmp_path / "run.sqlite", session, [raw_scan(session, 0)])
+def test_resume_refuses_something_else(path, session, change, message):
+    recorded(path, session, [raw_scan(session, 0)])
     with pytest.raises(HardwareError, match=message), open_recorder(path, resume=True) as recorder:
         recorder.start(change(session))
     with open_recording(path) as recording:
         assert len(recording.sessions) == 1
 
 
-def test_resume_refuses_another_campaign(tmp_path, session):
-    path = tmp_path / "run.sqlite"
+def test_resume_refuses_another_campaign(path, session):
     with open_recorder(path) as recorder:
         recorder.start(session, "{}")
     for plan, message in ((None, "it is of a campaign"), ('{"x": 1}', "it is of another campaign")):
@@ -260,14 +267,14 @@ def test_resume_refuses_another_campaign(tmp_path, session):
     ("change", "error", "message"),
     [
         (lambda s: replace(s, boot=s.boot ^ 1), BoardRestarted, "the board restarted"),
-        (lambda s: replace(s, configuration=s.configuration ^ 1), HardwareError, "the board was told"),
+        (lambda s: replace(s, configuration=s.configuration ^ 1), HardwareError, "the board was set to"),
         (lambda s: replace(s, samples=s.samples[:1]), HardwareError, "and 1 states"),
         (lambda s: replace(s, time=float("nan")), HardwareError, "finite times"),
         (lambda s: replace(s, received=float("inf")), HardwareError, "finite times"),
     ],
 )
-def test_scans_that_are_not_of_the_session(tmp_path, session, change, error, message):
-    with open_recorder(tmp_path / "run.sqlite") as recorder:
+def test_scans_that_are_not_of_the_session(path, session, change, error, message):
+    with open_recorder(path) as recorder:
         recorder.start(session)
         with pytest.raises(error, match=message):
             recorder.add(change(raw_scan(session, 3)), "stream")
@@ -275,19 +282,12 @@ def test_scans_that_are_not_of_the_session(tmp_path, session, change, error, mes
         recorder.add(raw_scan(session, 3), "stream")
 
 
-def test_a_recorder_must_be_started(tmp_path, session):
-    with open_recorder(tmp_path / "run.sqlite") as recorder, pytest.raises(ValueError, match="must be started"):
+def test_a_recorder_must_be_started(path, session):
+    with open_recorder(path) as recorder, pytest.raises(ValueError, match="must be started"):
         recorder.add(raw_scan(session, 0), "stream")
 
 
 # --------------------------------------------------------------- files that are no recordings
-
-
-def other_program(path):
-    connection = sqlite3.connect(path)
-    connection.execute("CREATE TABLE scan (id INTEGER)")
-    connection.commit()
-    connection.close()
 
 
 def changed(path, statement):
@@ -309,7 +309,10 @@ WRONG_FILES = {
     "missing": (lambda path: path.unlink(), "there is no file"),
     "folder": (lambda path: (path.unlink(), path.mkdir()), "cannot read .*: it is a folder"),
     "text": (lambda path: path.write_text("state,delta\n" * 100), "is no recording: file is not a database"),
-    "other program": (lambda path: (path.unlink(), other_program(path)), "database of another program"),
+    "other program": (
+        lambda path: (path.unlink(), changed(path, "CREATE TABLE scan (id INTEGER)")),
+        "database of another program",
+    ),
     "newer": (
         lambda path: changed(path, f"PRAGMA user_version = {SCHEMA + 1}"),
         f"is a recording of schema {SCHEMA + 1}, which another version .* reads schema {SCHEMA}",
@@ -321,9 +324,9 @@ WRONG_FILES = {
 
 
 @pytest.mark.parametrize("name", WRONG_FILES)
-def test_wrong_files(tmp_path, session, name):
+def test_wrong_files(path, session, name):
     spoil, message = WRONG_FILES[name]
-    path = recorded(tmp_path / "run.sqlite", session, [raw_scan(session, k) for k in range(300)])
+    recorded(path, session, [raw_scan(session, k) for k in range(300)])
     spoil(path)
     with pytest.raises(HardwareError, match=message) as caught, open_recording(path) as recording:
         recording.check()
@@ -368,8 +371,7 @@ def test_wrong_files(tmp_path, session, name):
         ("UPDATE scan SET position = 5 WHERE id = 2", "damaged"),
     ],
 )
-def test_values_are_data(tmp_path, session, statement, message):
-    path = tmp_path / "run.sqlite"
+def test_values_are_data(path, session, statement, message):
     with open_recorder(path) as recorder:
         recorder.start(session)
         recorder.add_self_test((), ())
@@ -391,19 +393,14 @@ def test_files_that_cannot_be_written(tmp_path, place):
 
 @pytest.mark.skipif(not os.path.isdir("/proc/self"), reason="needs a folder where nobody may write")
 def test_a_folder_where_nobody_may_write():
-    from pathlib import Path
-
-    with (
-        pytest.raises(OutputError, match=r"cannot write /proc/self/run\.sqlite"),
-        open_recorder(Path("/proc/self/run.sqlite")),
-    ):
+    path = Path("/proc/self/run.sqlite")
+    with pytest.raises(OutputError, match=rf"cannot write {path}"), open_recorder(path):
         pass
 
 
 @pytest.mark.parametrize("moment", ["BEGIN", "INSERT INTO sample", "COMMIT", "PRAGMA synchronous = NORMAL"])
-def test_interrupted_within_a_write(tmp_path, session, moment):
+def test_interrupted_within_a_write(path, session, moment):
     """Ctrl-C does not break a write off, and nothing hides it."""
-    path = tmp_path / "run.sqlite"
     with open_recorder(path) as recorder:
         recorder.start(session)
         came = []
@@ -423,8 +420,7 @@ def test_interrupted_within_a_write(tmp_path, session, moment):
         assert [one.scan.sequence for one in recording.scans()] == [0, 1]
 
 
-def test_a_full_database(tmp_path, session):
-    path = tmp_path / "run.sqlite"
+def test_a_full_database(path, session):
     with open_recorder(path) as recorder:
         recorder.start(session)
         pages = recorder._connection.execute("PRAGMA page_count").fetchone()[0]
@@ -445,9 +441,8 @@ def test_a_full_database(tmp_path, session):
 # ------------------------------------------------------------------------------- time series
 
 
-def test_series(tmp_path, board, session):
+def test_series(path, board, session):
     world = board.emulator.world
-    path = tmp_path / "run.sqlite"
     with open_recorder(path) as recorder:
         recorder.start(session)
         scans = []
@@ -480,10 +475,9 @@ def test_series(tmp_path, board, session):
     assert "does not oscillate" in str(summary.states[1].reasons)
 
 
-def test_series_as_csv_is_what_locate_reads(tmp_path, board, session):
-    path = recorded(tmp_path / "run.sqlite", session, [board.reader.scan() for _ in range(4)])
-    with open_recording(path) as recording:
-        series = recorded_series(recording)
+def test_series_as_csv_is_what_locate_reads(tmp_path, path, board, session):
+    recorded(path, session, [board.reader.scan() for _ in range(4)])
+    series = series_of(path)
     (tmp_path / "run.csv").write_text(series_csv(series))
     assert series_csv(series).splitlines()[0] == "time_s,coil1,coil2"
     readings = read_readings(str(tmp_path / "run.csv"))
@@ -491,18 +485,17 @@ def test_series_as_csv_is_what_locate_reads(tmp_path, board, session):
     assert [reading["time_s"] for reading in readings] == series.time.values.tolist()
 
 
-def test_series_to_netcdf_and_back(tmp_path, board, session):
+def test_series_to_netcdf_and_back(tmp_path, path, board, session):
     from coilarray.compute.netcdf import load_part, save_dataset
 
-    path = recorded(tmp_path / "run.sqlite", session, [board.reader.scan() for _ in range(3)])
-    with open_recording(path) as recording:
-        series = recorded_series(recording)
+    recorded(path, session, [board.reader.scan() for _ in range(3)])
+    series = series_of(path)
     save_dataset(series, tmp_path / "run.nc")
     xr.testing.assert_identical(load_part(tmp_path / "run.nc").load(), series)
 
 
-def test_wrong_series(tmp_path, session):
-    path = recorded(tmp_path / "run.sqlite", session, [])
+def test_wrong_series(path, session):
+    recorded(path, session, [])
     with open_recording(path) as recording:
         with pytest.raises(HardwareError, match="has no scan yet"):
             recorded_series(recording)
@@ -512,35 +505,32 @@ def test_wrong_series(tmp_path, session):
             recorded_response(recording)
 
 
-def test_lost_scans_are_counted(tmp_path, session):
-    path = recorded(tmp_path / "run.sqlite", session, [raw_scan(session, k, time=k) for k in (0, 1, 4, 5, 7)])
-    with open_recording(path) as recording:
-        summary = summarize_recording(recording)
+def test_lost_scans_are_counted(path, session):
+    recorded(path, session, [raw_scan(session, k, time=k) for k in (0, 1, 4, 5, 7)])
+    summary = summary_of(path)
     assert (summary.scans, summary.lost, summary.seconds) == (5, 3, 7.0)
 
 
-def test_noise_of_the_summary(tmp_path):
+def test_noise_of_the_summary(path):
     noise = 1e-6  # of the frequency: 25 codes, so that rounding does not matter
     with quick_board(noise=noise, seed=1, world=QuickWorld()) as board:
         session = session_of(board, configured(board), DESIGN)
-        path = recorded(tmp_path / "run.sqlite", session, [board.reader.scan() for _ in range(300)])
-    with open_recording(path) as recording:
-        summary = summarize_recording(recording)
+        recorded(path, session, [board.reader.scan() for _ in range(300)])
+    summary = summary_of(path)
     for state in summary.states:
         # L has twice the relative noise of f; 300 values give it to 5 %, of which this is three times
         assert state.noise == pytest.approx(2 * noise, rel=0.15)
         assert state.inductance == pytest.approx(52e-6, rel=1e-3)  # the losses of the tank: 1/Q² = 5e-4
 
 
-def test_a_copy_is_a_recording(tmp_path, session):
-    path = recorded(tmp_path / "run.sqlite", session, [raw_scan(session, 0)])
+def test_a_copy_is_a_recording(tmp_path, path, session):
+    recorded(path, session, [raw_scan(session, 0)])
     shutil.copy(path, tmp_path / "copy.sqlite")
     with open_recording(tmp_path / "copy.sqlite") as recording:
         assert recording.count() == 1
 
 
-def test_positions(tmp_path, session):
-    path = tmp_path / "run.sqlite"
+def test_positions(path, session):
     places = [GridPlace(k, 0, 1e-3, 0.0, 1e-3 * k) for k in range(3)]
     with open_recorder(path) as recorder:
         recorder.start(session, "{}")
@@ -590,7 +580,7 @@ except OutputError as error:
 @pytest.mark.skipif(not hasattr(os, "seteuid"), reason="needs users as POSIX has them")
 @pytest.mark.parametrize("killed", [False, True])
 def test_a_folder_of_somebody_else(tmp_path, session, killed):
-    """A user who may only look reads a whole recording, and is told why a killed one is not read."""
+    """A user who may only look reads a whole recording, and the error says why a killed one is not read."""
     with tempfile.TemporaryDirectory() as theirs:  # not below pytest's folder, which other runs of it close to others
         look_as_somebody_else(Path(theirs), tmp_path, session, killed=killed)
 

@@ -103,21 +103,21 @@ class Runner:
         )
 
     def run(self, path, plan=CAMPAIGN, kill=None, limit=0):
-        """Run, killed a time in s after a number of scans, and return what was told."""
+        """Run, killed a time in s after a number of scans, and return what was reported."""
         most = -1 if kill is None else kill[0] + LATER
         self.process.stdin.write(f"{path}\t{most}\t{limit}\t{plan.to_json()}\n".encode())
         child = int(self.process.stderr.readline())
-        told = b""
+        reported = b""
         if kill is not None:
             scans, seconds = kill
-            while len(told) < scans:
-                told += self.process.stdout.read(1)
+            while len(reported) < scans:
+                reported += self.process.stdout.read(1)
             time.sleep(seconds)
             os.kill(child, signal.SIGKILL)
         assert self.process.stderr.readline() == b"ended\n"
         while select.select([self.process.stdout], [], [], 0)[0]:
-            told += self.process.stdout.read(65536)
-        return told.decode()
+            reported += self.process.stdout.read(65536)
+        return reported.decode()
 
     def close(self):
         self.process.stdin.close()
@@ -146,17 +146,17 @@ def test_killed_thirty_times_and_resumed(tmp_path, runner):
     path = tmp_path / "run.sqlite"
     before = 0
     for _ in range(KILLS):  # up to 7 scans, and those of 12 ms: all of them take less than the whole campaign
-        told = runner.run(path, kill=(chance.randint(0, 7), chance.uniform(0.0, 12e-3)))
-        assert set(told) <= {"."}
+        reported = runner.run(path, kill=(chance.randint(0, 7), chance.uniform(0.0, 12e-3)))
+        assert set(reported) <= {"."}
         try:
             with open_recording(path) as recording:
                 recording.check()
                 count = recording.count()
         except HardwareError as error:  # killed before the first session began
             assert "no file" in str(error) or "it is empty" in str(error)  # noqa: PT017
-            assert (told, before) == ("", 0)
+            assert (reported, before) == ("", 0)
             count = 0
-        assert before + len(told) - count in (0, 1)  # a scan that came but was not added yet
+        assert before + len(reported) - count in (0, 1)  # a scan that came but was not added yet
         before = count
     assert 0 < before < 2 * CAMPAIGN.size
     assert runner.run(path).endswith("done")
@@ -171,8 +171,8 @@ def test_killed_thirty_times_and_resumed(tmp_path, runner):
 
 def test_a_disk_that_is_full(tmp_path, runner):
     path = tmp_path / "run.sqlite"
-    told = runner.run(path, limit=1_000_000)  # bytes a file may have; the log of the whole campaign needs more
-    scans, _, error = told.partition("error: ")
+    reported = runner.run(path, limit=1_000_000)  # bytes a file may have; the log of the whole campaign needs more
+    scans, _, error = reported.partition("error: ")
     assert error.startswith(f"cannot write {path}: ")
     assert "\n" not in error
     with open_recording(path) as recording:

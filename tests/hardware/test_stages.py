@@ -8,15 +8,14 @@ import threading
 
 import pytest
 from support.patience import PATIENCE
+from support.quick_coils import plain_board
 from support.recorded_boards import two_coil_wiring
 
 from coilarray.errors import HardwareError
-from coilarray.hardware.emulator import plain_board
-from coilarray.hardware.record.gcode_stage import GcodeStage, Reach
 from coilarray.hardware.record.recording import GridPlace
-from coilarray.hardware.record.stages import EmulatedStage, PersonStage
+from coilarray.hardware.record.stages import EmulatedStage, GcodeStage, PersonStage, StageLimits
 
-REACH = Reach((-30e-3, 30e-3), (-10e-3, 10e-3), 2e-3, 2e-3)
+LIMITS = StageLimits((-30e-3, 30e-3), (-10e-3, 10e-3), 2e-3, 2e-3)
 SPEED = 1.5e-3
 
 
@@ -83,7 +82,7 @@ class Machine:
 
 
 def stage_of(machine, **options):
-    return GcodeStage(machine, REACH, machine.dialect, now=machine.now, **options)
+    return GcodeStage(machine, LIMITS, machine.dialect, now=machine.now, **options)
 
 
 @pytest.mark.parametrize("dialect", ["grbl", "marlin"])
@@ -229,12 +228,12 @@ def test_wrong_speeds(speed):
 )
 def test_wrong_reach(arguments, message):
     with pytest.raises(HardwareError, match=message):
-        Reach(*arguments)
+        StageLimits(*arguments)
 
 
 def test_wrong_dialect():
     with pytest.raises(HardwareError, match="the stage must speak grbl or marlin; got 'klipper'"):
-        GcodeStage(Machine(), REACH, "klipper")
+        GcodeStage(Machine(), LIMITS, "klipper")
 
 
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs a pseudo-terminal")
@@ -261,7 +260,7 @@ def test_gcode_over_a_real_port():
     thread = threading.Thread(target=machine, daemon=True)
     thread.start()
     port = open_serial_port(os.ttyname(theirs))
-    stage = GcodeStage(port, REACH, "marlin", greeting=0.05, patience=PATIENCE)
+    stage = GcodeStage(port, LIMITS, "marlin", greeting=0.05, patience=PATIENCE)
     stage.move(1e-3, 2e-3)
     port.write(b"stop\n")
     thread.join(PATIENCE)

@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from coilarray.hardware.emulator import Conditions, EmulatedBoard, OpenPoints, Oscillator, VirtualClock
-from coilarray.hardware.emulator.tank import series_tank
 from coilarray.hardware.scan.wiring import load_wiring
 from coilarray.hardware.wire.faults import BusFault
+from support.quick_coils import series_tank
 
 COILS = ("coil1", "coil2", "coil3", "coil4", "coil5", "coil6")
 WIRING = load_wiring()

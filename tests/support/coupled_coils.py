@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from coilarray.hardware.emulator import Conditions, EmulatedBoard, Oscillator, VirtualClock
-from coilarray.hardware.emulator.tank import series_tank
+from support.quick_coils import series_tank
 
 
 class CoupledCoils:

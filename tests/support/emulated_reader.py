@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from coilarray.design.scan_states import paper_plan
 from coilarray.hardware.board.direct import DirectReader
-from coilarray.hardware.emulator import plain_board
 from coilarray.hardware.scan.settings import scan_settings
 from coilarray.hardware.scan.wiring import load_wiring
+from support.quick_coils import plain_board
 
 WIRING = load_wiring()
 

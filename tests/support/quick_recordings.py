@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from coilarray.hardware.emulator.tank import series_tank
 from coilarray.hardware.record.campaign import Campaign, run_campaign
-from coilarray.hardware.record.recorder import open_recorder
+from coilarray.hardware.record.recorder import open_recorder, record_stream
 from coilarray.hardware.record.stages import EmulatedStage
-from coilarray.hardware.record.stream import record_stream
+from support.quick_coils import series_tank
 from support.recorded_boards import QuickWorld, configured, dent, quick_board, session_of, two_coils
 
 DESIGN = two_coils()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import pytest
 import tomli_w
 
 from coilarray import load_design
@@ -11,11 +12,10 @@ from coilarray.design.model import build_design
 from coilarray.hardware.board.connect import Board
 from coilarray.hardware.board.direct import DirectReader
 from coilarray.hardware.emulator import Conditions, EmulatedBoard, VirtualClock
-from coilarray.hardware.emulator.tank import series_tank
-from coilarray.hardware.emulator.world import FixedCoils
 from coilarray.hardware.record.recorder import begin_session
 from coilarray.hardware.scan.settings import scan_settings
 from coilarray.hardware.scan.wiring import parse_wiring
+from support.quick_coils import FixedCoils, series_tank
 
 _DEVICE = """
 [[wiring.device]]
@@ -50,12 +50,16 @@ def two_coils():
     return build_design({**document, "name": "two_coils"}, "two_coils")
 
 
-def board_files(folder):
-    """Write the design and the wiring of two coils, and return the arguments that name them on a command line."""
+@pytest.fixture(scope="module")
+def board(tmp_path_factory):
+    """Arguments of a command for the small board, whose physics is computed once."""
+    folder = tmp_path_factory.mktemp("board")
     design, wiring = folder / "two_coils.toml", folder / "wiring.toml"
     design.write_text(tomli_w.dumps(two_coils().document))
     wiring.write_text(WIRING_TEXT)
-    return (design, "--wiring", wiring)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("COILARRAY_CACHE", str(folder / "cache"))
+        yield (design, "--wiring", wiring)
 
 
 def two_coil_wiring():

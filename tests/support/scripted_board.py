@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections import deque
 
 from coilarray.hardware.board.microcontroller import MicrocontrollerReader
-from coilarray.hardware.emulator.virtual_clock import VirtualClock
+from coilarray.hardware.emulator import VirtualClock
 from coilarray.hardware.scan.settings import scan_settings
 from coilarray.hardware.scan.wiring import load_wiring
 from coilarray.hardware.wire.faults import DeviceLost

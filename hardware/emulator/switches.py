@@ -1,4 +1,4 @@
-"""ADG739 packages in a daisy chain: eight switches each, behind one shift register through all of them."""
+"""ADG739 packages in a daisy chain, and the port that shifts words into them."""
 
 from __future__ import annotations
 
@@ -7,13 +7,14 @@ from typing import Literal
 
 from coilarray.errors import HardwareError
 from coilarray.hardware.scan.closure import SWITCHES, Net, SwitchTable, WiredSwitch, closed_switches
+from coilarray.hardware.wire.buses import Clock
 
 FALLING_EDGE_MODES = (1, 2)
-"""Modes of SPI in which data is stable at the falling edge, where the chip takes it."""
+"""SPI modes in which data is stable at the falling clock edge, where the chip samples it."""
 
 
 class Adg739Chain:
-    """The chain.
+    """A daisy chain of packages behind one shift register.
 
     Parameters
     ----------
@@ -27,8 +28,8 @@ class Adg739Chain:
 
     Notes
     -----
-    A bit goes in at every falling edge of the clock; when SYNC rises, each package takes its last eight. After power-up
-    all switches are open. Nothing but power resets a package.
+    A bit is shifted in at every falling edge of the clock; when SYNC rises, each package latches its last eight. After
+    power-up all switches are open. Only power-up resets a package.
     """
 
     def __init__(
@@ -43,14 +44,14 @@ class Adg739Chain:
         self.readback = readback
         self.latches = 0
         self.bit_order = list(range(SWITCHES))
-        """Bit of the word that moves each switch of the netlist: to be changed where the true map is another one."""
+        """Bit of the word that moves each switch of the netlist; change it to emulate a board with another map."""
         self._before_change, self._after_change = before_change, after_change
         self._stuck: dict[tuple[int, int], bool] = {}
         self._register = 0  # the far end of the chain first
         self._words = bytes(len(self.devices))
 
     def power_up(self) -> None:
-        """Let the supply come back: register empty, all switches open."""
+        """Restore the supply: the register is empty and all switches are open."""
         self._before_change()
         self._register = 0
         self._words = bytes(len(self.devices))
@@ -58,34 +59,34 @@ class Adg739Chain:
 
     @property
     def words(self) -> bytes:
-        """What the packages were told last, in the order of sending."""
+        """Words that the packages latched last, in the order of sending."""
         return self._words
 
     def closed(self) -> tuple[WiredSwitch, ...]:
-        """Switches that conduct, the stuck ones as they are."""
+        """Return the switches that conduct, including those stuck closed."""
         return closed_switches(self.devices, self._words, stuck=self._stuck, bit_order=self.bit_order)
 
     def commanded(self) -> tuple[WiredSwitch, ...]:
-        """Switches that would conduct if none were stuck."""
+        """Return the switches that would conduct if none were stuck."""
         return closed_switches(self.devices, self._words, bit_order=self.bit_order)
 
     def transfer(self, data: bytes, *, mode: int = 1, lsb_first: bool = False) -> bytes | None:
-        """Shift bytes in with SYNC low, then let it rise.
+        """Shift bytes in with SYNC low, then let SYNC rise.
 
         Parameters
         ----------
         data : bytes
-            Any number of them.
+            Bytes to send, any number of them.
         mode : int
-            Of SPI, 0 to 3. In 0 and 3 data changes at the very edge at which the chip takes it, and what it takes is
-            the bit before.
+            SPI mode, 0 to 3. In modes 0 and 3 data changes at the edge at which the chip samples it, so that the chip
+            takes the bit before.
         lsb_first : bool
-            The bit order, which should be the other one.
+            Whether the least significant bit is sent first; the chip expects the most significant one first.
 
         Returns
         -------
         bytes or None
-            What came out of the far end; None where it is not wired back.
+            Bytes that left the far end of the chain; None where it is not wired back.
         """
         count = SWITCHES * len(data)
         sent = int.from_bytes(_turned(data) if lsb_first else data)
@@ -100,33 +101,27 @@ class Adg739Chain:
         return _turned(came) if lsb_first else came
 
     def stick(self, device: int, bit: int, state: Literal["open", "closed"]) -> None:
-        """Break a switch: it stays open or closed whatever it is told.
+        """Break a switch, so that it stays open or closed whatever its bit says.
 
         Parameters
         ----------
         device, bit : int
-            Its place in the order of the words, and in the word.
+            Position of its device in the order of the words, and of its bit in the word.
         state : {"open", "closed"}
-            How it stays.
+            State in which it is stuck.
         """
         self._before_change()
         self._stuck[device, bit] = state == "closed"
         self._after_change()
 
     def heal(self) -> None:
-        """Mend all switches."""
+        """Repair all switches."""
         self._before_change()
         self._stuck.clear()
         self._after_change()
 
     def find(self, coil: int, end: int, net: Net) -> tuple[int, int]:
-        """Device and bit of the switch from an end of a coil to a net.
-
-        Raises
-        ------
-        HardwareError
-            There is none.
-        """
+        """Return device and bit of the switch from an end of a coil to a net; HardwareError where there is none."""
         for device, switches in enumerate(self.devices):
             for bit, switch in enumerate(switches):
                 if switch == WiredSwitch((coil, end), net):
@@ -143,5 +138,39 @@ class Adg739Chain:
 
 
 def _turned(data: bytes) -> bytes:
-    """Return the bytes with their bits in the other order."""
+    """Return the bytes with their bits reversed."""
     return bytes(int(f"{byte:08b}"[::-1], 2) for byte in data)
+
+
+class EmulatedSwitches:
+    """Serial port between a driver and the emulated chain: a `coilarray.hardware.wire.buses.SwitchChain`.
+
+    Parameters
+    ----------
+    chain : Adg739Chain
+        Chain of switches that the port drives.
+    clock : Clock
+        Clock of the board, on which shifting takes its time.
+    speed : float
+        SPI clock frequency in Hz.
+    """
+
+    def __init__(self, chain: Adg739Chain, clock: Clock, *, speed: float = 8e6) -> None:
+        self.chain = chain
+        self.clock = clock
+        self.speed = speed
+        self.mode = 1
+        """SPI mode; change it to emulate a port with another mode."""
+        self.lsb_first = False
+        """Bit order; change it to emulate a port with the wrong one."""
+        self.broken = False
+        """Whether the data line is broken, so that the chain receives zeros."""
+
+    def shift(self, words: bytes) -> bytes | None:
+        """Send one byte per device, the first to the far end of the chain, and latch all of them at once."""
+        self.clock.sleep(8 * len(words) / self.speed)
+        sent = bytes(len(words)) if self.broken else words
+        return self.chain.transfer(sent, mode=self.mode, lsb_first=self.lsb_first)
+
+    def close(self) -> None:
+        """Release the port."""

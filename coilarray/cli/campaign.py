@@ -1,0 +1,229 @@
+"""``coilarray campaign``."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from coilarray.cli.board_options import EMULATOR, BoardOptions, board_command, marked, opened_board
+from coilarray.cli.maps import check_file
+from coilarray.cli.measure import RUN, print_result, recorded_session
+from coilarray.cli.scan_info import FORMATS, write_response
+from coilarray.cli.shared import AllowViolations, AsJson, DesignArgument, lengths, open_design, print_json, progress_bar
+from coilarray.errors import HardwareError, OutputError
+
+if TYPE_CHECKING:
+    from coilarray.compute.threads import Progress
+    from coilarray.hardware.board.connect import Board
+    from coilarray.hardware.board.self_test import SelfTest
+    from coilarray.hardware.record.campaign import Campaign
+    from coilarray.hardware.record.recorder import Recorder
+    from coilarray.hardware.record.stages import Stage
+    from coilarray.hardware.scan.reader import Reader
+    from coilarray.hardware.scan.settings import ScanSettings
+
+_PERSON = "person"
+_DIALECTS = ("grbl", "marlin")
+_PATIENCE = 10.0  # s in which the port of a board that restarted may come back
+
+
+@board_command()
+def campaign(
+    design: DesignArgument = None,
+    out: Annotated[Path, typer.Option("--out", "-o", help="Recording to write (SQLite).")] = RUN,
+    resume: Annotated[bool, typer.Option("--resume", help="Continue the recording where the file exists.")] = False,
+    x_mm: Annotated[
+        str | None,
+        typer.Option(
+            "--x-mm", help="Positions from the map's origin, as 0,5 or START:STOP:COUNT; the design's by default."
+        ),
+    ] = None,
+    y_mm: Annotated[str | None, typer.Option("--y-mm", help="The same along y.")] = None,
+    depth_mm: Annotated[str | None, typer.Option("--depth-mm", help="Depths of the indentation, likewise.")] = None,
+    repeats: Annotated[int, typer.Option("--repeats", help="Number of passes over the whole grid.")] = 1,
+    average: Annotated[int, typer.Option("--average", help="Number of scans at every baseline and every peak.")] = 1,
+    dwell_s: Annotated[float, typer.Option("--dwell-s", help="Time at full depth before the peak is measured.")] = 0.5,
+    speed_mm_s: Annotated[float, typer.Option("--speed-mm-s", help="Speed of indenting and lifting.")] = 1.5,
+    stage: Annotated[
+        str | None,
+        typer.Option(
+            "--stage",
+            help="What moves the indenter: person, who is asked (by default, with a real board); grbl:PORT or "
+            "marlin:PORT, homed, x and y of the map, z = 0 where the indenter touches.",
+        ),
+    ] = None,
+    reach_mm: Annotated[
+        str | None,
+        typer.Option("--reach-mm", metavar="XMIN,XMAX,YMIN,YMAX,DEPTH", help="Where a G-code stage may go."),
+    ] = None,
+    clearance_mm: Annotated[
+        float | None,
+        typer.Option(
+            "--clearance-mm",
+            help="Height at which a G-code stage travels and baselines are measured; 2 by default.",
+        ),
+    ] = None,
+    ignore_self_test: Annotated[
+        bool, typer.Option("--ignore-self-test", help="Continue although the self-test has failed.")
+    ] = False,
+    plan: Annotated[
+        bool, typer.Option("--plan", help="Print the grid and how long it takes; measure nothing.")
+    ] = False,
+    response: Annotated[
+        Path | None,
+        typer.Option("--response", help="File for the measured response (.nc or .csv), as of coilarray scan-info."),
+    ] = None,
+    *,
+    options: BoardOptions,
+    as_json: AsJson = False,
+    allow_violations: AllowViolations = False,
+) -> None:
+    """Press an indenter on a grid of positions and measure the response of every coil.
+
+    At every position: baseline, indent, dwell, peak, relax. The grid is that of the design unless options change it.
+    Every scan is in the file as soon as it arrives; --resume measures the positions that are missing. A campaign begins
+    and ends with a self-test of switches and coils, since scans alone do not show every fault. Without --port an
+    emulator replaces board and indenter, in virtual time, and every line says so.
+
+    Example: coilarray campaign gast2020 --out campaign.sqlite --response measured.nc
+
+    Example: coilarray campaign --port /dev/ttyACM0 --stage grbl:/dev/ttyUSB0 --reach-mm -30,30,-10,10,1.2 --resume
+    """
+    x, y, depths = (
+        None if text is None else lengths(option, text)
+        for option, text in (("--x-mm", x_mm), ("--y-mm", y_mm), ("--depth-mm", depth_mm))
+    )
+    check_file("--out", out, None)
+    check_file("--response", response, [f".{one}" for one in FORMATS])
+    if response is not None and response.resolve() == out.resolve():
+        raise OutputError(f"--response must be another file than the recording {out}.")
+    opened = open_design(design, allow_violations=allow_violations)
+    from coilarray.hardware.record.campaign import design_campaign
+    from coilarray.hardware.record.recorder import open_recorder
+    from coilarray.hardware.record.recording import open_recording
+
+    make_stage = _stage_maker(stage, reach_mm, clearance_mm, options.port)
+    grid = design_campaign(
+        opened, x=x, y=y, depths=depths, repeats=repeats, scans=average, dwell=dwell_s, speed=speed_mm_s * 1e-3
+    )
+    if plan:
+        _print_plan(grid, as_json=as_json)
+        return
+    asked = options.port != EMULATOR and stage in (None, _PERSON)
+    with (
+        open_recorder(out, resume=resume) as recorder,
+        _positions_in_lines() if asked else progress_bar("positions") as progress,
+        opened_board(options, opened, real_time=False, progress=progress) as (board, settings),
+        closing(make_stage(board)) as moving,
+    ):
+        moving.check(grid.places)
+        before = _tested(board, settings, "before", ignore=ignore_self_test)
+        with recorded_session(recorder, board, settings, opened, grid.to_json(), quiet=as_json):
+            recorder.add_self_test(before.symptoms, before.findings)
+            _run(grid, board, moving, recorder, progress)
+            after = _tested(board, settings, "after", ignore=True)
+            recorder.add_self_test(after.symptoms, after.findings)
+    summary = print_result(out, as_json=as_json)
+    if response is not None:
+        with open_recording(out) as recording:
+            wrote = write_response(recording, response)
+        if not as_json:
+            typer.echo(marked(wrote, emulated=summary.emulated))
+
+
+def _print_plan(grid: Campaign, *, as_json: bool) -> None:
+    if as_json:
+        print_json({**grid.to_record(), "least_seconds": grid.seconds})
+        return
+    counts = f"{len(grid.x)} × {len(grid.y)} positions, {len(grid.depths)} depths, {grid.repeats} repeats"
+    typer.echo(f"{counts}: {grid.size} indentations, at least {grid.seconds / 60:.1f} min without scans and travel")
+
+
+def _tested(board: Board, settings: ScanSettings, when: str, *, ignore: bool) -> SelfTest:
+    """Test every switch and coil, and configure the board again."""
+    from coilarray.hardware.board.self_test import self_test
+
+    result = self_test(board.reader, board.wiring, settings)
+    board.reader.configure(settings)
+    if not (result.passed or ignore):
+        raise HardwareError(
+            f"the self-test {when} the campaign has failed: {result.symptoms[0]}; see `coilarray board --self-test`, "
+            "or go on with --ignore-self-test."
+        )
+    return result
+
+
+def _run(grid: Campaign, board: Board, stage: Stage, recorder: Recorder, progress: Progress) -> None:
+    from coilarray.hardware.record.campaign import run_campaign
+    from coilarray.hardware.wire.buses import ComputerClock
+
+    clock = ComputerClock() if board.emulator is None else board.emulator.clock
+    run_campaign(grid, board.reader, stage, recorder, clock, progress=progress, reconnect=_reconnecting(board))
+
+
+def _reconnecting(board: Board) -> Callable[[], Reader] | None:
+    """Return what reopens a microcontroller that restarted; None for other boards, which cannot restart."""
+    from coilarray.hardware.board.microcontroller import MicrocontrollerReader
+
+    if not isinstance(board.reader, MicrocontrollerReader):
+        return None
+    current: MicrocontrollerReader = board.reader
+
+    def reconnect() -> Reader:
+        nonlocal current
+        board.reader = current = current.reconnect(_PATIENCE)
+        return current
+
+    return reconnect
+
+
+@contextmanager
+def _positions_in_lines() -> Iterator[Progress]:
+    """Show the progress in lines: a bar would overwrite the questions to a person."""
+
+    def update(done: int, total: int) -> None:
+        typer.echo(f"{done} of {total} positions are measured.", err=True)
+
+    yield update
+
+
+def _stage_maker(
+    stage: str | None, reach_mm: str | None, clearance_mm: float | None, port: str
+) -> Callable[[Board], Stage]:
+    """Return a function that makes the stage once the board is open; options that do not fit are refused at once."""
+    kind, _, stage_port = (stage or _PERSON).partition(":")
+    if stage not in (None, _PERSON) and not (kind in _DIALECTS and stage_port):
+        raise HardwareError(f"--stage must be {_PERSON}, grbl:PORT or marlin:PORT; got {stage!r}.")
+    if stage is not None and port == EMULATOR:
+        raise HardwareError("--stage is for a real board; the emulator has its own.")
+    if (kind in _DIALECTS) != (reach_mm is not None):
+        raise HardwareError("--reach-mm must be given with a stage of G-code, and with no other.")
+    if clearance_mm is not None and reach_mm is None:
+        raise HardwareError("--clearance-mm is for a stage of G-code.")
+    if stage_port == port:
+        raise HardwareError(f"--stage and --port must be different ports; got {port} twice.")
+    from coilarray.hardware.record.stages import EmulatedStage, GcodeStage, PersonStage, StageLimits
+    from coilarray.hardware.wire.serial_ports import open_serial_port
+
+    if reach_mm is None:
+        return lambda board: PersonStage(_ask) if board.emulator is None else EmulatedStage(board.emulator)
+    try:
+        x_min, x_max, y_min, y_max, depth = (float(part) * 1e-3 for part in reach_mm.split(","))
+    except ValueError:
+        raise HardwareError(f"--reach-mm must be XMIN,XMAX,YMIN,YMAX,DEPTH; got {reach_mm!r}.") from None
+    limits = StageLimits((x_min, x_max), (y_min, y_max), depth)
+    if clearance_mm is not None:
+        limits = StageLimits(limits.x, limits.y, depth, clearance_mm * 1e-3)
+    return lambda _: GcodeStage(open_serial_port(stage_port), limits, "marlin" if kind == "marlin" else "grbl")
+
+
+def _ask(text: str) -> None:
+    """Show a text and wait for the Enter key."""
+    typer.echo(f"{text} Then press Enter. ", nl=False, err=True)
+    if not sys.stdin.readline():
+        raise HardwareError("nobody answers: standard input has ended.")

@@ -1,0 +1,120 @@
+"""What surrounds an emulated converter: time, temperature, its own clock, and noise."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from coilarray.errors import HardwareError
+
+ROOM_TEMPERATURE = 25.0
+"""Temperature in °C at which the frequency of a converter's clock is given."""
+NOISE = 1.4e-7
+"""Relative standard deviation of a frequency at full resolution: what a user of the LDC1612 reports at RCOUNT 0x800,
+8e-7, divided by the root of the number of counted cycles. Not verified."""
+
+
+class VirtualClock:
+    """A `coilarray.hardware.wire.buses.Clock` whose time passes only in `sleep`: hours of measuring take seconds.
+
+    Parameters
+    ----------
+    start : float
+        Initial time in s.
+
+    Examples
+    --------
+    >>> clock = VirtualClock()
+    >>> clock.sleep(0.25)
+    >>> clock.now()
+    0.25
+    """
+
+    def __init__(self, start: float = 0.0) -> None:
+        self._now = start
+
+    def now(self) -> float:
+        """Return the time in s."""
+        return self._now
+
+    def sleep(self, seconds: float) -> None:
+        """Let time pass; HardwareError for a time that is not finite."""
+        if not math.isfinite(seconds):
+            raise HardwareError(f"a wait must be finite; got {seconds} s.")
+        self._now += max(seconds, 0.0)
+
+
+@dataclass(frozen=True)
+class Oscillator:
+    """Internal oscillator of one converter: 35 to 55 MHz, typically 43.4 MHz, and slower as it warms.
+
+    Parameters
+    ----------
+    frequency : float
+        Frequency at room temperature in Hz.
+    temperature_coefficient : float
+        Relative change of the frequency with temperature in 1/K.
+    ageing : float
+        Relative change of the frequency with time in 1/s.
+
+    Examples
+    --------
+    >>> round(Oscillator().at(0.0, 35.0) - 43.4e6)
+    -5642
+    """
+
+    frequency: float = 43.4e6
+    temperature_coefficient: float = -13e-6
+    ageing: float = 0.0
+
+    def at(self, time: float, temperature: float) -> float:
+        """Return the frequency in Hz at a time in s and a temperature in °C."""
+        return self.frequency * (
+            1 + self.temperature_coefficient * (temperature - ROOM_TEMPERATURE) + self.ageing * time
+        )
+
+
+@dataclass(frozen=True)
+class Drift:
+    """Temperature of the board over time.
+
+    Parameters
+    ----------
+    rate : float
+        Rate of warming in K/s.
+    sway, period : float
+        Amplitude in K and period in s of a sinusoidal oscillation of the temperature.
+    start : float
+        Temperature in °C at the time 0.
+    """
+
+    rate: float = 0.0
+    sway: float = 0.0
+    period: float = 600.0
+    start: float = ROOM_TEMPERATURE
+
+    def at(self, time: float) -> float:
+        """Return the temperature in °C at a time in s."""
+        return self.start + self.rate * time + self.sway * math.sin(2 * math.pi * time / self.period)
+
+
+@dataclass
+class Conditions:
+    """What surrounds the converter; may be changed at any time.
+
+    Parameters
+    ----------
+    oscillator : Oscillator
+        Internal oscillator of the converter.
+    drift : Drift
+        Temperature of the board.
+    noise : float
+        Relative standard deviation of a frequency at full resolution.
+    clkin : float or None
+        Frequency at the pin CLKIN in Hz; None where the pin is grounded.
+    """
+
+    oscillator: Oscillator = field(default_factory=Oscillator)
+    drift: Drift = field(default_factory=Drift)
+    noise: float = NOISE
+    clkin: float | None = None
