@@ -1,7 +1,7 @@
 """Pictures: datasets and scenes in three dimensions, and flat plots.
 
-Importing it loads neither VTK nor Matplotlib: the module of a name, as ``__init__.pyi`` lists them, is imported when the
-name is first used.
+Importing it loads neither VTK nor Matplotlib: the module of a name, as ``__init__.pyi`` lists them, is imported when
+the name is first used.
 """
 
 import lazy_loader

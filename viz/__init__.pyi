@@ -2,8 +2,6 @@ from .datasets.board import barrel_mesh as barrel_mesh
 from .datasets.board import board_mesh as board_mesh
 from .datasets.board import copper_mesh as copper_mesh
 from .datasets.board import path_lines as path_lines
-from .datasets.coupling import arc_tubes as arc_tubes
-from .datasets.coupling import coupling_arcs as coupling_arcs
 from .datasets.elastomer import dented_sheet_meshes as dented_sheet_meshes
 from .datasets.elastomer import indenter_mesh as indenter_mesh
 from .datasets.elastomer import sheet_meshes as sheet_meshes
@@ -12,9 +10,11 @@ from .datasets.field import field_grid as field_grid
 from .datasets.field import field_lines as field_lines
 from .datasets.field import field_surfaces as field_surfaces
 from .datasets.field import flux_density as flux_density
-from .datasets.location import uncertainty_ellipse as uncertainty_ellipse
-from .datasets.response import draped_outlines as draped_outlines
-from .datasets.response import response_surface as response_surface
+from .datasets.overlays import arc_tubes as arc_tubes
+from .datasets.overlays import coupling_arcs as coupling_arcs
+from .datasets.overlays import draped_outlines as draped_outlines
+from .datasets.overlays import response_surface as response_surface
+from .datasets.overlays import uncertainty_ellipse as uncertainty_ellipse
 from .offscreen import rendering_problem as rendering_problem
 from .offscreen import window_problem as window_problem
 from .plots.board import plot_board as plot_board

@@ -17,8 +17,9 @@ from coilarray.errors import GeometryError, LocalizeError, OutputError
 if TYPE_CHECKING:
     from coilarray.cli.readings import Reading
     from coilarray.design.model import Design
-    from coilarray.viz.scenes import Scene, Side
+    from coilarray.viz.scenes.camera import Side
     from coilarray.viz.scenes.of_design import Item, View
+    from coilarray.viz.scenes.scene import Scene
 
 _SHOWN = "board,elastomer"
 _MOST_FRAMES = 1000
@@ -172,7 +173,7 @@ def _check_vtk(path: Path | None) -> None:
 
 
 def _side(text: str) -> Side:
-    from coilarray.viz.scenes import Side
+    from coilarray.viz.scenes.camera import Side
 
     side: Side | None = next((one for one in get_args(Side) if one == text), None)
     if side is None:
@@ -199,7 +200,10 @@ def _check_outputs(
     rate: float,
 ) -> None:
     """Refuse before a long computation what this machine cannot show after it."""
-    from coilarray.viz.scenes import check_movie, check_page, check_rendering, check_window
+    from coilarray.viz.scenes.movie import check_movie
+    from coilarray.viz.scenes.page import check_page
+    from coilarray.viz.scenes.pictures import check_rendering
+    from coilarray.viz.scenes.window import check_window
 
     if html is not None:
         check_page()
@@ -238,7 +242,10 @@ def _show(
     vtk: Path | None,
     pixels: dict[str, tuple[int, int]],
 ) -> None:
-    from coilarray.viz.scenes import save_page, save_picture, save_vtk, show
+    from coilarray.viz.scenes.page import save_page
+    from coilarray.viz.scenes.paraview import save_vtk
+    from coilarray.viz.scenes.pictures import save_picture
+    from coilarray.viz.scenes.window import show
 
     for note in scene.notes:
         typer.echo(note)
@@ -264,7 +271,7 @@ def _film(
     pixels: dict[str, tuple[int, int]],
     rate: float,
 ) -> None:
-    from coilarray.viz.scenes import save_movie
+    from coilarray.viz.scenes.movie import save_movie
     from coilarray.viz.scenes.touch import touch_along
 
     with progress_bar("response") as progress:

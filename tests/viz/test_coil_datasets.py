@@ -16,21 +16,18 @@ from coilarray import load_design
 from coilarray.circuit.active_coil import active_coil
 from coilarray.circuit.coupling import couple_design
 from coilarray.geometry.solids import solids
-from coilarray.viz.datasets import (
+from coilarray.viz.datasets.board import copper_mesh, outline_lines, path_lines, with_coil_values
+from coilarray.viz.datasets.overlays import (
+    COUPLING,
+    DELTA,
     arc_tubes,
-    copper_mesh,
     coupling_arcs,
     draped_outlines,
-    outline_lines,
-    path_lines,
     position_pin,
     response_surface,
     uncertainty_ellipse,
-    with_coil_values,
 )
-from coilarray.viz.datasets.coupling import COUPLING
-from coilarray.viz.datasets.response import DELTA
-from coilarray.viz.scenes import colours_of_currents
+from coilarray.viz.scenes.overlays import colours_of_currents
 
 CENTRES = np.array([[-10e-3, 0.0], [0.0, 1e-3], [10e-3, 0.0], [3e-3, 15e-3]])
 K = np.array([[1, -0.05, 0.001, 0.02], [-0.05, 1, -0.04, 0], [0.001, -0.04, 1, -0.01], [0.02, 0, -0.01, 1]])

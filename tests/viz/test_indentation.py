@@ -26,7 +26,7 @@ from coilarray.viz import (
     rendering_problem,
     save_dent_picture,
 )
-from coilarray.viz.datasets import indenter_outline
+from coilarray.viz.datasets.elastomer import indenter_outline
 from coilarray.viz.offscreen import NO_RENDERING
 
 SHEETS = (Sheet("base", 6e-3), Sheet("magnetic", 2e-3, 2.7))

@@ -29,22 +29,11 @@ from coilarray.geometry import (
 )
 from coilarray.viz import board_scene, rendering_problem, save_board_picture, show_board
 from coilarray.viz.offscreen import NO_RENDERING
-from coilarray.viz.scenes import (
-    CoilColours,
-    Part,
-    Scale,
-    Scene,
-    Side,
-    Text,
-    draw,
-    draw_parts,
-    save_picture,
-    scene_of_board,
-)
-from coilarray.viz.scenes.board import copper_parts, recoloured, scene_of_lifted_board
-from coilarray.viz.scenes.camera import seen_from
-from coilarray.viz.scenes.draw import BAR_WIDTH, camera_of, legend_size, shown_units
-from coilarray.viz.scenes.scene import symmetric
+from coilarray.viz.scenes.board import CoilColours, copper_parts, recoloured, scene_of_board, scene_of_lifted_board
+from coilarray.viz.scenes.camera import Side, seen_from
+from coilarray.viz.scenes.draw import BAR_WIDTH, camera_of, draw, draw_parts, legend_size, shown_units
+from coilarray.viz.scenes.pictures import save_picture
+from coilarray.viz.scenes.scene import Part, Scale, Scene, Text, symmetric
 
 SHEETS = (Sheet("base", 6e-3), Sheet("magnetic", 2e-3, 2.7))
 

@@ -315,7 +315,7 @@ def test_colours_and_bars_of_delta(starter):
 
 
 def test_the_legend_tells_units_and_ends():
-    from coilarray.viz.scenes import Part, Scene
+    from coilarray.viz.scenes.scene import Part, Scene
 
     scene = Scene(
         (Part("plane", None, "B", "#123456", Scale("|B| (T)", "B", "T", 1e-8, 1e-6, logarithmic=True)),),

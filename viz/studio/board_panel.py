@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from coilarray.design.model import Design
-from coilarray.viz.scenes import Scene
+from coilarray.viz.scenes.scene import Scene
 from coilarray.viz.studio.job import Outcome
 from coilarray.viz.studio.scene_making import BoardParts, coloured_by_delta
 from coilarray.viz.studio.services import BoardFrame, BoardRequest, Stopped, Tell

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from coilarray.viz.scenes import Scale, Scene
 from coilarray.viz.scenes.draw import shown_units
+from coilarray.viz.scenes.scene import Scale, Scene
 
 _STOPS = 24  # colours of a bar
 _TICKS = 5

@@ -12,19 +12,10 @@ from coilarray.circuit.network import StateResult
 from coilarray.design.model import Design
 from coilarray.elastomer.contact import indent
 from coilarray.response.setup import indentation_of
-from coilarray.viz.scenes import (
-    Part,
-    Scene,
-    colours_of_currents,
-    scale_of_field,
-    scene_of_board,
-    scene_of_dent,
-    scene_of_lifted_board,
-    scene_of_location,
-    scene_of_slices,
-)
-from coilarray.viz.scenes.board import CoilColours, recoloured
-from coilarray.viz.scenes.scene import symmetric
+from coilarray.viz.scenes.board import CoilColours, recoloured, scene_of_board, scene_of_lifted_board
+from coilarray.viz.scenes.dent import scene_of_dent
+from coilarray.viz.scenes.overlays import colours_of_currents, scale_of_field, scene_of_location, scene_of_slices
+from coilarray.viz.scenes.scene import Part, Scene, symmetric
 from coilarray.viz.studio.switching import UnitFields
 from coilarray.viz.studio.top_view import delta_by_coil
 from coilarray.viz.studio.touch import Touched

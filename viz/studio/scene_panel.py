@@ -6,7 +6,8 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, get_args
 
 from coilarray.design.model import Design
-from coilarray.viz.scenes import Scene, Side
+from coilarray.viz.scenes.camera import Side
+from coilarray.viz.scenes.scene import Scene
 from coilarray.viz.studio.calculator import Step
 from coilarray.viz.studio.legend import legend_of
 from coilarray.viz.studio.scene_making import BoardParts, board_parts, plain_scene

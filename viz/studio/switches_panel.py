@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from coilarray.circuit.network import StateResult
 from coilarray.design.model import Design
 from coilarray.errors import NetworkError
-from coilarray.viz.scenes import Scene
+from coilarray.viz.scenes.scene import Scene
 from coilarray.viz.studio.scene_making import BoardParts, switched_scene
 from coilarray.viz.studio.switching import SETTINGS, Setting, UnitFields, kept_settings, switched, unit_fields
 

@@ -8,7 +8,7 @@ import xarray as xr
 
 from coilarray.design.model import Design
 from coilarray.errors import CoilarrayError, DesignError
-from coilarray.viz.scenes import Scene
+from coilarray.viz.scenes.scene import Scene
 from coilarray.viz.studio.entries import number_of
 from coilarray.viz.studio.job import Outcome, progress_of
 from coilarray.viz.studio.scene_making import BoardParts, dent_of_design, touched_scene

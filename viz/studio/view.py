@@ -9,9 +9,9 @@ from typing import Any, cast
 
 import numpy as np
 
-from coilarray.viz.scenes import Scene, Text, draw_parts
 from coilarray.viz.scenes.camera import Side, aim, direction
-from coilarray.viz.scenes.draw import set_camera, text_name
+from coilarray.viz.scenes.draw import draw_parts, set_camera, text_name
+from coilarray.viz.scenes.scene import Scene, Text
 
 SIZE = (900, 560)
 """Of the picture in pixels, until the page says its own."""
