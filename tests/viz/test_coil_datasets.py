@@ -16,7 +16,7 @@ from coilarray import load_design
 from coilarray.circuit.active_coil import active_coil
 from coilarray.circuit.coupling import couple_design
 from coilarray.geometry.solids import solids
-from coilarray.viz.datasets.board import copper_mesh, outline_lines, path_lines, with_coil_values
+from coilarray.viz.datasets.board import copper_mesh, path_lines, with_coil_values
 from coilarray.viz.datasets.overlays import (
     COUPLING,
     DELTA,
@@ -172,11 +172,6 @@ def test_maps_that_cannot_be_draped_are_refused():
         response_surface(hills(), "a", 2)
     with pytest.raises(ValueError, match="at least two positions along x and along y; got 13 and 1"):
         response_surface(hills().isel(y=[0]), "a")
-
-
-def test_outlines_are_closed():
-    lines = outline_lines([[[0, 0], [1e-3, 0], [0, 2e-3]]], 5e-3)
-    np.testing.assert_allclose(lines.points, [[0, 0, 5], [1, 0, 5], [0, 2, 5], [0, 0, 5]])
 
 
 # located

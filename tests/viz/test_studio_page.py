@@ -303,7 +303,7 @@ def test_runs_of_an_optimisation_are_shown_and_taken_over(page, folder):
     page.click("#run-folder-box .v-field")
     page.click(".v-overlay >> text=found")
     page.wait_for_selector("#pareto")
-    assert page.inner_text("#run-told").startswith(f"{len(result.trials)} points tried")
+    assert page.inner_text("#run-summary").startswith(f"{len(result.trials)} points tried")
     assert page.locator("#front tbody tr").count() == len(result.front)
     picture(page, "runs")
     name = page.inner_text("#front tbody tr >> nth=0 >> td >> nth=0")

@@ -12,7 +12,8 @@ import numpy.typing as npt
 from coilarray.geometry.array import CoilArray
 from coilarray.geometry.indenter import Indenter
 from coilarray.geometry.sheet import Sheet
-from coilarray.viz.datasets.elastomer import at_depth, dented_sheet_meshes, indenter_mesh
+from coilarray.viz.datasets.elastomer import dented_sheet_meshes, indenter_mesh
+from coilarray.viz.datasets.overlays import at_depth
 from coilarray.viz.datasets.triangles import MM_PER_M
 from coilarray.viz.palette import SHEETS, cycled
 from coilarray.viz.scenes.board import Box, scene_of_board, sheet_label
