@@ -166,7 +166,7 @@ def test_outlines_lie_on_the_map():
 
 
 def test_maps_that_cannot_be_draped_are_refused():
-    with pytest.raises(ValueError, match="state must be one of a, b; got c"):
+    with pytest.raises(ValueError, match="state must be one of a, b; got 'c'"):
         response_surface(hills(), "c")
     with pytest.raises(ValueError, match="depth must be the position of one of 2 depths; got 2"):
         response_surface(hills(), "a", 2)
