@@ -150,8 +150,10 @@ def field_arrows(grid: pyvista.RectilinearGrid, spacing: float) -> pyvista.PolyD
     vectors, amount = (np.asarray(grid.point_data[name])[chosen] for name in (FIELD, AMOUNT))
     at.point_data[FIELD] = vectors
     at.point_data["size"] = np.sqrt(amount / max(float(amount.max()), np.finfo(float).tiny))
-    shape = {"tip_length": 0.35, "tip_radius": 0.14, "shaft_radius": 0.05, "tip_resolution": 12, "shaft_resolution": 8}
-    arrow = pyvista.Arrow(start=(-0.5, 0.0, 0.0), **shape)
+    arrow = pyvista.Arrow(
+        start=(-0.5, 0.0, 0.0), tip_length=0.35, tip_radius=0.14, shaft_radius=0.05, tip_resolution=12,
+        shaft_resolution=8,
+    )  # fmt: skip
     arrows: pyvista.PolyData = at.glyph(orient=FIELD, scale="size", factor=spacing * MM_PER_M, geom=arrow)
     arrows.clear_data()
     arrows.point_data[FIELD] = np.repeat(vectors, arrow.n_points, axis=0)

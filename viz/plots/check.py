@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from matplotlib import patheffects
 from matplotlib.axes import Axes
@@ -87,9 +88,9 @@ def _circle(ax: Axes, mark: _Mark) -> None:
     colour = INK if mark.worst.kept else _BROKEN
     halo = [patheffects.withStroke(linewidth=3.5, foreground="white")]
     x, y = MM.of((mark.x, mark.y)).tolist()
-    circle = {"ms": 12, "mfc": "none", "mec": colour, "mew": 1.6}
+    circle: dict[str, Any] = {"ms": 12, "mfc": "none", "mec": colour, "mew": 1.6}
     ax.plot(x, y, "o", path_effects=halo, gid=_label(mark), **circle)
-    letters = {"xytext": (8, 8), "textcoords": "offset points", "color": colour, "weight": "bold"}
+    letters: dict[str, Any] = {"xytext": (8, 8), "textcoords": "offset points", "color": colour, "weight": "bold"}
     ax.annotate(_label(mark), (x, y), path_effects=halo, **letters)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -161,7 +161,7 @@ def plot_effective_inductance(coupling: xr.Dataset, ax: Axes | None = None) -> A
     )  # fmt: skip
     lower, change = shown.of(np.minimum(before, after)), 100 * coupling.inductance_change.values
     for row, low, percent in zip(rows.tolist(), lower.tolist(), change.tolist(), strict=True):
-        look = {"xytext": (-9, 0), "textcoords": "offset points", "ha": "right", "va": "center"}
+        look: dict[str, Any] = {"xytext": (-9, 0), "textcoords": "offset points", "ha": "right", "va": "center"}
         ax.annotate(true_minus(f"{percent:+.2f} %"), (low, row), **look)
     ax.set_yticks(rows, names)
     ax.margins(x=0.25)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -52,7 +52,7 @@ def plot_force_depth(indentation: xr.Dataset, ax: Axes | None = None) -> Axes:
     (force,) = ax.plot(depth, shown.of(indentation.force), color=BLUE, marker="o", markersize=4, label="force")
     right = ax.twinx()
     right.spines["right"].set_visible(True)
-    look = {"color": VERMILLION, "linestyle": "--", "marker": "D", "markersize": 4}
+    look: dict[str, Any] = {"color": VERMILLION, "linestyle": "--", "marker": "D", "markersize": 4}
     (radius,) = right.plot(depth, MM.of(indentation.contact_radius), label=name, **look)
     for axis in (ax, right):
         axis.set_ylim(bottom=0.0)

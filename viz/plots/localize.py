@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -88,7 +89,7 @@ def plot_ellipse_parameters(
     ax = ax or new_axes(6.0, 4.0)
     of, coil = fits.sel(state=state), model[state]
     for key, (colour, marker, line) in _PARAMETERS.items():
-        look = {"color": colour, "markersize": 3.5, "markerfacecolor": "none"}
+        look: dict[str, Any] = {"color": colour, "markersize": 3.5, "markerfacecolor": "none"}
         ax.plot(MILLI_DELTA.of(of.delta), MM.of(of[key]), marker, **look)
         at = np.linspace(np.nanmin(of.delta.values), np.nanmax(of.delta.values), 200)
         ax.plot(MILLI_DELTA.of(at), MM.of(np.polyval(getattr(coil, key), at)), line, color=colour, label=_NAMES[key])
@@ -390,7 +391,7 @@ def plot_identifiability(
     low = max(float(finite.min()), np.finfo(float).tiny)
     high = min(max(float(finite.max()), low * 1.01), low * 10**_DECADES)
     ax = ax or new_axes(*_map_size(bounds))
-    look = {"cmap": f"{SEQUENTIAL}_r", "norm": LogNorm(low, high)}
+    look: dict[str, Any] = {"cmap": f"{SEQUENTIAL}_r", "norm": LogNorm(low, high)}
     image = ax.pcolormesh(MM.of(bounds.x), MM.of(bounds.y), np.ma.masked_invalid(values), **look)
     bar = colour_bar(ax, image, MM.label(f"σ of {_SIGMAS[quantity]}"))
     logarithmic_ticks(bar.ax.yaxis, math.log10(high / low))

@@ -105,7 +105,7 @@ def zero_line(ax: Axes) -> None:
 
 def write_name(ax: Axes, x: float, y: float, name: str, **look: Any) -> None:
     """Write the name of a coil in a white box with its middle at a place in mm."""
-    box = {"boxstyle": "round,pad=0.2", "facecolor": "white", "alpha": 0.8, "linewidth": 0}
+    box: dict[str, Any] = {"boxstyle": "round,pad=0.2", "facecolor": "white", "alpha": 0.8, "linewidth": 0}
     ax.text(x, y, name, ha="center", va="center", bbox=box, **look)
 
 
@@ -140,7 +140,7 @@ def signed_map(
     """
     limit = largest(values) if limit is None else limit
     shown = np.ma.masked_invalid(values)
-    look = {"cmap": DIVERGING, "vmin": -limit, "vmax": limit, "rasterized": rasterized}
+    look: dict[str, Any] = {"cmap": DIVERGING, "vmin": -limit, "vmax": limit, "rasterized": rasterized}
     mesh = ax.pcolormesh(MM.of(at.x), MM.of(at.y), shown, **look)
     finish_map(ax, outlines)
     return mesh

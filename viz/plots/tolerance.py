@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -86,8 +87,8 @@ def plot_shares(result: xr.Dataset, ax: Axes | None = None) -> Axes:
         colour, hatch, where = KINDS[tables.index(table) % len(KINDS)], "", "board"
         if part != "board":
             hatch, where = "////", "layers"
-        look = {"color": colour, "hatch": hatch, "edgecolor": "white", "linewidth": 0.4, "label": f"{table}, {where}"}
-        ax.barh(places, share * 100, left=left, height=0.75, **look)
+        look: dict[str, Any] = {"color": colour, "hatch": hatch, "edgecolor": "white", "linewidth": 0.4}
+        ax.barh(places, share * 100, left=left, height=0.75, label=f"{table}, {where}", **look)
         left += share * 100
     spread = result.linear_deviation.values > 0
     ax.barh(places, np.where(spread, 100 - left, 0.0), left=left, height=0.75, color=UNKNOWN, label="others")

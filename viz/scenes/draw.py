@@ -120,9 +120,10 @@ def actor_of(part: Part, pixel: float = 1.0) -> Any:
     if part.sunk:
         mapper.SetResolveCoincidentTopologyToPolygonOffset()
         mapper.SetRelativeCoincidentTopologyPolygonOffsetParameters(_BEHIND, _BEHIND)
-    light = {"lighting": part.lit, "ambient": part.ambient, "diffuse": part.diffuse}
-    look = {"color": part.colour, "opacity": part.opacity, "interpolation": "Phong" if part.smooth else "Flat"}
-    properties = pyvista.Property(line_width=part.line_width * pixel, **look, **light)
+    properties = pyvista.Property(
+        color=part.colour, opacity=part.opacity, line_width=part.line_width * pixel, lighting=part.lit,
+        ambient=part.ambient, diffuse=part.diffuse, interpolation="Phong" if part.smooth else "Flat",
+    )  # fmt: skip
     return pyvista.Actor(mapper=mapper, prop=properties, name=part.name)
 
 
@@ -138,8 +139,9 @@ def _surface(part: Part) -> pyvista.PolyData:
         target = surface.cell_data if on_cells else surface.point_data
         target[_COLOURS] = np.ascontiguousarray(part.scale.colours_of(values))
     if part.smooth:
-        normals = {"cell_normals": False, "split_vertices": True, "auto_orient_normals": False}
-        surface = surface.compute_normals(feature_angle=_SHARP, **normals)
+        surface = surface.compute_normals(
+            cell_normals=False, split_vertices=True, feature_angle=_SHARP, auto_orient_normals=False
+        )
     return surface
 
 
