@@ -94,8 +94,8 @@ def legend_above(
 ) -> None:
     """Legend above the axes, beside the title, where it hides no curve; `look` goes to Matplotlib."""
     anchor = ({"left": 0.0, "center": 0.5, "right": 1.0}[side], 1.0)
-    look = {"borderaxespad": 0.2, "columnspacing": columnspacing, **look}
-    ax.legend(loc=f"lower {side}", bbox_to_anchor=anchor, ncols=columns, **look)
+    look = {"loc": f"lower {side}", "borderaxespad": 0.2, "columnspacing": columnspacing, **look}
+    ax.legend(bbox_to_anchor=anchor, ncols=columns, **look)
 
 
 def zero_line(ax: Axes) -> None:

@@ -93,18 +93,14 @@ def switched(design: Design, inductance: FloatArray, settings: Mapping[str, Sett
     design : Design
         Its switches and tank count, its windings' own capacitance does not.
     inductance : ndarray, shape (n, n)
-        In H.
+        Inductance matrix in H.
     settings : mapping of str to {"measure", "ground", "open"}
-        Of every coil.
-
-    Returns
-    -------
-    StateResult
+        Connection of every coil.
 
     Raises
     ------
     NetworkError
-        No measured coil, or a state without a resonance.
+        If there is no measured coil, or the state has no resonance.
     """
     n = len(design.array.names)
     resistance = np.diag(dc_resistance(design.array.conductors(), design.circuit.resistivity))

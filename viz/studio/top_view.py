@@ -12,8 +12,9 @@ from scipy.spatial.distance import pdist
 
 from coilarray.design.model import Design
 from coilarray.localize.inverse import Location
+from coilarray.viz.datasets.overlays import semi_axis_factor
 from coilarray.viz.palette import COILS, INK, cycled
-from coilarray.viz.scenes.overlays import CONFIDENCE, colours_of_delta, semi_axis_factor
+from coilarray.viz.scenes.overlays import CONFIDENCE, colours_of_delta
 from coilarray.viz.scenes.touch import first_states
 from coilarray.viz.studio.touch import Touched
 
