@@ -1,4 +1,4 @@
-"""Can this machine render in three dimensions? Asked in a child process, because the wrong answer ends the process."""
+"""Test whether this machine can render in three dimensions, in a child process because a failure ends the process."""
 
 from __future__ import annotations
 
@@ -32,18 +32,18 @@ _lock = threading.Lock()
 
 
 def rendering_problem() -> str | None:
-    """Say in one line why pictures in three dimensions cannot be made here, or None where they can.
+    """Return one line that says why pictures in three dimensions cannot be made here, or None where they can.
 
-    The first call starts a child process that renders a sphere, which takes one to three seconds; later calls answer
-    from memory. It may be called from any thread, so that the probe runs beside other work. Where there is no screen
-    that answers and the user has not chosen otherwise, a successful probe also sets ``VTK_DEFAULT_OPENGL_WINDOW`` in
-    this process, so that VTK renders through EGL.
+    The first call starts a child process that renders a sphere, which takes one to three seconds; later calls return
+    the same result at once. It may be called from any thread. Where no screen answers and the user has not chosen
+    otherwise, a successful test also sets ``VTK_DEFAULT_OPENGL_WINDOW`` in this process, so that VTK renders through
+    EGL.
 
     Returns
     -------
     str or None
         One line that names the system packages to install. With the environment variable
-        ``COILARRAY_NO_RENDERING=1`` it is a line that names this variable, and nothing is probed.
+        ``COILARRAY_NO_RENDERING=1`` it names this variable, and nothing is tested.
     """
     if os.environ.get(NO_RENDERING, "") not in ("", "0"):
         return f"3-D rendering is switched off by the environment variable {NO_RENDERING}; unset it to render."
@@ -51,13 +51,7 @@ def rendering_problem() -> str | None:
 
 
 def window_problem() -> str | None:
-    """Say in one line why no window can be opened here, or None where one can.
-
-    Returns
-    -------
-    str or None
-        No screen, one that does not answer, or what `rendering_problem` says.
-    """
+    """Return one line that says why no window can be opened here, or None where one can."""
     if not has_screen():
         return f"a window needs a screen, and neither DISPLAY nor WAYLAND_DISPLAY is set; {_INSTEAD}."
     problem = rendering_problem()
@@ -72,25 +66,25 @@ def window_problem() -> str | None:
 
 
 def silent_screen() -> str:
-    """Say in one line that the screen that is named does not answer."""
+    """Return one line that says that the screen does not answer."""
     screen = os.environ.get("DISPLAY")
     which = "there is no X server (DISPLAY is not set)" if screen is None else f"DISPLAY={screen} does not answer"
     return f"a window needs a screen, and {which}; {_INSTEAD}."
 
 
 def without_screen(window: str) -> bool:
-    """Tell whether a class of VTK's render windows is one that no screen shows."""
+    """Return whether a class of VTK's render windows is one without a screen."""
     return any(word in window for word in _WITHOUT_SCREEN)
 
 
 def has_screen() -> bool:
-    """Tell whether a screen is named: on Linux, whether ``DISPLAY`` or ``WAYLAND_DISPLAY`` is set."""
+    """Return whether the environment names a screen: on Linux by ``DISPLAY`` or ``WAYLAND_DISPLAY``."""
     return not sys.platform.startswith("linux") or any(os.environ.get(k) for k in ("DISPLAY", "WAYLAND_DISPLAY"))
 
 
 @dataclass(frozen=True)
 class _Answer:
-    """What the probe found: a problem, or the class of the render window that VTK made; and what the user chose."""
+    """Result of the test: a problem, or the class of VTK's render window; and the one that the user chose."""
 
     problem: str | None
     window: str = ""
@@ -123,18 +117,12 @@ def _probe() -> _Answer:
 
 
 def _run_probe(environment: dict[str, str]) -> _Answer:
-    """Render a sphere in a child process; the reason in a few words where that fails."""
+    """Render a sphere in a child process; a failure is described in a few words."""
     try:
         child = subprocess.run(
-            [sys.executable, "-c", _PROBE],
-            env=environment,
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            text=True,
-            errors="replace",
-            timeout=_TIMEOUT,
-            check=False,
-        )
+            [sys.executable, "-c", _PROBE], env=environment, stdin=subprocess.DEVNULL, capture_output=True, text=True,
+            errors="replace", timeout=_TIMEOUT, check=False,
+        )  # fmt: skip
     except subprocess.TimeoutExpired:
         return _Answer(f"a trial picture took more than {_TIMEOUT:g} s")
     except OSError as error:

@@ -1,4 +1,4 @@
-"""The colours of all pictures, for people with any colour vision: tests/viz/test_plots_colours.py measures them."""
+"""Colours of all pictures, distinct with any colour vision, as tests/viz/test_plots_colours.py measures."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ INK = "#202020"  # text and rulers
 COILS = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY)
 LAYERS = (VERMILLION, ORANGE, BLUE, SKY, PURPLE, GREEN)  # neighbours alike, pairs of layers far apart
 KINDS = (*COILS, WINE, INDIGO, OLIVE)
-"""Where areas of more than six kinds lie beside each other: the coils' colours, then three dark ones."""
+"""Colours for areas of more than six kinds: those of the coils, then three dark ones."""
 LAMINATE = "#3F8F4F"
 BARREL = "#8C6D1F"
-SHEETS = ("#8FA3BF", "#7A3E8E", "#4A4A4A")  # light, dark, darker: told apart by lightness alone
+SHEETS = ("#8FA3BF", "#7A3E8E", "#4A4A4A")  # light, dark, darker: distinct by lightness alone
 
 GREY = "#909090"  # lines to compare with
-PALE = "#B8B8B8"  # what is there without being meant
+PALE = "#B8B8B8"  # background items
 FAINT = "#E4E4E4"  # grids
 SHADE = "#EDEDED"  # areas behind curves
-UNKNOWN = "#D0D0D0"  # where a map has no value
+UNKNOWN = "#D0D0D0"  # parts of a map without a value
 
 SEQUENTIAL = "viridis"
 """Map of values of one sign: perceptually uniform, and as dark to light as it is to any eye."""
@@ -46,12 +46,12 @@ class CurveLook(TypedDict):
 
 
 def cycled(colours: Sequence[str], names: Sequence[str]) -> dict[str, str]:
-    """Give each name a colour, beginning again with the first where there are more names than colours."""
+    """Give each name a colour, starting over where there are more names than colours."""
     return {name: colours[k % len(colours)] for k, name in enumerate(names)}
 
 
 def curve_look(k: int) -> CurveLook:
-    """Colour and kind of line of curve k, so that colour alone never tells two neighbours apart; 18 are different.
+    """Return colour and line style of curve k; neighbours differ in both, and 18 curves are different.
 
     Examples
     --------

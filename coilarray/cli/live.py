@@ -7,9 +7,10 @@ import math
 import os
 import sys
 import time
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, replace
+from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
@@ -43,7 +44,7 @@ _TOUR = 3600.0  # s: duration of the path of the emulated finger
 _STEP = 3.2  # s of the path at one place
 _FIRST = 5  # points of the path until the finger has pressed once
 _LOCATED = ("found", "border")  # verdicts whose positions are shown
-_SHOWN, _LARGEST_ERROR = 2, 10e-3  # positions in a line; standard deviation in m above which none is shown
+_SHOWN = 2  # positions in a line
 
 
 @dataclass(frozen=True)
@@ -374,10 +375,8 @@ def _place_text(reading: LiveReading) -> str:
 
 def _mode_text(mode: Mode) -> str:
     values = (mode.x, mode.y, mode.depth)
-    deviations: Sequence[float] = mode.deviations.tolist()
     parts = []
-    for k, (name, value) in enumerate(zip(("x", "y", "depth"), values, strict=True)):
-        known = k < len(deviations) and deviations[k] < _LARGEST_ERROR
-        error = f" ± {deviations[k] * 1e3:.2f}" if known else ""
+    for name, value, deviation in zip_longest(("x", "y", "depth"), values, mode.known_deviations):
+        error = "" if deviation is None else f" ± {deviation * 1e3:.2f}"
         parts.append(f"{name} {value * 1e3:.2f}{error}")
     return ", ".join(parts).replace("-", "−") + " mm"

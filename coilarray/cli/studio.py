@@ -26,39 +26,34 @@ if TYPE_CHECKING:
     from coilarray.viz.studio.services import BoardFrame, BoardRequest, Document
 
 _LONGEST = 86_400.0  # s
-_TOUR, _TOUR_PERIOD, _TOUR_STEP = (
-    3600.0,
-    40.0,
-    1.0,
-)  # s that the emulated finger goes round, once, and from place to place
+_TOUR, _PERIOD, _STEP = 3600.0, 40.0, 1.0  # s: duration of the emulated finger's tour, one turn, one step
 
 
 def studio(
     design: DesignArgument = None,
     host: Annotated[
         str | None,
-        typer.Option("--host", help="Name or number to listen on; every browser then needs the token of the address."),
+        typer.Option("--host", help="Host to listen on; every browser then needs the token of the address."),
     ] = None,
     port: Annotated[int, typer.Option("--port", help="TCP port of the page; 0 takes a free one.")] = 8070,
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")] = True,
     folder: Annotated[
         Path | None,
-        typer.Option("--folder", help="Designs, reports and runs of the page; that of DESIGN or this one by default."),
+        typer.Option("--folder", help="Folder of designs, reports and runs; by default that of DESIGN."),
     ] = None,
     board: Annotated[
         str, typer.Option("--board", help="Board of the tab of that name, as --port of coilarray live.")
     ] = EMULATOR,
     wiring: WiringName = None,
     linger: Annotated[
-        float, typer.Option("--linger", help="Seconds that it goes on after the last page is closed; 0 for ever.")
+        float, typer.Option("--linger", help="Seconds before it ends after the last page is closed; 0 for never.")
     ] = 20.0,
 ) -> None:
-    """Change a design in the browser, with everything that follows from it.
+    """Change a design in the browser and see its results at once.
 
-    Sliders for the design, the board in three dimensions, couplings and margins as they change; switches for every
-    coil with the field; an indenter to be dragged over the board; runs of an optimisation; the live board or its
-    emulator. The page is served to this computer alone unless --host is given, and asks no other host for anything.
-    Ctrl-C ends it.
+    It has sliders for the design, the board in three dimensions, couplings and margins; switches for every coil with
+    the field; an indenter to drag over the board; runs of an optimisation; the live board or its emulator. The page is
+    served to this computer alone unless --host is given, and loads nothing from other hosts. Ctrl-C ends it.
 
     Example: coilarray studio gast2020
 
@@ -90,7 +85,7 @@ def studio(
 
 
 def _folder(design: str | None, folder: Path | None) -> Path:
-    """Return the folder that the page may read and write."""
+    """Return the folder that the page can read and write."""
     named = Path(design).parent if design and Path(design).is_file() else Path()
     where = (folder or named).resolve()
     if not where.is_dir():
@@ -107,7 +102,7 @@ def _ready(*, browser: bool) -> Callable[[str], None]:
     return ready
 
 
-# What runs in processes of its own: functions of this module with plain arguments.
+# These run in processes of their own, and are therefore functions of a module with plain arguments.
 
 
 def write_report(document: Document, name: str, folder: Path, progress: Progress) -> Path:
@@ -119,7 +114,7 @@ def write_report(document: Document, name: str, folder: Path, progress: Progress
 
 
 def kept_response(document: Document, name: str, progress: Progress) -> xr.Dataset:
-    """See `coilarray.viz.studio.services.ResponseTable`; kept as that of ``coilarray live`` is."""
+    """See `coilarray.viz.studio.services.ResponseTable`; stored like that of ``coilarray live``."""
     from coilarray.compute.store import open_store
     from coilarray.design.model import build_design
     from coilarray.hardware.scan.board_network import board_network
@@ -134,7 +129,7 @@ def kept_response(document: Document, name: str, progress: Progress) -> xr.Datas
 
 
 def watch_board(request: BoardRequest, send: Callable[[BoardFrame], None], stopped: Callable[[], bool]) -> None:
-    """See `coilarray.viz.studio.services.WatchBoard`; a finger goes round on an emulated board."""
+    """See `coilarray.viz.studio.services.WatchBoard`; a finger moves in circles on an emulated board."""
     from contextlib import closing
 
     from coilarray.cli.board_options import BoardOptions, opened_board
@@ -188,11 +183,11 @@ def _frame(reading: LiveReading, line: str, *, emulated: bool) -> BoardFrame:
 
 
 def _round(setup: Indentation, start: float) -> list[tuple[float, float, float, float]]:
-    """Path of a finger that slowly goes round on the map of a design: time in s, x, y and depth in m."""
+    """Return the path of a finger that moves in circles on the map of a design: time in s, x, y and depth in m."""
     (x, a), (y, b) = (((axis[0] + axis[-1]) / 2, 0.4 * (axis[-1] - axis[0])) for axis in (setup.x, setup.y))
     path = [(start, x + a, y, 0.0)]
-    for k in range(int(_TOUR / _TOUR_STEP)):
-        angle = 2 * math.pi * k * _TOUR_STEP / _TOUR_PERIOD
-        at = start + 1.0 + k * _TOUR_STEP
+    for k in range(int(_TOUR / _STEP)):
+        angle = 2 * math.pi * k * _STEP / _PERIOD
+        at = start + 1.0 + k * _STEP
         path.append((at, x + a * math.cos(angle), y + b * math.sin(angle), setup.depths[-1]))
     return path

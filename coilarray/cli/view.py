@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_args
+from typing import TYPE_CHECKING, Annotated, Any, cast, get_args
 
 import typer
 
@@ -17,8 +19,9 @@ from coilarray.errors import GeometryError, LocalizeError, OutputError
 if TYPE_CHECKING:
     from coilarray.cli.readings import Reading
     from coilarray.design.model import Design
-    from coilarray.viz.scenes import Scene, Side
+    from coilarray.viz.scenes.camera import Side
     from coilarray.viz.scenes.of_design import Item, View
+    from coilarray.viz.scenes.scene import Scene
 
 _SHOWN = "board,elastomer"
 _MOST_FRAMES = 1000
@@ -32,7 +35,7 @@ def view(
         str,
         typer.Option(
             "--show",
-            help="What is shown, as a list with commas: board, elastomer, dent, field (B on planes with arrows), lines "
+            help="Items to show, separated by commas: board, elastomer, dent, field (B on planes with arrows), lines "
             "(of B), surfaces (of equal B), currents (of the passive coils), coupling, response, location.",
         ),
     ] = _SHOWN,
@@ -47,29 +50,32 @@ def view(
     vtk: Annotated[
         Path | None, typer.Option("--vtk", help="Write for ParaView: .vtm, or a folder with a file for each part.")
     ] = None,
-    side: Annotated[str, typer.Option("--from", help="From where: oblique, top, front or right.")] = "oblique",
+    side: Annotated[str, typer.Option("--from", help="Side: oblique, top, front or right.")] = "oblique",
     size: Annotated[
-        str | None, typer.Option("--size", help="Of picture and film in pixels; 1600x900 and 960x540 by default.")
+        str | None, typer.Option("--size", help="Pixels of picture and film; 1600x900 and 960x540 by default.")
     ] = None,
     layers: Annotated[
         str | None, typer.Option("--layers", help="Copper layers shown, as L1,L3; all by default.")
     ] = None,
     coil: Annotated[str | None, typer.Option("--coil", help="The measured coil; the middle one by default.")] = None,
     others_open: Annotated[bool, typer.Option("--others-open", help="All other coils open.")] = False,
-    current_mA: Annotated[float, typer.Option("--current-mA", help="In the measured coil, for the field.")] = 1.0,
+    current_mA: Annotated[
+        float, typer.Option("--current-mA", help="Current in the measured coil, for the field.")
+    ] = 1.0,
     spacing_mm: Annotated[
         float | None,
-        typer.Option("--spacing-mm", help="Of the points of B; 0.5 on planes and 1 in a box by default."),
+        typer.Option("--spacing-mm", help="Distance of the points of B; 0.5 on planes and 1 in a box by default."),
     ] = None,
     at_mm: Annotated[
         tuple[float, float] | None,
         typer.Option("--at-mm", help="x and y of the indenter from the map's origin; off the middle by default."),
     ] = None,
     depth_mm: Annotated[
-        float | None, typer.Option("--depth-mm", help="Of the indentation; the deepest of the design by default.")
+        float | None, typer.Option("--depth-mm", help="Depth of the dent; the deepest of the design by default.")
     ] = None,
     response: Annotated[
-        Path | None, typer.Option("--response", help="Map to drape (.nc), computed or measured; else computed.")
+        Path | None,
+        typer.Option("--response", help="Response to show (.nc); computed by default."),
     ] = None,
     reading: Annotated[
         str | None,
@@ -78,14 +84,16 @@ def view(
     noise: Annotated[float, typer.Option("--noise", help="Standard deviation of δ, for the location.")] = 1e-5,
     table: Annotated[
         Path | None,
-        typer.Option("--table", help="Where the table for locations is kept (.nc): computed if it is not there."),
+        typer.Option("--table", help="File of the response table for locations (.nc), computed if it does not exist."),
     ] = None,
     path_mm: Annotated[
         str | None,
-        typer.Option("--path-mm", help='Way of the film, as "X,Y X,Y ..." from the map\'s origin; along x by default.'),
+        typer.Option(
+            "--path-mm", help='Path of the film, as "X,Y X,Y ..." from the map\'s origin; along x by default.'
+        ),
     ] = None,
-    frames: Annotated[int, typer.Option("--frames", help="Pictures of the film.")] = 48,
-    rate: Annotated[float, typer.Option("--rate", help="Pictures of the film in a second.")] = 12.0,
+    frames: Annotated[int, typer.Option("--frames", help="Number of pictures of the film.")] = 48,
+    rate: Annotated[float, typer.Option("--rate", help="Pictures of the film per second.")] = 12.0,
     allow_violations: AllowViolations = False,
 ) -> None:
     """Show a design in three dimensions.
@@ -99,7 +107,7 @@ def view(
 
     Example: coilarray view gast2020 --movie touch.gif
     """
-    seen_from = _side(side)
+    wanted = _Outputs(screenshot, movie, html, vtk, _side(side), _pixels(size), rate)
     for option, path, suffixes in (
         ("--screenshot", screenshot, (".png",)),
         ("--movie", movie, (".gif", ".mp4")),
@@ -116,7 +124,7 @@ def view(
             raise OutputError(f"{option} is for --show {needed}.")
     if movie is None and path_mm is not None:
         raise OutputError("--path-mm is for --movie.")
-    if movie is not None and screenshot is None and html is None and vtk is None:
+    if movie is not None and not wanted.still:
         for option, changed in (
             ("--show", show != _SHOWN), ("--layers", layers is not None), ("--coil", coil is not None),
             ("--others-open", others_open), ("--spacing-mm", spacing_mm is not None), ("--at-mm", at_mm is not None),
@@ -125,7 +133,6 @@ def view(
                 raise OutputError(f"{option} is not for --movie: a film shows the dent and δ of all coils.")
     if not 2 <= frames <= _MOST_FRAMES:
         raise OutputError(f"--frames must be 2 to {_MOST_FRAMES}; got {frames}.")
-    pixels = _pixels(size)
     corners = None if path_mm is None else _way(path_mm)
     depth = None if depth_mm is None else _length("--depth-mm", depth_mm)
     spacing = None if spacing_mm is None else _length("--spacing-mm", spacing_mm)
@@ -135,8 +142,8 @@ def view(
     from coilarray.viz.scenes.of_design import View
 
     opened = open_design(design, allow_violations=allow_violations)
-    _check_outputs(screenshot, movie, html, vtk, pixels, rate)
-    if movie is None or any(path is not None for path in (screenshot, html, vtk)):
+    wanted.check()
+    if movie is None or wanted.still:
         asked = View(
             show=items,
             layers=None if layers is None else tuple(name.strip() for name in layers.split(",")),
@@ -151,9 +158,78 @@ def view(
             reading=located,
             noise=noise,
         )
-        _show(_scene(opened, asked), opened.name, seen_from, screenshot, html, vtk, pixels)
+        wanted.show(_scene(opened, asked), opened.name)
     if movie is not None:
-        _film(opened, corners, frames, depth, movie, seen_from, pixels, rate)
+        wanted.film(opened, corners, frames, depth)
+
+
+@dataclass(frozen=True)
+class _Outputs:
+    """Files to write, none for a window, and how the scene is seen."""
+
+    screenshot: Path | None
+    movie: Path | None
+    html: Path | None
+    vtk: Path | None
+    side: Side
+    pixels: dict[str, tuple[int, int]]
+    rate: float
+
+    @property
+    def still(self) -> bool:
+        """True where a file of a single scene is wanted."""
+        return any(path is not None for path in (self.screenshot, self.html, self.vtk))
+
+    def check(self) -> None:
+        """Refuse before a long computation what this machine cannot show after it."""
+        from coilarray.viz.scenes.movie import check_movie
+        from coilarray.viz.scenes.page import check_page
+        from coilarray.viz.scenes.pictures import check_rendering
+        from coilarray.viz.scenes.window import check_window
+
+        if self.html is not None:
+            check_page()
+        if self.screenshot is not None:
+            check_rendering(**self.pixels)
+        if self.movie is not None:
+            check_movie(self.movie, rate=self.rate, **self.pixels)
+        elif not self.still:
+            check_window()
+
+    def show(self, scene: Scene, name: str) -> None:
+        """Write the files of a scene, or show it in a window."""
+        from coilarray.viz import save_page, save_picture, save_vtk, show
+
+        for note in scene.notes:
+            typer.echo(note)
+        if self.screenshot is not None:
+            save_picture(scene, self.screenshot, side=self.side, **self.pixels)
+            typer.echo(f"wrote {self.screenshot}")
+        if self.html is not None:
+            save_page(scene, self.html, title=name, side=self.side)
+            typer.echo(f"wrote {self.html}")
+        if self.vtk is not None:
+            typer.echo(f"wrote {', '.join(str(path) for path in save_vtk(scene, self.vtk))}")
+        if not self.still:
+            show(scene, side=self.side)
+
+    def film(self, design: Design, corners: list[tuple[float, float]] | None, frames: int, depth: float | None) -> None:
+        """Write the film of an indenter that moves over the board."""
+        from coilarray.viz import save_movie
+        from coilarray.viz.scenes.touch import touch_along
+
+        path = cast("Path", self.movie)
+        with progress_bar("response") as progress:
+            touch = touch_along(design, corners, count=frames, depth=depth, progress=progress)
+        with progress_bar("film") as progress:
+
+            def counted() -> Iterator[Scene]:
+                for done, scene in enumerate(touch.scenes(), start=1):
+                    yield scene
+                    progress(done, frames)
+
+            save_movie(touch.board(), counted(), path, side=self.side, rate=self.rate, **self.pixels)
+        typer.echo(f"wrote {path}: {frames} pictures, {frames / self.rate:.3g} s")
 
 
 def _check_vtk(path: Path | None) -> None:
@@ -172,7 +248,7 @@ def _check_vtk(path: Path | None) -> None:
 
 
 def _side(text: str) -> Side:
-    from coilarray.viz.scenes import Side
+    from coilarray.viz.scenes.camera import Side
 
     side: Side | None = next((one for one in get_args(Side) if one == text), None)
     if side is None:
@@ -188,27 +264,6 @@ def _items(text: str) -> tuple[Item, ...]:
         if name not in ITEMS:
             raise OutputError(f"--show must be of {', '.join(ITEMS)}; got {name!r}.")
     return tuple(item for item in ITEMS if item in named)
-
-
-def _check_outputs(
-    screenshot: Path | None,
-    movie: Path | None,
-    html: Path | None,
-    vtk: Path | None,
-    pixels: dict[str, tuple[int, int]],
-    rate: float,
-) -> None:
-    """Refuse before a long computation what this machine cannot show after it."""
-    from coilarray.viz.scenes import check_movie, check_page, check_rendering, check_window
-
-    if html is not None:
-        check_page()
-    if screenshot is not None:
-        check_rendering(**pixels)
-    if movie is not None:
-        check_movie(movie, rate=rate, **pixels)
-    if screenshot is None and movie is None and html is None and vtk is None:
-        check_window()
 
 
 def _scene(design: Design, view: View) -> Scene:
@@ -229,62 +284,8 @@ def _scene(design: Design, view: View) -> Scene:
         return scene_of_design(design, view, track)
 
 
-def _show(
-    scene: Scene,
-    name: str,
-    side: Side,
-    screenshot: Path | None,
-    html: Path | None,
-    vtk: Path | None,
-    pixels: dict[str, tuple[int, int]],
-) -> None:
-    from coilarray.viz.scenes import save_page, save_picture, save_vtk, show
-
-    for note in scene.notes:
-        typer.echo(note)
-    if screenshot is not None:
-        save_picture(scene, screenshot, side=side, **pixels)
-        typer.echo(f"wrote {screenshot}")
-    if html is not None:
-        save_page(scene, html, title=name, side=side)
-        typer.echo(f"wrote {html}")
-    if vtk is not None:
-        typer.echo(f"wrote {', '.join(str(path) for path in save_vtk(scene, vtk))}")
-    if screenshot is None and html is None and vtk is None:
-        show(scene, side=side)
-
-
-def _film(
-    design: Design,
-    corners: list[tuple[float, float]] | None,
-    frames: int,
-    depth: float | None,
-    path: Path,
-    side: Side,
-    pixels: dict[str, tuple[int, int]],
-    rate: float,
-) -> None:
-    from coilarray.viz.scenes import save_movie
-    from coilarray.viz.scenes.touch import touch_along
-
-    with progress_bar("response") as progress:
-        touch = touch_along(design, corners, count=frames, depth=depth, progress=progress)
-    with progress_bar("film") as progress:
-        done = 0
-
-        def counted() -> Any:
-            nonlocal done
-            for scene in touch.scenes():
-                yield scene
-                done += 1
-                progress(done, frames)
-
-        save_movie(touch.board(), counted(), path, side=side, rate=rate, **pixels)
-    typer.echo(f"wrote {path}: {frames} pictures, {frames / rate:.3g} s")
-
-
 def _pixels(text: str | None) -> dict[str, tuple[int, int]]:
-    """Width and height as the argument ``size``; none where nothing is said."""
+    """Return width and height as the argument ``size``; nothing by default."""
     if text is None:
         return {}
     match = _SIZE.fullmatch(text)
@@ -306,9 +307,9 @@ def _current(value_mA: float) -> float:
 
 
 def _way(text: str) -> list[tuple[float, float]]:
-    """Corners in m from X,Y X,Y ... in mm."""
+    """Return corners in m from X,Y X,Y ... in mm."""
     try:
-        corners = [_point(part) for part in text.split()]
+        corners = [(float(x) * 1e-3, float(y) * 1e-3) for x, y in (part.split(",") for part in text.split())]
     except ValueError:
         corners = []
     if len(corners) < 2 or not all(abs(value) <= _LARGEST_MM * 1e-3 for corner in corners for value in corner):
@@ -316,13 +317,8 @@ def _way(text: str) -> list[tuple[float, float]]:
     return corners
 
 
-def _point(text: str) -> tuple[float, float]:
-    x, y = (float(number) * 1e-3 for number in text.split(","))
-    return x, y
-
-
 def _reading(text: str) -> Reading:
-    """One reading, as δ by coil or the only one of a file."""
+    """Return one reading, given as δ by coil or as a file with a single one."""
     found = read_readings(text)
     if len(found) != 1:
         raise LocalizeError(f"--reading must be one reading; {text} has {len(found)}.")

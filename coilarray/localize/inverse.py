@@ -33,6 +33,9 @@ outside, or deeper; that no position explains the reading; no indentation beyond
 Reading = Mapping[str, float] | Sequence[float] | FloatArray
 """δ by the names of the states, or in the order of the model's states."""
 
+UNKNOWN_DEVIATION = 0.1
+"""Standard deviation in m from which a coordinate counts as unknown: it is larger than a board."""
+
 CONFIDENCE = 0.95
 """Of regions, and so of the modes that are kept."""
 
@@ -81,6 +84,11 @@ class Mode:
     def deviations(self) -> FloatArray:
         """Standard deviations of x, y and depth in m, shape (unknowns,)."""
         return np.sqrt(np.diagonal(self.covariance))
+
+    @property
+    def known_deviations(self) -> tuple[float | None, ...]:
+        """Standard deviations of x, y and depth in m; None for one of `UNKNOWN_DEVIATION` or more."""
+        return tuple(value if value < UNKNOWN_DEVIATION else None for value in self.deviations.tolist())
 
     def contains(self, points: npt.ArrayLike, confidence: float = CONFIDENCE) -> BoolArray:
         """Tell which points are in the ellipsoid around the mode that holds the truth with a probability.

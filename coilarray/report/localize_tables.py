@@ -18,7 +18,6 @@ from coilarray.report.tables import Column, Table, Value
 _PARAMETERS = ("A", "B", "x0")
 _POWERS = ("p4", "p3", "p2", "p1", "p0")
 _COMPARED = np.linspace(1e-4, 1e-3, 37)  # δ, where the paper's polynomials were fitted
-_TOLD = 1.0  # m: a standard deviation as large as this, beyond any board, tells nothing
 _STATUS = {
     "found": "located",
     "border": "on the border",
@@ -307,9 +306,9 @@ def location_record(location: Location) -> dict[str, object]:
         record["reason"] = location.reason
     modes = []
     for mode in location.modes:
-        sigma = [value if value < _TOLD else None for value in mode.deviations.tolist()]
         one: dict[str, object] = {"x_m": mode.x, "y_m": mode.y, "depth_m": mode.depth}
-        one |= {f"sigma_{name}_m": value for name, value in zip(("x", "y", "depth"), sigma, strict=False)}
+        sigma = zip(("x", "y", "depth"), mode.known_deviations, strict=False)
+        one |= {f"sigma_{name}_m": value for name, value in sigma}
         one |= {"chi_square": mode.chi_square, "gaussian": mode.gaussian, "border": list(mode.border)}
         modes.append(one)
     if modes:

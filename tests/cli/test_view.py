@@ -19,7 +19,7 @@ from coilarray.compute.netcdf import save_dataset
 from coilarray.localize.forward import forward_model
 from coilarray.response.map import response_map
 from coilarray.viz import rendering_problem
-from coilarray.viz.datasets.response import DELTA
+from coilarray.viz.datasets.overlays import DELTA
 from coilarray.viz.offscreen import NO_RENDERING
 
 run, refused = runner("view")

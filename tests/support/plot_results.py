@@ -33,6 +33,16 @@ direction = "maximize"
 """
 
 
+def curves(ax):
+    """Lines that have a label, by it."""
+    return {line.get_label(): line for line in ax.lines if not line.get_label().startswith("_")}
+
+
+def legend(ax):
+    """Texts of the legend."""
+    return [text.get_text() for text in ax.get_legend().get_texts()]
+
+
 @functools.cache
 def board():
     """Return the board of a design with a few coils."""

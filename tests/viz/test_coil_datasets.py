@@ -16,21 +16,18 @@ from coilarray import load_design
 from coilarray.circuit.active_coil import active_coil
 from coilarray.circuit.coupling import couple_design
 from coilarray.geometry.solids import solids
-from coilarray.viz.datasets import (
+from coilarray.viz.datasets.board import copper_mesh, path_lines, with_coil_values
+from coilarray.viz.datasets.overlays import (
+    COUPLING,
+    DELTA,
     arc_tubes,
-    copper_mesh,
     coupling_arcs,
     draped_outlines,
-    outline_lines,
-    path_lines,
     position_pin,
     response_surface,
     uncertainty_ellipse,
-    with_coil_values,
 )
-from coilarray.viz.datasets.coupling import COUPLING
-from coilarray.viz.datasets.response import DELTA
-from coilarray.viz.scenes import colours_of_currents
+from coilarray.viz.scenes.overlays import colours_of_currents
 
 CENTRES = np.array([[-10e-3, 0.0], [0.0, 1e-3], [10e-3, 0.0], [3e-3, 15e-3]])
 K = np.array([[1, -0.05, 0.001, 0.02], [-0.05, 1, -0.04, 0], [0.001, -0.04, 1, -0.01], [0.02, 0, -0.01, 1]])
@@ -169,17 +166,12 @@ def test_outlines_lie_on_the_map():
 
 
 def test_maps_that_cannot_be_draped_are_refused():
-    with pytest.raises(ValueError, match="state must be one of a, b; got c"):
+    with pytest.raises(ValueError, match="state must be one of a, b; got 'c'"):
         response_surface(hills(), "c")
     with pytest.raises(ValueError, match="depth must be the position of one of 2 depths; got 2"):
         response_surface(hills(), "a", 2)
     with pytest.raises(ValueError, match="at least two positions along x and along y; got 13 and 1"):
         response_surface(hills().isel(y=[0]), "a")
-
-
-def test_outlines_are_closed():
-    lines = outline_lines([[[0, 0], [1e-3, 0], [0, 2e-3]]], 5e-3)
-    np.testing.assert_allclose(lines.points, [[0, 0, 5], [1, 0, 5], [0, 2, 5], [0, 0, 5]])
 
 
 # located

@@ -7,36 +7,18 @@ import math
 import numpy as np
 import pytest
 import shapely
+from support.boards import SHEETS, reference_board
 
-from coilarray.geometry import (
-    CoilArray,
-    Leads,
-    Placement,
-    PlatedHole,
-    Sheet,
-    Spiral,
-    Stackup,
-    apothem_from_size,
-    lattice,
-    spiral_coil,
-)
 from coilarray.geometry.copper import copper_features, drills
 from coilarray.geometry.solids import solids
 from coilarray.viz import barrel_mesh, board_mesh, copper_mesh, field_grid, path_lines, sheet_meshes
 
-SHEETS = (Sheet("base", 6e-3), Sheet("magnetic", 2e-3, 2.7))
 COPPER, DIELECTRIC = 35e-6, 0.215e-3
 
 
 @pytest.fixture(scope="module")
 def board():
-    spiral = Spiral(6, apothem_from_size(23e-3, 6, across="corners"), 5, 0.1e-3, 0.1e-3, first_corner=math.pi / 2)
-    coil = spiral_coil(spiral, 2, PlatedHole(0.2e-3, 0.45e-3), Leads(2e-3, 1.5e-3, PlatedHole(0.5e-3, 1e-3)))
-    points, _ = lattice("linear", 13.28e-3, 3)
-    pairs = (("L1", "L2"), ("L3", "L4"))
-    placements = tuple(Placement(f"C{i + 1}", coil, pairs[i % 2], *point) for i, point in enumerate(points.tolist()))
-    stackup = Stackup(("L1", "L2", "L3", "L4"), (COPPER,) * 4, (DIELECTRIC,) * 3, (4.5,) * 3)
-    return CoilArray(stackup, placements)
+    return reference_board(count=3, turns=5)
 
 
 @pytest.fixture(scope="module")

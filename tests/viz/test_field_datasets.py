@@ -8,8 +8,16 @@ import xarray as xr
 
 from coilarray.electromagnetics.field import grid_points, magnetic_field, vector_potential
 from coilarray.errors import GeometryError
-from coilarray.viz.datasets import field_arrows, field_lines, field_surfaces, flux_density, require_memory
-from coilarray.viz.datasets.field import AMOUNT, FIELD, MOST_MEMORY
+from coilarray.viz.datasets.field import (
+    AMOUNT,
+    FIELD,
+    MOST_MEMORY,
+    field_arrows,
+    field_lines,
+    field_surfaces,
+    flux_density,
+    require_memory,
+)
 from coilarray.viz.datasets.triangles import surface_of
 
 RADIUS = 8e-3

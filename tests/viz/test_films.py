@@ -15,7 +15,9 @@ from coilarray.errors import ElastomerError, GeometryError, MissingDependencyErr
 from coilarray.response.map import response_map
 from coilarray.viz import rendering_problem
 from coilarray.viz.offscreen import NO_RENDERING
-from coilarray.viz.scenes import Part, Scale, Scene, save_movie, save_picture
+from coilarray.viz.scenes.movie import save_movie
+from coilarray.viz.scenes.pictures import save_picture
+from coilarray.viz.scenes.scene import Part, Scale, Scene
 from coilarray.viz.scenes.touch import touch_along
 
 renders = pytest.mark.skipif(rendering_problem() is not None, reason=f"no 3-D rendering: {rendering_problem()}")

@@ -12,10 +12,11 @@ import pytest
 import xarray as xr
 from matplotlib.image import imread
 from matplotlib.patches import Polygon
-from support.boards import reference_board
+from support.boards import SHEETS, reference_board
+from support.plot_results import curves
 
 from coilarray.errors import MissingDependencyError
-from coilarray.geometry import Cone, CylinderEdge, FlatPunch, Hemisphere, Paraboloid, Sheet
+from coilarray.geometry import Cone, CylinderEdge, FlatPunch, Hemisphere, Paraboloid
 from coilarray.viz import (
     dent_scene,
     dented_sheet_meshes,
@@ -23,13 +24,11 @@ from coilarray.viz import (
     indenter_mesh,
     plot_dent,
     plot_force_depth,
-    rendering_problem,
     save_dent_picture,
 )
-from coilarray.viz.datasets import indenter_outline
+from coilarray.viz.datasets.elastomer import indenter_outline
 from coilarray.viz.offscreen import NO_RENDERING
 
-SHEETS = (Sheet("base", 6e-3), Sheet("magnetic", 2e-3, 2.7))
 HEIGHTS = np.array([0.0, 6e-3, 8e-3])
 WIDTH = 3e-3  # of the dents
 EXTENT = (-20e-3, -12e-3, 25e-3, 14e-3)
@@ -56,19 +55,9 @@ def dents(depths=(0.5e-3, 1e-3), rise=bell, stretch=flat, symmetry="axial", end=
             "force": ("depth", 5e3 * depth**1.5, {"units": "N" if symmetry == "axial" else "N/m"}),
             "contact_radius": ("depth", np.sqrt(2e-3 * depth)),
         },
-        coords={
-            "depth": depth,
-            "r": r,
-            "interface": ["board", "base", "magnetic"],
-            "height": ("interface", HEIGHTS),
-        },
-        attrs={"symmetry": symmetry, "base": "bonded"},
+        {"depth": depth, "r": r, "interface": ["board", "base", "magnetic"], "height": ("interface", HEIGHTS)},
+        {"symmetry": symmetry, "base": "bonded"},
     )
-
-
-def curves(ax):
-    """Lines that have a label, by it."""
-    return {line.get_label(): line for line in ax.lines if not line.get_label().startswith("_")}
 
 
 def faces_of(mesh):
@@ -282,18 +271,6 @@ def test_bodies_that_do_not_fit_are_refused():
 @pytest.fixture(scope="module")
 def board():
     return reference_board()
-
-
-@pytest.fixture
-def plotter():
-    problem = rendering_problem()
-    if problem is not None:
-        pytest.skip(problem)
-    import pyvista
-
-    plotter = pyvista.Plotter(off_screen=True, window_size=(320, 180))
-    yield plotter
-    plotter.close()
 
 
 def test_a_scene_holds_board_sheets_and_indenter(board, plotter):

@@ -8,6 +8,7 @@ import xarray as xr
 from matplotlib.patches import Ellipse as EllipsePatch
 from matplotlib.patches import Polygon
 from support.localize_boards import FIELD, ROW, board
+from support.plot_results import curves, x_error
 
 from coilarray.localize.ellipse import Ellipse, fit_ellipses
 from coilarray.localize.ellipse_model import ellipse_model, intersect
@@ -32,11 +33,6 @@ DELTA = np.array([1e-4, 5e-4, 1e-3])
 @pytest.fixture(scope="module")
 def fits():
     return fit_ellipses(published_map())
-
-
-def curves(ax):
-    """Lines that have a label, by it."""
-    return {line.get_label(): line for line in ax.lines if not line.get_label().startswith("_")}
 
 
 def distortion():
@@ -114,9 +110,7 @@ def test_two_ellipses_and_where_they_meet():
 
 
 def test_a_map_of_errors_is_symmetric_about_zero_and_grey_where_there_is_none():
-    x, y = np.linspace(-4e-3, 4e-3, 5), np.linspace(-1e-3, 1e-3, 3)
-    error = xr.DataArray(np.add.outer(0 * y, x / 10), {"y": y, "x": x}, ("y", "x")).copy()
-    error[0, 0] = np.nan
+    error = x_error()
     outline = np.array([[-1e-3, -1e-3], [1e-3, -1e-3], [0, 5e-3]])
     ax = plot_x_error(error, None, [outline])
     (image,) = ax.collections

@@ -16,13 +16,11 @@ from coilarray.errors import CoilarrayError, ElastomerError, GeometryError, Loca
 from coilarray.localize.forward import forward_model
 from coilarray.localize.inverse import locate
 from coilarray.response.map import response_map
-from coilarray.viz.datasets.coupling import COUPLING
 from coilarray.viz.datasets.field import AMOUNT
-from coilarray.viz.datasets.response import DELTA
-from coilarray.viz.scenes.coupling import CURRENT
+from coilarray.viz.datasets.overlays import COUPLING, DELTA
 from coilarray.viz.scenes.field_places import Span, count_of, field_box, field_planes, line_seeds, points_of_box
-from coilarray.viz.scenes.location import scene_of_location
 from coilarray.viz.scenes.of_design import ITEMS, View, scene_of_design
+from coilarray.viz.scenes.overlays import CURRENT, scene_of_location
 
 
 @pytest.fixture(scope="module")

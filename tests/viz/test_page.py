@@ -15,7 +15,8 @@ from PIL import Image
 
 from coilarray.errors import MissingDependencyError
 from coilarray.viz.offscreen import NO_RENDERING
-from coilarray.viz.scenes import Part, Scale, Scene, Text, save_page
+from coilarray.viz.scenes.page import save_page
+from coilarray.viz.scenes.scene import Part, Scale, Scene, Text
 
 pytest.importorskip("trame_vtk", reason="trame-vtk is not installed")
 

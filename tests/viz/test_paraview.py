@@ -7,8 +7,9 @@ import pytest
 import pyvista
 
 from coilarray.errors import OutputError
-from coilarray.viz.datasets import field_grid
-from coilarray.viz.scenes import Part, Scene, save_vtk
+from coilarray.viz.datasets.field import field_grid
+from coilarray.viz.scenes.paraview import save_vtk
+from coilarray.viz.scenes.scene import Part, Scene
 
 
 def scene(top=1.0):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import matplotlib
 import numpy as np
 import pytest
@@ -13,19 +11,10 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from support import plot_results as results
+from support.boards import reference_board
+from support.plot_results import legend
 
 from coilarray.errors import GeometryError
-from coilarray.geometry import (
-    CoilArray,
-    Leads,
-    Placement,
-    PlatedHole,
-    Spiral,
-    Stackup,
-    apothem_from_size,
-    lattice,
-    spiral_coil,
-)
 from coilarray.geometry.copper import copper_features, drills
 from coilarray.viz.palette import COILS
 from coilarray.viz.plots.board import plot_board, plot_copper
@@ -43,12 +32,7 @@ NAMES = ("C1", "C2", "C3")
 
 @pytest.fixture(scope="module")
 def board():
-    spiral = Spiral(6, apothem_from_size(23e-3, 6, across="corners"), 5, 0.1e-3, 0.1e-3, first_corner=math.pi / 2)
-    coil = spiral_coil(spiral, 2, PlatedHole(0.2e-3, 0.45e-3), Leads(2e-3, 1.5e-3, PlatedHole(0.5e-3, 1e-3)))
-    points, _ = lattice("linear", 13.28e-3, 3)
-    pairs = (("L1", "L2"), ("L3", "L4"))
-    placements = tuple(Placement(f"C{i + 1}", coil, pairs[i % 2], *point) for i, point in enumerate(points.tolist()))
-    return CoilArray(Stackup(("L1", "L2", "L3", "L4"), (35e-6,) * 4, (0.215e-3,) * 3, (4.5,) * 3), placements)
+    return reference_board(count=3, turns=5)
 
 
 @pytest.fixture
@@ -59,10 +43,6 @@ def ax():
 def texts(ax):
     """Texts in the cells by (row, column)."""
     return {(round(t.get_position()[1]), round(t.get_position()[0])): t.get_text() for t in ax.texts}
-
-
-def legend(ax):
-    return [text.get_text() for text in ax.get_legend().get_texts()]
 
 
 def area(patch):
@@ -165,7 +145,7 @@ def test_k_is_drawn_pair_by_pair_and_inductance_with_its_diagonal(ax):
 def test_effective_inductance_shows_both_values_and_the_change(ax):
     before, after = np.array([20e-6, 20e-6, 25e-6]), np.array([19e-6, 18e-6, 25.5e-6])
     single, changes = ("coil",), {"termination": ("coil", ["short", "short", "short"])}
-    changes |= {"open_inductance": (single, before), "effective_inductance": (single, after)}
+    changes |= {"open_inductance": (single, before, {"units": "H"}), "effective_inductance": (single, after)}
     coupling = xr.Dataset(changes | {"inductance_change": (single, after / before - 1)}, {"coil": list(NAMES)})
     assert plot_effective_inductance(coupling, ax) is ax
     dots = [c.get_offsets() for c in ax.collections if isinstance(c, PathCollection)]

@@ -8,6 +8,7 @@ import xarray as xr
 from hypothesis import example, given
 from hypothesis import strategies as st
 from support import plot_results as results
+from support.plot_results import curves, legend
 
 from coilarray.viz.plots.axis_units import MM, PLAIN, AxisUnit, axis_unit
 from coilarray.viz.plots.frequency import plot_frequency_sweep
@@ -21,15 +22,6 @@ from coilarray.viz.plots.sweep_grid import (
     zero_crossings,
 )
 from coilarray.viz.plots.tolerance import plot_boards, plot_shares
-
-
-def curves(ax):
-    """Lines that have a label, by it."""
-    return {line.get_label(): line for line in ax.lines if not line.get_label().startswith("_")}
-
-
-def legend(ax):
-    return [text.get_text() for text in ax.get_legend().get_texts()]
 
 
 @given(st.floats(1e-22, 1e22), st.sampled_from(["H", "ohm", "T", "Hz", "N"]))

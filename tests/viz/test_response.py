@@ -8,6 +8,7 @@ import xarray as xr
 from matplotlib.contour import QuadContourSet
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
+from support.plot_results import curves
 
 from coilarray.viz import plot_response, plot_response_profile, response_figure
 
@@ -23,27 +24,17 @@ def response(delta=None, depths=(0.5e-3, 1e-3), y=(-6e-3, -2e-3, 3e-3)):
     axes = np.meshgrid(depths, y, x, np.arange(2.0), indexing="ij")
     return xr.Dataset(
         {"delta": (("depth", "y", "x", "state"), delta(axes[2], axes[1], axes[3], axes[0]))},
-        coords={
-            "depth": np.array(depths),
-            "y": np.array(y),
-            "x": x,
-            "state": names,
-            "coil": names,
-            "coil_x": ("coil", [-5e-3, 5e-3]),
-            "coil_y": ("coil", [0.0, 0.0]),
+        {
+            "depth": np.array(depths), "y": np.array(y), "x": x, "state": names, "coil": names,
+            "coil_x": ("coil", [-5e-3, 5e-3]), "coil_y": ("coil", [0.0, 0.0]),
         },
-    )
+    )  # fmt: skip
 
 
 def contours(ax):
     """The filled bands and, where they are drawn, the lines of zero."""
     sets = [artist for artist in ax.collections if isinstance(artist, QuadContourSet)]
     return [s for s in sets if s.filled], [s for s in sets if not s.filled]
-
-
-def curves(ax):
-    """Lines that have a label, by it."""
-    return {line.get_label(): line for line in ax.lines if not line.get_label().startswith("_")}
 
 
 def test_a_map_stands_the_right_way_round_and_marks_where_it_changes_sign():

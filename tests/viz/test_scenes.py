@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import math
 import sys
 from dataclasses import replace
 from typing import get_args
@@ -12,61 +11,28 @@ import numpy as np
 import pytest
 import pyvista
 from matplotlib.image import imread
+from support.boards import SHEETS, reference_board
 
 from coilarray.errors import GeometryError, MissingDependencyError, OutputError
 from coilarray.geometry import (
     CoilArray,
-    Leads,
     Placement,
     PlatedHole,
-    Sheet,
-    Spiral,
     Stackup,
-    apothem_from_size,
-    lattice,
     path_coil,
-    spiral_coil,
 )
-from coilarray.viz import board_scene, rendering_problem, save_board_picture, show_board
+from coilarray.viz import board_scene, save_board_picture, show_board
 from coilarray.viz.offscreen import NO_RENDERING
-from coilarray.viz.scenes import (
-    CoilColours,
-    Part,
-    Scale,
-    Scene,
-    Side,
-    Text,
-    draw,
-    draw_parts,
-    save_picture,
-    scene_of_board,
-)
-from coilarray.viz.scenes.board import copper_parts, recoloured, scene_of_lifted_board
-from coilarray.viz.scenes.camera import seen_from
-from coilarray.viz.scenes.draw import BAR_WIDTH, camera_of, legend_size, shown_units
-from coilarray.viz.scenes.scene import symmetric
-
-SHEETS = (Sheet("base", 6e-3), Sheet("magnetic", 2e-3, 2.7))
+from coilarray.viz.scenes.board import CoilColours, copper_parts, recoloured, scene_of_board, scene_of_lifted_board
+from coilarray.viz.scenes.camera import Side, seen_from
+from coilarray.viz.scenes.draw import BAR_WIDTH, camera_of, draw, draw_parts, legend_size, shown_units
+from coilarray.viz.scenes.pictures import save_picture
+from coilarray.viz.scenes.scene import Part, Scale, Scene, Text, symmetric
 
 
 @pytest.fixture(scope="module")
 def board():
-    spiral = Spiral(6, apothem_from_size(23e-3, 6, across="corners"), 5, 0.1e-3, 0.1e-3, first_corner=math.pi / 2)
-    coil = spiral_coil(spiral, 2, PlatedHole(0.2e-3, 0.45e-3), Leads(2e-3, 1.5e-3, PlatedHole(0.5e-3, 1e-3)))
-    points, _ = lattice("linear", 13.28e-3, 2)
-    pairs = (("L1", "L2"), ("L3", "L4"))
-    placements = tuple(Placement(f"C{i + 1}", coil, pairs[i % 2], *point) for i, point in enumerate(points.tolist()))
-    return CoilArray(Stackup(("L1", "L2", "L3", "L4"), (35e-6,) * 4, (0.215e-3,) * 3, (4.5,) * 3), placements)
-
-
-@pytest.fixture
-def plotter():
-    problem = rendering_problem()
-    if problem is not None:
-        pytest.skip(problem)
-    plotter = pyvista.Plotter(off_screen=True, window_size=(320, 180))
-    yield plotter
-    plotter.close()
+    return reference_board(count=2, turns=5)
 
 
 def legend_of(plotter):

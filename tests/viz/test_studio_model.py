@@ -21,7 +21,6 @@ from coilarray.geometry import check_rules
 from coilarray.localize.inverse import Location, Mode
 from coilarray.viz.scenes.scene import Scale
 from coilarray.viz.studio.entries import entries_of, number_of, text_of
-from coilarray.viz.studio.legend import legend_of
 from coilarray.viz.studio.numbers import (
     coil_rows,
     coupling_cells,
@@ -31,11 +30,11 @@ from coilarray.viz.studio.numbers import (
     numbers_of,
 )
 from coilarray.viz.studio.runs import front_rows, read_runs, run_folders
+from coilarray.viz.studio.scene_panel import _legend
 from coilarray.viz.studio.shelf import Shelf
 from coilarray.viz.studio.switching import first_settings, kept_settings, state_of, switched, unit_fields
-from coilarray.viz.studio.told import told, told_by_ellipses
 from coilarray.viz.studio.top_view import board_drawing, delta_bars, delta_fills, pins, top_view, touch_drawing
-from coilarray.viz.studio.touch import first_place, sensor_of, touched
+from coilarray.viz.studio.touch import crossing_line, first_place, location_lines, sensor_of, touched
 from coilarray.viz.studio.work import MOST_COILS, require_small, work_on
 
 
@@ -248,9 +247,9 @@ def test_the_papers_ellipses_meet_at_the_touch(sensor):
     assert (touch.crossing.x, touch.crossing.y) == pytest.approx((5e-3, 2e-3), abs=0.2e-3)
     for state, ellipse in touch.ellipses.items():
         assert float(ellipse.distance(5e-3, 2e-3)) == pytest.approx(0.0, abs=0.2e-3), state
-    assert "meet at x = 5.0" in told_by_ellipses(touch)
-    assert told(touch.location)[0] == "found"
-    assert told(touch.location)[1].startswith("located: x = 5.00 ± ")
+    assert "meet at x = 5.0" in crossing_line(touch)
+    assert location_lines(touch.location)[0] == "found"
+    assert location_lines(touch.location)[1].startswith("located: x = 5.00 ± ")
 
 
 def test_a_table_of_another_design_and_a_design_without_indenter_are_refused(starter, sensor):
@@ -315,13 +314,13 @@ def test_colours_and_bars_of_delta(starter):
 
 
 def test_the_legend_tells_units_and_ends():
-    from coilarray.viz.scenes import Part, Scene
+    from coilarray.viz.scenes.scene import Part, Scene
 
     scene = Scene(
         (Part("plane", None, "B", "#123456", Scale("|B| (T)", "B", "T", 1e-8, 1e-6, logarithmic=True)),),
         notes=("a note",),
     )
-    legend = legend_of(scene)
+    legend = _legend(scene)
     assert legend["groups"] == [{"name": "B", "colour": "#123456"}]
     assert legend["notes"] == ["a note"]
     (bar,) = legend["bars"]

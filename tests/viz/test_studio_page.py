@@ -303,7 +303,7 @@ def test_runs_of_an_optimisation_are_shown_and_taken_over(page, folder):
     page.click("#run-folder-box .v-field")
     page.click(".v-overlay >> text=found")
     page.wait_for_selector("#pareto")
-    assert page.inner_text("#run-told").startswith(f"{len(result.trials)} points tried")
+    assert page.inner_text("#run-summary").startswith(f"{len(result.trials)} points tried")
     assert page.locator("#front tbody tr").count() == len(result.front)
     picture(page, "runs")
     name = page.inner_text("#front tbody tr >> nth=0 >> td >> nth=0")
@@ -319,9 +319,9 @@ def test_a_board_is_watched_and_stopped(page, studio):
     before = set(studio.children())
     page.click("#tab-board")
     page.click("#start-board")
-    page.wait_for_selector("#board-told:has-text('located')")
+    page.wait_for_selector("#board-lines:has-text('located')")
     assert page.inner_text("#board-line").startswith("[emulator] emulator")
-    assert "4.00 scans/s, 0 lost" in page.inner_text("#board-told")
+    assert "4.00 scans/s, 0 lost" in page.inner_text("#board-lines")
     page.wait_for_selector("#scene :text('δ')")
     if os.environ.get(browser.ARTIFACTS):
         page.screenshot(path=os.path.join(os.environ[browser.ARTIFACTS], "studio_board.png"))  # it is never at rest
@@ -336,7 +336,7 @@ def test_a_board_is_watched_and_stopped(page, studio):
     page.wait_for_selector("#start-board")
     wait_until_gone([child])
     assert page.get_attribute("#board-view", "viewBox") != box
-    assert page.inner_text("#board-told") == ""  # it was of another board
+    assert page.inner_text("#board-lines") == ""  # it was of another board
 
 
 def test_a_report_is_written_beside_the_page_and_can_be_cancelled(page, studio, folder):

@@ -12,14 +12,14 @@ import pyvista
 from support.patience import PATIENCE
 
 from coilarray.viz.offscreen import rendering_problem
-from coilarray.viz.scenes import Part, Scene, Text, draw
-from coilarray.viz.scenes.draw import text_name
+from coilarray.viz.scenes.draw import draw, text_name
+from coilarray.viz.scenes.scene import Part, Scene, Text
 from coilarray.viz.scenes.window import add_switches
 
 XVFB = shutil.which("Xvfb")
 SEEN = """
 import pyvista
-from coilarray.viz.scenes import show
+from coilarray.viz.scenes.window import show
 from test_window import scene
 
 shown = pyvista.Plotter.show

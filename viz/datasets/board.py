@@ -22,7 +22,7 @@ def copper_mesh(parts: Mapping[str, trimesh.Trimesh], names: Sequence[str], laye
     Parameters
     ----------
     parts : mapping of str to trimesh.Trimesh
-        From `coilarray.geometry.solids.solids`, in m; the keys ``"copper/<layer>/<coil>"`` are used.
+        Solids in m from `coilarray.geometry.solids.solids`; the keys ``"copper/<layer>/<coil>"`` are used.
     names : sequence of str
         Names of the coils in order.
     layer : str
@@ -31,8 +31,8 @@ def copper_mesh(parts: Mapping[str, trimesh.Trimesh], names: Sequence[str], laye
     Returns
     -------
     pyvista.PolyData
-        In mm, with the cell array ``"coil"``: position in `names` of the coil that a triangle belongs to. Empty where
-        the layer carries no copper.
+        In mm, with the cell array ``"coil"``: index in `names` of the coil of each triangle. Empty where the layer has
+        no copper.
     """
     return merged([(parts.get(f"copper/{layer}/{name}"), index) for index, name in enumerate(names)])
 
@@ -57,12 +57,7 @@ def board_mesh(parts: Mapping[str, trimesh.Trimesh]) -> pyvista.PolyData:
 
 
 def path_lines(conductors: Sequence[Conductor]) -> pyvista.PolyData:
-    """Draw current paths as one polyline a conductor.
-
-    Returns
-    -------
-    pyvista.PolyData
-        In mm, with the cell array ``"coil"``: position of the conductor.
+    """Return current paths in mm as one polyline per conductor, with its index in the cell array ``"coil"``.
 
     Examples
     --------
@@ -76,40 +71,17 @@ def path_lines(conductors: Sequence[Conductor]) -> pyvista.PolyData:
     return mesh
 
 
-def outline_lines(outlines: Sequence[npt.ArrayLike], height: float = 0.0) -> pyvista.PolyData:
-    """Draw closed outlines, of coils for example, at a height.
-
-    Parameters
-    ----------
-    outlines : sequence of array_like, shape (n, 2)
-        Corners in m.
-    height : float
-        In m.
-
-    Returns
-    -------
-    pyvista.PolyData
-        In mm, one polyline an outline; the last point is the first one.
-    """
-    closed = []
-    for outline in outlines:
-        corners = np.asarray(outline, dtype=np.float64)
-        ring = np.vstack((corners, corners[:1]))
-        closed.append(np.column_stack((ring, np.full(len(ring), height))))
-    return polylines(closed)
-
-
 def with_coil_values(mesh: pyvista.DataSet, values: npt.ArrayLike, name: str) -> pyvista.DataSet:
     """Give every cell of a mesh the value of its coil.
 
     Parameters
     ----------
     mesh : pyvista.DataSet
-        With the cell array ``"coil"``, as from `copper_mesh`, `barrel_mesh` and `path_lines`.
+        Mesh with the cell array ``"coil"``, as from `copper_mesh`, `barrel_mesh` and `path_lines`.
     values : array_like, shape (coils,)
-        In the unit that `name` says; NaN for a coil that has none.
+        Values in the unit in `name`; NaN for a coil without a value.
     name : str
-        Of the cell array, with its unit.
+        Name of the cell array, with its unit.
 
     Returns
     -------

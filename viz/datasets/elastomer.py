@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 FloatArray = npt.NDArray[np.float64]
 
 _ANGLES, _RADII = 271, 96  # directions and circles of a dent's mesh: 1° and, near the axis, 1/9000 of its width
-_OPENED = (-math.pi / 2, math.pi)  # directions that stay when a quarter is cut out, that of the lower left
+_OPENED = (-math.pi / 2, math.pi)  # directions that stay when the quarter at the lower left is cut out
 
 
 def sheet_meshes(
@@ -32,11 +32,10 @@ def sheet_meshes(
     Parameters
     ----------
     parts : mapping of str to trimesh.Trimesh
-        As in `copper_mesh`; the keys ``"sheet/<name>"`` are used.
-    lift : float
-        For an exploded view: height in m by which the lowest sheet is raised above the board.
-    spread : float
-        Height in m by which every further sheet is raised above the one below it.
+        Solids as in `copper_mesh`; the keys ``"sheet/<name>"`` are used.
+    lift, spread : float
+        Heights in m, for an exploded view: of the lowest sheet above the board, and of every other sheet above the one
+        below it.
     """
     solids = {key.removeprefix("sheet/"): solid for key, solid in parts.items() if key.startswith("sheet/")}
     in_order = sorted(solids, key=lambda name: float(solids[name].bounds[0, 2]))
@@ -47,20 +46,13 @@ def sheet_meshes(
 
 
 def indenter_outline(indenter: Indenter, height: float) -> tuple[FloatArray, FloatArray]:
-    """Return the outline of an indenter from its tip up to a height, as seen from the side.
-
-    Parameters
-    ----------
-    indenter : Indenter
-        The body.
-    height : float
-        In m above the tip.
+    """Return the outline of an indenter from its tip up to a height in m above it, as seen from the side.
 
     Returns
     -------
     r, z : ndarray, shape (n,)
-        Radius, or half the width, and height above the tip in m; the first point is the tip. Above its reach an
-        indenter goes on as a rod.
+        Radius, or half the width, and height above the tip in m; the first point is the tip. Above its own shape an
+        indenter continues as a rod.
 
     Examples
     --------
@@ -75,14 +67,6 @@ def indenter_outline(indenter: Indenter, height: float) -> tuple[FloatArray, Flo
     return np.r_[0.0, r], np.r_[0.0, z]
 
 
-def at_depth(indentation: xr.Dataset, depth: int) -> xr.Dataset:
-    """Return one depth of a dataset by its position; ValueError where there is none."""
-    count = indentation.sizes["depth"]
-    if not -count <= depth < count:
-        raise ValueError(f"depth must be the position of one of {count} depths; got {depth}.")
-    return indentation.isel(depth=depth)
-
-
 def dented_sheet_meshes(
     indentation: xr.Dataset,
     sheets: Sequence[Sheet],
@@ -94,25 +78,25 @@ def dented_sheet_meshes(
     Parameters
     ----------
     indentation : xarray.Dataset
-        One depth of what `coilarray.elastomer.indent` returns: ``displacement_r`` and ``displacement_z``
+        One depth of the result of `coilarray.elastomer.indent`: ``displacement_r`` and ``displacement_z``
         (interface, r) in m.
     sheets : sequence of Sheet
-        From the board upwards, as they were indented.
+        Indented sheets from the board upwards.
     centre : tuple of float
         x and y of the indenter in m.
     extent : tuple of float
-        x_min, y_min, x_max, y_max in m of the rectangle of flat sheet that is shown; a finite sample ends where it
-        ends.
+        x_min, y_min, x_max, y_max in m of the rectangle of flat sheet that is shown; a finite sample ends at its own
+        edge.
 
     Returns
     -------
     dict of str to pyvista.PolyData
-        In mm, closed, z = 0 at the board.
+        Closed surfaces in mm, z = 0 at the board.
 
     Raises
     ------
     ValueError
-        Another number of interfaces than of sheets and one, or a centre that is not inside the extent.
+        If the number of interfaces is not that of the sheets plus one, or the centre is not inside the extent.
     """
     if indentation.sizes["interface"] != len(sheets) + 1:
         raise ValueError(
@@ -134,28 +118,23 @@ def indenter_mesh(
     extent: tuple[float, float, float, float],
     height: float,
 ) -> pyvista.PolyData:
-    """Return the surface of an indenter up to a height above its tip, cut open as in `dented_sheet_meshes`.
+    """Return the closed surface in mm of an indenter, cut open as in `dented_sheet_meshes`.
 
     Parameters
     ----------
     indenter : Indenter
-        The body.
+        Body that is drawn.
     tip : float
         Height in m of its tip above the board.
     centre, extent
         As in `dented_sheet_meshes`; a cylinder goes from end to end of the extent.
     height : float
-        In m above the tip.
-
-    Returns
-    -------
-    pyvista.PolyData
-        In mm, closed.
+        Height of the body above its tip in m.
 
     Raises
     ------
     ValueError
-        A centre that is not inside the extent.
+        If the centre is not inside the extent.
     """
     plane, end = indenter.symmetry == "plane", indenter.radius_at(height)
     angles, lengths = _rays(centre, extent, end, plane=plane)
@@ -174,9 +153,9 @@ def indenter_mesh(
 def _rays(
     centre: tuple[float, float], extent: tuple[float, float, float, float], end: float, *, plane: bool
 ) -> tuple[FloatArray, FloatArray]:
-    """Directions over three quarters, those of corners among them, and the length of each ray in m.
+    """Return directions over three quarters, those of corners among them, and the length of each ray in m.
 
-    Rays go to the edge of the extent, or to where the body ends: at the radius `end` or, plane, at that |x|.
+    Rays end at the edge of the extent or of the body: at the radius `end` or, where it is plane, at that |x|.
     """
     (x, y), (x_min, y_min, x_max, y_max) = centre, extent
     if not (x_min < x < x_max and y_min < y < y_max):
@@ -195,7 +174,7 @@ def _rays(
 def _displaced(
     angles: FloatArray, radii: FloatArray, centre: tuple[float, float], face: xr.Dataset, *, plane: bool
 ) -> FloatArray:
-    """Points in m, shape (angles, radii, 3), of one interface of one depth, displaced."""
+    """Return the displaced points in m, shape (angles, radii, 3), of one interface of one depth."""
     x, y = radii * np.cos(angles)[:, None], radii * np.sin(angles)[:, None]
     distance = np.abs(x) if plane else radii
     outwards, upwards = (

@@ -1,4 +1,4 @@
-"""The flux density on grids, as arrows, as lines and as surfaces of equal amount."""
+"""The flux density on grids, as arrows, as lines and as surfaces of equal magnitude."""
 
 from __future__ import annotations
 
@@ -17,30 +17,30 @@ if TYPE_CHECKING:
     import xarray as xr
 
 FIELD, AMOUNT = "B (T)", "|B| (T)"
-"""Names of the point arrays: the vectors and their amounts."""
+"""Names of the point arrays: the vectors and their magnitudes."""
 
 MOST_MEMORY = 1e9
-"""Bytes that a field for a picture may ask for."""
+"""Largest memory of a field for a picture, in bytes."""
 
-_BYTES_A_POINT = 220.0  # measured at the most: 110 in a box, 170 to 220 on planes, which are drawn
-_LONGEST_LINE = 8.0  # in diagonals of the grid
-_LINE_STEP = 0.25  # of a cell, between points of a line
+_BYTES_A_POINT = 220.0  # measured maximum: 110 in a box, 170 to 220 on planes, which are drawn
+_LONGEST_LINE = 8.0  # length in diagonals of the grid
+_LINE_STEP = 0.25  # distance between points of a line, in cells
 
 
 def require_memory(points: int, what: str) -> None:
-    """Refuse a field that would ask for more than `MOST_MEMORY`.
+    """Refuse a field that would need more than `MOST_MEMORY`.
 
     Parameters
     ----------
     points : int
-        How many the grid has.
+        Number of points of the grid.
     what : str
-        The option or argument that made them, with its value.
+        Option or argument that determines it, with its value.
 
     Raises
     ------
     GeometryError
-        Too many points: one line with the memory that they need.
+        If there are too many points, with the memory that they need.
 
     Examples
     --------
@@ -67,9 +67,9 @@ def field_grid(
     x, y, z : array_like, shapes (nx,), (ny,), (nz,)
         Ascending coordinates in m; one value makes a plane.
     field : array_like, shape (nx, ny, nz, 3)
-        Vectors in the unit that `name` says.
+        Vectors in the unit in `name`.
     name : str
-        Name of the array of points, with its unit.
+        Name of the point array, with its unit.
 
     Returns
     -------
@@ -79,7 +79,7 @@ def field_grid(
     Raises
     ------
     ValueError
-        Coordinates that do not ascend, or a field of another shape.
+        If coordinates do not ascend, or the field has another shape.
 
     Examples
     --------
@@ -107,25 +107,30 @@ def flux_density(field: xr.Dataset) -> pyvista.RectilinearGrid:
     Parameters
     ----------
     field : xarray.Dataset
-        ``B`` in T over (x, y, z, component), in phase with the current.
+        Field with ``B`` in T over (x, y, z, component), in phase with the current.
 
     Returns
     -------
     pyvista.RectilinearGrid
         In mm, with the point arrays ``"B (T)"`` and ``"|B| (T)"``.
     """
-    grid = field_grid(field.x.values, field.y.values, field.z.values, field.B.values)
+    return flux_grid(field.x.values, field.y.values, field.z.values, field.B.values)
+
+
+def flux_grid(x: npt.ArrayLike, y: npt.ArrayLike, z: npt.ArrayLike, B: npt.ArrayLike) -> pyvista.RectilinearGrid:
+    """Put B in T on a grid as `field_grid` does, with its magnitude as a second point array."""
+    grid = field_grid(x, y, z, B)
     grid.point_data[AMOUNT] = np.linalg.norm(grid.point_data[FIELD], axis=1)
     return grid
 
 
 def field_arrows(grid: pyvista.RectilinearGrid, spacing: float) -> pyvista.PolyData:
-    """Draw arrows along B at some of the points of a grid, each in the middle of its arrow.
+    """Return arrows along B at some of the points of a grid, each point in the middle of its arrow.
 
     Parameters
     ----------
     grid : pyvista.RectilinearGrid
-        As `flux_density` makes it, of a plane for example.
+        Plane or box from `flux_density`.
     spacing : float
         Least distance of the arrows along each axis in m.
 
@@ -133,7 +138,7 @@ def field_arrows(grid: pyvista.RectilinearGrid, spacing: float) -> pyvista.PolyD
     -------
     pyvista.PolyData
         In mm, one after the other, with the point arrays of the grid. The length of an arrow is the spacing times the
-        square root of |B| over the largest of those drawn: they stay visible where the field is weak.
+        square root of |B| over its maximum, so that arrows are visible where the field is weak.
     """
     import pyvista
 
@@ -146,13 +151,9 @@ def field_arrows(grid: pyvista.RectilinearGrid, spacing: float) -> pyvista.PolyD
     at.point_data[FIELD] = vectors
     at.point_data["size"] = np.sqrt(amount / max(float(amount.max()), np.finfo(float).tiny))
     arrow = pyvista.Arrow(
-        start=(-0.5, 0.0, 0.0),
-        tip_length=0.35,
-        tip_radius=0.14,
-        shaft_radius=0.05,
-        tip_resolution=12,
+        start=(-0.5, 0.0, 0.0), tip_length=0.35, tip_radius=0.14, shaft_radius=0.05, tip_resolution=12,
         shaft_resolution=8,
-    )
+    )  # fmt: skip
     arrows: pyvista.PolyData = at.glyph(orient=FIELD, scale="size", factor=spacing * MM_PER_M, geom=arrow)
     arrows.clear_data()
     arrows.point_data[FIELD] = np.repeat(vectors, arrow.n_points, axis=0)
@@ -161,20 +162,20 @@ def field_arrows(grid: pyvista.RectilinearGrid, spacing: float) -> pyvista.PolyD
 
 
 def field_lines(grid: pyvista.RectilinearGrid, seeds: npt.ArrayLike) -> pyvista.PolyData:
-    """Follow B both ways from some points, until a line leaves the grid or has gone round once.
+    """Follow B in both directions from some points, until a line leaves the grid or has turned once around.
 
     Parameters
     ----------
     grid : pyvista.RectilinearGrid
-        A box, as `flux_density` makes it.
+        Box from `flux_density`.
     seeds : array_like, shape (n, 3)
-        In m, inside the grid.
+        Points in m inside the grid.
 
     Returns
     -------
     pyvista.PolyData
-        In mm; one polyline a seed with the point array ``"|B| (T)"``, a line that has gone round from its seed on.
-        Empty where there is no field.
+        In mm; one polyline per seed with the point array ``"|B| (T)"``; a closed line begins at its seed. Empty where
+        there is no field.
     """
     import pyvista
 
@@ -203,14 +204,14 @@ def field_surfaces(grid: pyvista.RectilinearGrid, levels: Sequence[float]) -> py
     Parameters
     ----------
     grid : pyvista.RectilinearGrid
-        A box, as `flux_density` makes it.
+        Box from `flux_density`.
     levels : sequence of float
-        In T.
+        Values of |B| in T.
 
     Returns
     -------
     pyvista.PolyData
-        In mm, with the point array ``"|B| (T)"``: the level of each point. Empty where no level is met.
+        In mm, with the point array ``"|B| (T)"``: the level of each point. Empty where no level is reached.
     """
     surfaces: pyvista.PolyData = grid.contour(list(levels), scalars=AMOUNT, compute_normals=True)
     for name in set(surfaces.point_data.keys()) - {AMOUNT, "Normals"}:
@@ -219,7 +220,7 @@ def field_surfaces(grid: pyvista.RectilinearGrid, levels: Sequence[float]) -> py
 
 
 def _thinned(axis: npt.NDArray[np.float64], distance: float) -> list[int]:
-    """Places of an ascending axis that are at least a distance apart, as centred as they go."""
+    """Return indices of an ascending axis whose values are at least a distance apart, centred as far as possible."""
     step = 1
     if len(axis) > 1:
         step = max(1, math.ceil(distance / float(np.diff(axis).min()) * (1 - 1e-9)))
@@ -234,34 +235,21 @@ _NOWHERE: _Line = (np.empty((0, 3)), np.empty(0))
 def _followed(
     grid: pyvista.RectilinearGrid, seeds: npt.NDArray[np.float64], way: Literal["forward", "backward"]
 ) -> dict[int, _Line]:
-    """Points in mm, shape (m, 3), and |B| in T of the line from every seed one way."""
+    """Return points in mm, shape (m, 3), and |B| in T of the line from every seed in one direction."""
     import pyvista
 
     found = grid.streamlines_from_source(
-        pyvista.PolyData(seeds * MM_PER_M),
-        vectors=FIELD,
-        integration_direction=way,
-        integrator_type=4,
-        step_unit="cl",
-        initial_step_length=_LINE_STEP,
-        max_length=_LONGEST_LINE * float(grid.length),
-        max_steps=20_000,
-        terminal_speed=0.0,
-        compute_vorticity=False,
-    )
-    lines = {}
-    for k in range(found.n_cells):
-        at = found.get_cell(k).point_ids
-        if len(at) > 1:
-            lines[int(found.cell_data["SeedIds"][k])] = (
-                np.asarray(found.points, dtype=np.float64)[at],
-                np.asarray(found.point_data[AMOUNT])[at],
-            )
-    return lines
+        pyvista.PolyData(seeds * MM_PER_M), vectors=FIELD, integration_direction=way, integrator_type=4, step_unit="cl",
+        initial_step_length=_LINE_STEP, max_length=_LONGEST_LINE * float(grid.length), max_steps=20_000,
+        terminal_speed=0.0, compute_vorticity=False,
+    )  # fmt: skip
+    points, amounts = np.asarray(found.points, dtype=np.float64), np.asarray(found.point_data[AMOUNT])
+    cells = {int(seed): found.get_cell(k).point_ids for k, seed in enumerate(found.cell_data["SeedIds"])}
+    return {seed: (points[at], amounts[at]) for seed, at in cells.items() if len(at) > 1}
 
 
 def _turned(line: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Angle in rad by which a line has turned after each of its corners."""
+    """Return the angle in rad by which a line has turned after each of its corners."""
     steps = np.diff(line, axis=0)
     steps = steps / np.maximum(np.linalg.norm(steps, axis=1, keepdims=True), np.finfo(float).tiny)
     return np.asarray(np.cumsum(np.arccos(np.clip((steps[1:] * steps[:-1]).sum(axis=1), -1.0, 1.0))))
@@ -272,7 +260,7 @@ def _gone_round(line: npt.NDArray[np.float64]) -> bool:
 
 
 def _first_round(line: npt.NDArray[np.float64]) -> int:
-    """Count the points until a line has gone round; all where it has not."""
+    """Count the points until a line has turned once around; all of them where it has not."""
     if not _gone_round(line):
         return len(line)
     return int(np.searchsorted(_turned(line), 2 * np.pi)) + 2

@@ -16,14 +16,14 @@ MM_PER_M = 1e3
 
 
 def triangles(points: npt.NDArray[np.float64], faces: npt.NDArray[np.integer]) -> pyvista.PolyData:
-    """Triangles in mm from points in m, shape (n, 3), and their numbers, shape (m, 3)."""
+    """Return triangles in mm from points in m, shape (n, 3), and the indices of their corners, shape (m, 3)."""
     import pyvista
 
     return pyvista.PolyData(points * MM_PER_M, faces=np.insert(faces, 0, 3, axis=1).ravel())
 
 
 def polylines(points: Sequence[npt.NDArray[np.float64]]) -> pyvista.PolyData:
-    """One polyline in mm for each array of points in m, shape (n, 3)."""
+    """Return one polyline in mm for each array of points in m, shape (n, 3)."""
     import pyvista
 
     counts = [len(line) for line in points]
@@ -38,7 +38,7 @@ def solid_mesh(solid: trimesh.Trimesh) -> pyvista.PolyData:
 
 
 def surface_of(mesh: pyvista.DataSet) -> pyvista.PolyData:
-    """Return the surface of a grid with its arrays; a surface itself as it is."""
+    """Return the surface of a grid with its arrays, and a surface unchanged."""
     import pyvista
     from vtkmodules.vtkFiltersGeometry import vtkGeometryFilter
 
@@ -51,26 +51,14 @@ def surface_of(mesh: pyvista.DataSet) -> pyvista.PolyData:
 
 
 def merged(solids: Sequence[tuple[trimesh.Trimesh | None, int]]) -> pyvista.PolyData:
-    """Join into one surface in mm several solids in m.
-
-    Parameters
-    ----------
-    solids : sequence of (trimesh.Trimesh or None, int)
-        Each with the number that its triangles get in the cell array ``"coil"``; None is left out.
-    """
+    """Join solids in m into one surface in mm, each with the value of its cells in ``"coil"``; None is left out."""
     import pyvista
 
-    points, faces, numbers = [], [], []
-    offset = 0
-    for solid, number in solids:
-        if solid is None:
-            continue
-        points.append(np.asarray(solid.vertices))
-        faces.append(np.asarray(solid.faces) + offset)
-        numbers.append(np.full(len(solid.faces), number))
-        offset += len(solid.vertices)
-    if not numbers:
+    present = [(solid, number) for solid, number in solids if solid is not None]
+    if not present:
         return pyvista.PolyData()
-    mesh = triangles(np.vstack(points), np.vstack(faces))
-    mesh.cell_data["coil"] = np.concatenate(numbers)
+    starts = np.cumsum([0, *(len(solid.vertices) for solid, _ in present)])
+    faces = [np.asarray(solid.faces) + start for (solid, _), start in zip(present, starts, strict=False)]
+    mesh = triangles(np.vstack([np.asarray(solid.vertices) for solid, _ in present]), np.vstack(faces))
+    mesh.cell_data["coil"] = np.concatenate([np.full(len(solid.faces), number) for solid, number in present])
     return mesh

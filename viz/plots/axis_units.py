@@ -1,4 +1,4 @@
-"""From SI to the numbers on an axis: one factor, and its prefix in the unit of the label.
+"""Units of axes: the factor from SI to the numbers on an axis, and the prefixed unit in its label.
 
 A label reads ``inductance (µH)`` and the ticks are plain numbers, on logarithmic axes too; no tick carries a unit.
 """
@@ -7,11 +7,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 from matplotlib.axis import Axis
 from matplotlib.ticker import EngFormatter, FuncFormatter, LogLocator, NullFormatter
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -22,31 +26,35 @@ _MINUS = "\u2212"  # as wide as a plus, like the numbers on the axes
 
 @dataclass(frozen=True)
 class AxisUnit:
-    """What an axis shows its values in.
+    """Unit of an axis.
 
     Parameters
     ----------
     factor : float
-        From SI to the numbers on the axis.
+        Factor from SI to the numbers on the axis.
     symbol : str
-        The unit with its prefix, as "µH", or a power of ten; empty for plain numbers.
+        Unit with its prefix, as "µH", or a power of ten; empty for plain numbers.
 
     Examples
     --------
-    >>> MM.label("x"), MM.of([0.0, 13.28e-3]).tolist()
-    ('x (mm)', [0.0, 13.28])
+    >>> MM.label("x"), MM.of([0.0, 13.28e-3]).tolist(), MM.text(13.28e-3)
+    ('x (mm)', [0.0, 13.28], '13.28 mm')
     """
 
     factor: float
     symbol: str
 
     def of(self, values: npt.ArrayLike) -> FloatArray:
-        """Numbers on the axis for values in SI."""
+        """Return the numbers on the axis for values in SI."""
         return np.asarray(values, dtype=np.float64) * self.factor
 
     def label(self, quantity: str) -> str:
-        """Text of the axis: the quantity, and the unit in brackets where there is one."""
+        """Return the text of the axis: the quantity, and the unit in brackets where there is one."""
         return f"{quantity} ({self.symbol})" if self.symbol else quantity
+
+    def text(self, value: float | xr.DataArray, digits: str = "") -> str:
+        """Return a value in SI as a number with its unit; `digits` is a precision as in ``".3"``."""
+        return f"{float(value) * self.factor:{digits}g} {self.symbol}".rstrip()
 
 
 MM = AxisUnit(1e3, "mm")
@@ -57,20 +65,16 @@ PLAIN = AxisUnit(1.0, "")
 """Numbers as they are."""
 
 
-def axis_unit(values: npt.ArrayLike, unit: str) -> AxisUnit:
+def axis_unit(values: npt.ArrayLike | xr.DataArray, unit: str | None = None) -> AxisUnit:
     """Choose the prefix that brings the largest of the values between 1 and 1000.
 
     Parameters
     ----------
     values : array_like
-        In `unit`; what is not finite does not count.
-    unit : str
-        Without a prefix, as in the attributes of a dataset: "H", "ohm". Of a pure number, "" or "1", the power of ten
-        is written out.
-
-    Returns
-    -------
-    AxisUnit
+        Values in `unit`; those that are not finite are ignored.
+    unit : str, optional
+        SI unit without a prefix: "H", "ohm". For a pure number, "" or "1", the power of ten is written out. By default
+        the unit in the attributes of `values`.
 
     Examples
     --------
@@ -79,7 +83,8 @@ def axis_unit(values: npt.ArrayLike, unit: str) -> AxisUnit:
     >>> axis_unit([7.9e-4], "1").label("δ"), axis_unit([19.5], "ohm").label("R")
     ('δ (10⁻⁶)', 'R (Ω)')
     """
-    symbol = _SYMBOLS.get(unit, unit)
+    named = str(getattr(values, "attrs", {}).get("units", "1")) if unit is None else unit
+    symbol = _SYMBOLS.get(named, named)
     array = np.asarray(values, dtype=np.float64)
     factor, prefixed = _prefixed(array[np.isfinite(array)], symbol)
     if symbol:
@@ -89,7 +94,7 @@ def axis_unit(values: npt.ArrayLike, unit: str) -> AxisUnit:
 
 
 def _prefixed(values: FloatArray, unit: str) -> tuple[float, str]:
-    """Factor and unit with an SI prefix that bring the largest of the values between 1 and 1000."""
+    """Return the factor and the unit with an SI prefix that bring the largest of the values between 1 and 1000."""
     largest = float(np.abs(values).max(initial=0.0))
     if largest == 0.0 or not math.isfinite(largest):
         return 1.0, unit
@@ -99,7 +104,7 @@ def _prefixed(values: FloatArray, unit: str) -> tuple[float, str]:
 
 
 def number_text(number: float, digits: int) -> str:
-    """Text of a number with a true minus sign, and none before a zero.
+    """Return a number as text with a true minus sign, and none before a zero.
 
     Examples
     --------

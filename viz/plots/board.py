@@ -14,7 +14,7 @@ from coilarray.geometry.array import CoilArray
 from coilarray.geometry.copper import Drill, board_outline, copper_features, drills
 from coilarray.viz.palette import COILS, INK, LAYERS, cycled
 from coilarray.viz.plots.axis_units import MM
-from coilarray.viz.plots.style import figure_size, new_axes, plan_axes, styled
+from coilarray.viz.plots.style import figure_size, legend_above, new_axes, plan_axes, styled, write_name
 
 _TRANSLUCENT = 0.6
 
@@ -26,16 +26,16 @@ def plot_copper(array: CoilArray, layer: str, ax: Axes | None = None) -> Axes:
     Parameters
     ----------
     array : CoilArray
-        The board.
+        Board that is drawn.
     layer : str
         Name of the copper layer.
     ax : Axes, optional
-        Where to draw.
+        Axes to draw into, in mm.
 
     Raises
     ------
     GeometryError
-        A layer that the board does not have.
+        If the board has no such layer.
 
     Examples
     --------
@@ -64,9 +64,9 @@ def plot_board(array: CoilArray, ax: Axes | None = None) -> Axes:
     Parameters
     ----------
     array : CoilArray
-        The board.
+        Board that is drawn.
     ax : Axes, optional
-        Where to draw; in mm.
+        Axes to draw into, in mm.
 
     Examples
     --------
@@ -84,8 +84,7 @@ def plot_board(array: CoilArray, ax: Axes | None = None) -> Axes:
                 ax.add_artist(_patch(feature.shape, facecolor=colours[layer], linewidth=0, alpha=_TRANSLUCENT))
     _draw_holes(ax, drills(array))
     for name, (x, y) in zip(array.names, MM.of(array.centres), strict=True):
-        box = {"boxstyle": "round,pad=0.2", "facecolor": "white", "alpha": 0.8, "linewidth": 0}
-        ax.text(x, y, name, ha="center", va="center", weight="bold", bbox=box)
+        write_name(ax, x, y, name, weight="bold")
     _legend(ax, {f"copper {layer}": colour for layer, colour in colours.items()}, _TRANSLUCENT)
     _finish_board(ax, array, "Board from above")
     return ax
@@ -97,16 +96,13 @@ def _board_axes(array: CoilArray) -> Axes:
 
 
 def _draw_holes(ax: Axes, holes: tuple[Drill, ...]) -> None:
-    circles = [
-        Circle((drill.x * MM.factor, drill.y * MM.factor), drill.diameter / 2 * MM.factor)
-        for drill in holes
-        if drill.drilled
-    ]
+    places = [(MM.of((hole.x, hole.y)), hole.diameter / 2 * MM.factor) for hole in holes if hole.drilled]
+    circles = [Circle((x, y), radius) for (x, y), radius in places]
     ax.add_collection(PatchCollection(circles, facecolor="white", edgecolor=INK, linewidth=0.3))
 
 
 def _patch(shape: shapely.Polygon, **look: object) -> PathPatch:
-    """One patch in mm of a polygon in m, holes left open."""
+    """Return one patch in mm of a polygon in m, holes left open."""
     rings = [shape.exterior, *shape.interiors]
     signs = [1, *[-1] * len(shape.interiors)]  # holes run the other way round, so that they stay open
     paths = [
@@ -121,21 +117,10 @@ def _finish_board(ax: Axes, array: CoilArray, title: str) -> None:
     ax.add_patch(_patch(outline, facecolor="none", edgecolor=INK, linewidth=1.0))
     x_min, y_min, x_max, y_max = MM.of(outline.bounds).tolist()
     rim = 0.02 * (x_max - x_min + y_max - y_min)
-    ax.set_xlim(x_min - rim, x_max + rim)
-    ax.set_ylim(y_min - rim, y_max + rim)
+    ax.set(xlim=(x_min - rim, x_max + rim), ylim=(y_min - rim, y_max + rim), title=title)
     plan_axes(ax)
-    ax.set_title(title)
 
 
 def _legend(ax: Axes, colours: Mapping[str, str], alpha: float) -> None:
-    """Legend above the axes at the right, where it hides no copper."""
     handles = [Patch(color=colour, label=text, alpha=alpha, linewidth=0) for text, colour in colours.items()]
-    ax.legend(
-        handles=handles,
-        loc="lower right",
-        bbox_to_anchor=(1.0, 1.0),
-        ncols=min(len(handles), 6),
-        borderaxespad=0.2,
-        handlelength=1.0,
-        columnspacing=1.0,
-    )
+    legend_above(ax, min(len(handles), 6), handles=handles, handlelength=1.0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from matplotlib import patheffects
 from matplotlib.axes import Axes
@@ -14,7 +15,7 @@ from matplotlib.ticker import MaxNLocator
 from coilarray.geometry.array import CoilArray
 from coilarray.geometry.rules import Margin
 from coilarray.viz.palette import INK
-from coilarray.viz.plots.axis_units import MM, true_minus
+from coilarray.viz.plots.axis_units import MM, PLAIN, true_minus
 from coilarray.viz.plots.board import plot_copper
 from coilarray.viz.plots.style import figure_size, styled
 
@@ -26,7 +27,7 @@ _BROKEN = "#B00020"
 
 @dataclass(frozen=True)
 class _Mark:
-    """A circle on one layer: the numbers of the margins there, and the worst of them."""
+    """A circle on one layer, the numbers of the margins there, and the worst of them."""
 
     numbers: tuple[int, ...]
     worst: Margin
@@ -41,15 +42,15 @@ def check_figure(array: CoilArray, margins: Sequence[Margin]) -> Figure:
     Parameters
     ----------
     array : CoilArray
-        The board.
+        Board that is drawn.
     margins : sequence of Margin
-        What to mark, in the order of a table: the k-th has the number k, the worst come first. Those without a place
-        are left out. Places close together share a circle, which is red where the first of them is broken.
+        Margins to mark, the worst first: the k-th has the number k, as in a table. Those without a place are left out.
+        Places close together share a circle, which is red where the first of them is broken.
 
     Returns
     -------
     Figure
-        One row a layer: its whole copper, and beside it the enlarged place of its mark with the lowest number.
+        One row per layer: all its copper, and beside it the place of its mark with the lowest number enlarged.
     """
     layers = array.stackup.names
     marks = {layer: _marks(array, layer, margins) for layer in layers}
@@ -86,26 +87,11 @@ def _marks(array: CoilArray, layer: str, margins: Sequence[Margin]) -> list[_Mar
 def _circle(ax: Axes, mark: _Mark) -> None:
     colour = INK if mark.worst.kept else _BROKEN
     halo = [patheffects.withStroke(linewidth=3.5, foreground="white")]
-    ax.plot(
-        mark.x * MM.factor,
-        mark.y * MM.factor,
-        "o",
-        ms=12,
-        mfc="none",
-        mec=colour,
-        mew=1.6,
-        path_effects=halo,
-        gid=_label(mark),
-    )
-    ax.annotate(
-        _label(mark),
-        (mark.x * MM.factor, mark.y * MM.factor),
-        xytext=(8, 8),
-        textcoords="offset points",
-        color=colour,
-        weight="bold",
-        path_effects=halo,
-    )
+    x, y = MM.of((mark.x, mark.y)).tolist()
+    circle: dict[str, Any] = {"ms": 12, "mfc": "none", "mec": colour, "mew": 1.6}
+    ax.plot(x, y, "o", path_effects=halo, gid=_label(mark), **circle)
+    letters: dict[str, Any] = {"xytext": (8, 8), "textcoords": "offset points", "color": colour, "weight": "bold"}
+    ax.annotate(_label(mark), (x, y), path_effects=halo, **letters)
 
 
 def _label(mark: _Mark) -> str:
@@ -125,15 +111,13 @@ def _enlarge(ax: Axes, mark: _Mark) -> None:
     lengths = (worst.value, worst.limit) if worst.unit == "m" else (0.0,)
     half = max(_VIEW * max(lengths), _LEAST_VIEW) / 2 * MM.factor
     _circle(ax, mark)
-    ax.set_xlim(mark.x * MM.factor - half, mark.x * MM.factor + half)
-    ax.set_ylim(mark.y * MM.factor - half, mark.y * MM.factor + half)
+    x, y = MM.of((mark.x, mark.y)).tolist()
+    ax.set(xlim=(x - half, x + half), ylim=(y - half, y + half))
     ax.xaxis.set_major_locator(MaxNLocator(4))  # the labels are long
     legend = ax.get_legend()
     if legend is not None:
         legend.remove()
-    value, limit = (
-        f"{number * MM.factor:.4g} mm" if worst.unit == "m" else f"{number:.4g}"
-        for number in (worst.value, worst.limit)
-    )
+    unit = MM if worst.unit == "m" else PLAIN
+    value, limit = (unit.text(number, ".4") for number in (worst.value, worst.limit))
     title = f"{mark.numbers[0]}: {worst.rule} of {worst.feature},\n{value}, limit {limit}"
     ax.set_title(true_minus(title))

@@ -1,4 +1,4 @@
-"""Flat figures of a comparison of two responses: what remains between them, reading against reading, and x0 of both."""
+"""Flat figures of a comparison of two responses: their difference, reading against reading, and x0 of both."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
-from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 
-from coilarray.viz.palette import BLUE, COILS, DIVERGING, GREY, VERMILLION, cycled
-from coilarray.viz.plots.axis_units import MILLI_DELTA, MM, AxisUnit, axis_unit, true_minus
+from coilarray.viz.datasets.overlays import of_state
+from coilarray.viz.palette import BLUE, COILS, GREY, VERMILLION, cycled
+from coilarray.viz.plots.axis_units import MILLI_DELTA, MM, axis_unit, true_minus
 from coilarray.viz.plots.style import (
     colour_bar,
     faint_grid,
     figure_size,
-    finish_map,
     largest,
     legend_beside,
     new_axes,
+    signed_map,
     styled,
 )
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 FloatArray = npt.NDArray[np.float64]
 
 MOST_STATES = 6
-"""States that `comparison_figure` shows at most."""
+"""Largest number of states in `comparison_figure`."""
 
 _SIGMAS = 2.0  # of the band around x0
 _STAGES: dict[Literal["before", "after"], str] = {"before": "as simulated", "after": "scaled and shifted"}
@@ -56,22 +56,22 @@ def plot_residual(
     Parameters
     ----------
     comparison : xarray.Dataset
-        As `coilarray.localize.comparison.compare_responses` returns it; at least two x and two y.
+        Result of `coilarray.localize.comparison.compare_responses`, with at least two x and two y.
     state : str
-        Which state.
+        Name of the state.
     depth : int
-        Position of the depth in the dataset.
+        Index of the depth in the dataset.
     stage : {"before", "after"}
         Simulated map as it is, or scaled and shifted onto the measured one.
     ax : Axes, optional
-        Where to draw; in mm.
+        Axes to draw into, in mm.
     outlines : sequence of array_like, each of shape (m, 2)
         Corners of the coils in m from the same origin as x and y, first point not repeated.
 
     Raises
     ------
     ValueError
-        A state that the dataset does not have, or a map of a single row.
+        If the dataset has no such state, or the map has a single row.
 
     Examples
     --------
@@ -85,28 +85,30 @@ def plot_residual(
     >>> ax.get_title(loc="left"), ax.child_axes[0].get_ylabel()
     ('Measured less simulated coil1, scaled and shifted', 'δ (10⁻⁶)')
     """
-    of = _of(comparison, state, depth)
+    of = of_state(comparison.isel(depth=depth), state)
     if min(of.sizes["x"], of.sizes["y"]) < 2:
         raise ValueError(f"a map must have at least two x and two y; got {of.sizes['x']} and {of.sizes['y']}.")
     ax = ax or new_axes(*figure_size(float(np.ptp(of.x.values)), float(np.ptp(of.y.values))))
-    shown = _unit_of_residuals(of)
-    colour_bar(ax, _draw_residual(ax, of, stage, shown, outlines), shown.label("δ"))
+    both = _residuals(of)
+    shown = axis_unit(both, "1")
+    mesh = signed_map(ax, of, shown.of(both[list(_STAGES).index(stage)]), outlines, largest(shown.of(both)))
+    colour_bar(ax, mesh, shown.label("δ"))
     ax.set_title(f"Measured less simulated {state}, {_STAGES[stage]}")
     return ax
 
 
 @styled
 def plot_readings(comparison: xr.Dataset, depth: int = 0, ax: Axes | None = None) -> Axes:
-    """Draw measured over simulated δ of every state, a dot a position, with the line of equality.
+    """Draw measured over simulated δ of every state, one dot per position, with the line of equality.
 
     Parameters
     ----------
     comparison : xarray.Dataset
         As in `plot_residual`.
     depth : int
-        Position of the depth in the dataset.
+        Index of the depth in the dataset.
     ax : Axes, optional
-        Where to draw; 10⁻³ over 10⁻³.
+        Axes to draw into; both have the unit 10⁻³.
 
     Examples
     --------
@@ -140,28 +142,27 @@ def plot_readings(comparison: xr.Dataset, depth: int = 0, ax: Axes | None = None
         span = np.array([all_ends.min(), all_ends.max()])
         ax.plot(span, span, color=GREY, linewidth=0.8, zorder=0)
     faint_grid(ax)
-    ax.set_xlabel(MILLI_DELTA.label("simulated δ"))
-    ax.set_ylabel(MILLI_DELTA.label("measured δ"))
-    ax.set_title(f"Readings, {_depth_text(comparison, depth)} deep")
+    ax.set(xlabel=MILLI_DELTA.label("simulated δ"), ylabel=MILLI_DELTA.label("measured δ"))
+    ax.set_title(f"Readings, {MM.text(at.depth)} deep")
     legend_beside(ax, math.ceil(len(names) / 16))
     return ax
 
 
 @styled
 def plot_centres(comparison: xr.Dataset, state: str, depth: int = 0, ax: Axes | None = None) -> Axes:
-    """Draw x0 of the ellipses of one state over δ, measured and simulated; a band of two standard deviations.
+    """Draw x0 of the ellipses of one state over δ, measured and simulated, with bands of two standard deviations.
 
     Parameters
     ----------
     comparison, state, depth
         As in `plot_residual`.
     ax : Axes, optional
-        Where to draw; mm over 10⁻³.
+        Axes to draw into, mm over 10⁻³.
 
     Raises
     ------
     ValueError
-        A state that the dataset does not have.
+        If the dataset has no such state.
 
     Examples
     --------
@@ -172,7 +173,7 @@ def plot_centres(comparison: xr.Dataset, state: str, depth: int = 0, ax: Axes | 
     >>> [line.get_label() for line in ax.lines], ax.get_ylabel()
     (['measured', 'simulated'], '$x_0$ (mm)')
     """
-    of = _of(comparison, state, depth)
+    of = of_state(comparison.isel(depth=depth), state)
     ax = ax or new_axes(5.0, 3.5)
     level = MILLI_DELTA.of(of.level)
     looks = dict(zip(_SOURCES, ((VERMILLION, "o-"), (BLUE, "s--")), strict=True))
@@ -188,9 +189,7 @@ def plot_centres(comparison: xr.Dataset, state: str, depth: int = 0, ax: Axes | 
         centre = float(MM.of(of.coil_x.sel(coil=state)))
         ax.axhline(centre, color=GREY, linewidth=0.8, linestyle=":", label="centre of the coil")
     faint_grid(ax)
-    ax.set_xlabel(MILLI_DELTA.label("δ"))
-    ax.set_ylabel(MM.label("$x_0$"))
-    ax.set_title(f"$x_0$ of {state}")
+    ax.set(xlabel=MILLI_DELTA.label("δ"), ylabel=MM.label("$x_0$"), title=f"$x_0$ of {state}")
     if drawn:
         legend_beside(ax)
     else:
@@ -200,17 +199,17 @@ def plot_centres(comparison: xr.Dataset, state: str, depth: int = 0, ax: Axes | 
 
 @styled
 def comparison_figure(comparison: xr.Dataset, depth: int = -1, outlines: Sequence[npt.ArrayLike] = ()) -> Figure:
-    """Draw a row for each state: what remains before and after scale and shift, and x0 of both.
+    """Draw one row per state: the difference before and after scale and shift, and x0 of both.
 
-    A response along a single line, or at a single position, is drawn as `plot_readings` alone. Of more than
-    `MOST_STATES` states the first are shown.
+    A response along a single line, or at a single position, is drawn by `plot_readings` alone. At most `MOST_STATES`
+    states are shown, the first ones.
 
     Parameters
     ----------
     comparison, outlines
         As in `plot_residual`, with any number of x and y.
     depth : int
-        Position of the depth in the dataset; the deepest by default.
+        Index of the depth in the dataset; the deepest by default.
     """
     if min(comparison.sizes["x"], comparison.sizes["y"]) < 2:
         figure = Figure(figsize=(7.0, 4.5))
@@ -222,47 +221,21 @@ def comparison_figure(comparison: xr.Dataset, depth: int = -1, outlines: Sequenc
     figure = Figure(figsize=(_ROW, height * len(names) + 0.5))
     axes = figure.subplots(len(names), 3, squeeze=False, width_ratios=_WIDTHS)
     for (left, right, curve), state in zip(axes, names, strict=True):
-        of = _of(comparison, state, depth)
-        shown = _unit_of_residuals(of)
-        for ax, stage in zip((left, right), _STAGES, strict=True):
-            mesh = _draw_residual(ax, of, stage, shown, outlines)
-            ax.set_title(f"{state}, {_STAGES[stage]}")
+        of = of_state(comparison.isel(depth=depth), state)
+        both = _residuals(of)
+        shown = axis_unit(both, "1")
+        for ax, values, stage in zip((left, right), shown.of(both), _STAGES.values(), strict=True):
+            mesh = signed_map(ax, of, values, outlines, largest(shown.of(both)))
+            ax.set_title(f"{state}, {stage}")
         figure.colorbar(mesh, ax=[left, right], label=shown.label("δ"), fraction=0.03, pad=0.01)
         right.set_ylabel("")
         plot_centres(comparison, state, depth, curve)
     note = f" ({len(names)} of {comparison.sizes['state']} states)" if len(names) < comparison.sizes["state"] else ""
-    title = f"Measured less simulated δ, {_depth_text(comparison, depth)} deep{note}"
+    title = f"Measured less simulated δ, {MM.text(comparison.depth[depth])} deep{note}"
     figure.suptitle(title, x=0.01, ha="left", fontsize="large")
     return figure
 
 
-def _of(comparison: xr.Dataset, state: str, depth: int) -> xr.Dataset:
-    names = comparison.state.values.tolist()
-    if state not in names:
-        raise ValueError(f"state must be one of {', '.join(names)}; got {state!r}.")
-    return comparison.isel(depth=depth).sel(state=state)
-
-
 def _residuals(of: xr.Dataset) -> FloatArray:
-    """Return what remains of one state before and after scale and shift, shape (2, y, x)."""
+    """Return the difference of one state before and after scale and shift, shape (2, y, x)."""
     return np.stack([of[f"residual_{stage}"].transpose("y", "x").values for stage in _STAGES])
-
-
-def _unit_of_residuals(of: xr.Dataset) -> AxisUnit:
-    return axis_unit(_residuals(of), "1")
-
-
-def _draw_residual(
-    ax: Axes, of: xr.Dataset, stage: Literal["before", "after"], shown: AxisUnit, outlines: Sequence[npt.ArrayLike]
-) -> QuadMesh:
-    """Fill axes in mm with what remains (y, x), the coils' outlines above it."""
-    both = shown.of(_residuals(of))
-    limit = largest(both)
-    values = np.ma.masked_invalid(both[list(_STAGES).index(stage)])
-    mesh = ax.pcolormesh(MM.of(of.x), MM.of(of.y), values, cmap=DIVERGING, vmin=-limit, vmax=limit)
-    finish_map(ax, outlines)
-    return mesh
-
-
-def _depth_text(comparison: xr.Dataset, depth: int) -> str:
-    return f"{float(MM.of(comparison.depth[depth])):g} mm"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -29,9 +29,9 @@ def plot_coupling(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
     Parameters
     ----------
     coupling : xarray.Dataset
-        As `coilarray.couple_design` or `coilarray.couple` returns it.
+        Result of `coilarray.couple_design` or `coilarray.couple`.
     ax : Axes, optional
-        Where to draw; colours symmetric about zero.
+        Axes to draw into; colours symmetric about zero.
 
     Examples
     --------
@@ -40,15 +40,9 @@ def plot_coupling(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
     >>> [text.get_text() for text in plot_coupling(pair).texts]
     ['−0.050', '−0.050']
     """
-    return plot_matrix(
-        coupling.coupling.values,
-        coupling.coil.values.tolist(),
-        title="Coupling coefficient k = M/√(L L)",
-        quantity="k",
-        scale="diverging",
-        mask_diagonal=True,
-        ax=ax,
-    )
+    k, names = coupling.coupling, coupling.coil.values.tolist()
+    title = "Coupling coefficient k = M/√(L L)"
+    return plot_matrix(k, names, title=title, quantity="k", scale="diverging", mask_diagonal=True, ax=ax)
 
 
 @styled
@@ -60,7 +54,7 @@ def plot_inductance(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
     coupling : xarray.Dataset
         As in `plot_coupling`.
     ax : Axes, optional
-        Where to draw; the prefix is chosen from the largest value.
+        Axes to draw into; the prefix is chosen from the largest value.
 
     Examples
     --------
@@ -69,15 +63,9 @@ def plot_inductance(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
     >>> [text.get_text() for text in plot_inductance(pair).texts]
     ['20.000', '−1.000', '−1.000', '20.000']
     """
-    return plot_matrix(
-        coupling.inductance.values,
-        coupling.coil.values.tolist(),
-        title="Inductance",
-        quantity="L, M",
-        unit="H",
-        scale="diverging",
-        ax=ax,
-    )
+    L, names = coupling.inductance, coupling.coil.values.tolist()
+    unit = str(L.attrs["units"])
+    return plot_matrix(L, names, title="Inductance", quantity="L, M", unit=unit, scale="diverging", ax=ax)
 
 
 @styled
@@ -98,29 +86,29 @@ def plot_matrix(
     Parameters
     ----------
     values : array_like, shape (coils, coils)
-        In SI.
+        Elements in SI units.
     names : sequence of str
         Names of the coils.
     title : str
-        What is shown.
+        Title of the axes.
     quantity : str
-        For the colour bar.
+        Name of the quantity, for the colour bar.
     unit : str
         SI unit of `values` without a prefix, such as ``"H"``; the prefix is chosen from the largest value shown.
         Empty for a pure number, which gets none.
     scale : {"sequential", "diverging"}
-        Diverging: colours symmetric about zero, for values of both signs.
+        Diverging colours are symmetric about zero, for values of both signs.
     digits : int
-        Digits after the point.
+        Number of digits after the decimal point.
     mask_diagonal : bool
-        True leaves the diagonal out, so that the colours spread over the neighbours.
+        Leave the diagonal out, so that the colours spread over the neighbours.
     ax : Axes, optional
-        Where to draw.
+        Axes to draw into.
 
     Raises
     ------
     ValueError
-        A matrix whose shape does not fit the names, or a scale that there is not.
+        If the shape of the matrix does not fit the names, or the scale is unknown.
 
     Examples
     --------
@@ -143,14 +131,14 @@ def plot_matrix(
 def plot_effective_inductance(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
     """Draw each coil's inductance with all others open and as terminated as two dots, and the change in per cent.
 
-    Dots, not bars: their axis need not start at zero, and it says where it starts.
+    Dots rather than bars, because the axis does not start at zero.
 
     Parameters
     ----------
     coupling : xarray.Dataset
         As in `plot_coupling`.
     ax : Axes, optional
-        Where to draw.
+        Axes to draw into.
 
     Examples
     --------
@@ -161,7 +149,7 @@ def plot_effective_inductance(coupling: xr.Dataset, ax: Axes | None = None) -> A
     """
     names = coupling.coil.values.tolist()
     before, after = coupling.open_inductance.values, coupling.effective_inductance.values
-    shown = axis_unit(np.concatenate((before, after)), "H")
+    shown = axis_unit(np.concatenate((before, after)), str(coupling.open_inductance.attrs["units"]))
     ax = ax or new_axes(6.0, 1.3 + 0.35 * len(names))
     rows = np.arange(len(names))
     grounded = (coupling.termination.values == "short").all()
@@ -173,35 +161,28 @@ def plot_effective_inductance(coupling: xr.Dataset, ax: Axes | None = None) -> A
     )  # fmt: skip
     lower, change = shown.of(np.minimum(before, after)), 100 * coupling.inductance_change.values
     for row, low, percent in zip(rows.tolist(), lower.tolist(), change.tolist(), strict=True):
-        ax.annotate(
-            true_minus(f"{percent:+.2f} %"),
-            (low, row),
-            xytext=(-9, 0),
-            textcoords="offset points",
-            ha="right",
-            va="center",
-        )
+        look: dict[str, Any] = {"xytext": (-9, 0), "textcoords": "offset points", "ha": "right", "va": "center"}
+        ax.annotate(true_minus(f"{percent:+.2f} %"), (low, row), **look)
     ax.set_yticks(rows, names)
-    ax.set_ylim(len(names) - 0.5, -0.5)
     ax.margins(x=0.25)
     faint_grid(ax, "x")
-    ax.set_xlabel(f"{shown.label('inductance')}; the axis does not start at zero")
-    ax.set_title("Effective inductance")
+    label = f"{shown.label('inductance')}; the axis does not start at zero"
+    ax.set(ylim=(len(names) - 0.5, -0.5), xlabel=label, title="Effective inductance")
     legend_above(ax, 2)
     return ax
 
 
 @styled
 def plot_currents(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
-    """Draw the currents that one active coil drives in the others: magnitude as colour, and phase written below it.
+    """Draw the currents that one active coil drives in the others: magnitude as colour, with the phase written below.
 
     Parameters
     ----------
     coupling : xarray.Dataset
         As in `plot_coupling`.
     ax : Axes, optional
-        Where to draw: a column an active coil, a row a passive one, per ampere in the active coil. The diagonal, 1, is
-        left out.
+        Axes to draw into: one column per active coil and one row per passive one, per ampere in the active coil. The
+        diagonal, 1, is left out.
 
     Examples
     --------
@@ -213,7 +194,7 @@ def plot_currents(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
     names = coupling.coil.values.tolist()
     currents = (coupling.current_real + 1j * coupling.current_imag).transpose("other", "coil").values
     hidden = np.eye(len(names), dtype=np.bool_)
-    shown = axis_unit(np.abs(currents[~hidden]), "A")
+    shown = axis_unit(np.abs(currents[~hidden]), "A")  # per A
     numbers = np.ma.array(shown.of(np.abs(currents)), mask=hidden)
     texts = [
         [f"{magnitude:.3g}\n{number_text(phase, 0)}°" for magnitude, phase in zip(*row, strict=True)]
@@ -221,8 +202,7 @@ def plot_currents(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
     ]
     label = f"current ({shown.symbol} per A)"
     ax = _heat_map(numbers, texts, names, "Currents in the passive coils", label, "sequential", ax)
-    ax.set_xlabel("active coil")
-    ax.set_ylabel("passive coil")
+    ax.set(xlabel="active coil", ylabel="passive coil")
     return ax
 
 
@@ -235,7 +215,7 @@ def _heat_map(
     scale: Literal["sequential", "diverging"],
     ax: Axes | None,
 ) -> Axes:
-    """Draw a matrix with names along its edges, a colour bar and a text in every cell; masked cells stay grey."""
+    """Draw a matrix with names along its edges, a colour bar and a text in every cell; masked cells are grey."""
     ax = ax or new_axes(2.2 + 0.62 * len(names), 1.4 + 0.55 * len(names))
     shown = numbers.compressed() if numbers.count() else np.array([0.0, 1.0])  # a single coil has no neighbours
     if scale == "diverging":

@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
 
-from coilarray.viz.palette import DIVERGING, GREY, SHADE, curve_look
+from coilarray.viz.palette import GREY, SHADE, curve_look
 from coilarray.viz.plots.axis_units import MM, AxisUnit, axis_unit
-from coilarray.viz.plots.style import colour_bar, figure_size, finish_map, largest, new_axes, styled
+from coilarray.viz.plots.style import colour_bar, figure_size, new_axes, signed_map, styled
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -23,21 +23,21 @@ FloatArray = npt.NDArray[np.float64]
 def plot_field_lines(
     fields: Mapping[str, xr.Dataset], ax: Axes | None = None, *, coil: tuple[float, float] | None = None
 ) -> Axes:
-    """Draw B_z along x as bell-shaped curves, one a field, like Fig. 2 of Gast & Zimmermann (2020).
+    """Draw B_z along x, one bell-shaped curve per field, like Fig. 2 of Gast & Zimmermann (2020).
 
     Parameters
     ----------
     fields : mapping of str to xarray.Dataset
-        As `coilarray.operating_field` returns them, of one current and one y and z, by the text that the legend shows.
+        Results of `coilarray.operating_field` along x, with one y and one z, by their texts in the legend.
     ax : Axes, optional
-        Where to draw; mm across.
+        Axes to draw into, mm across.
     coil : tuple of float, optional
-        Where the coil begins and ends, in m; shaded.
+        Ends of the coil along x in m; shaded.
 
     Raises
     ------
     ValueError
-        No field, or one that is not of a line along x.
+        If there is no field, or one that is not along x.
 
     Examples
     --------
@@ -54,19 +54,17 @@ def plot_field_lines(
         if field.sizes["y"] != 1 or field.sizes["z"] != 1:
             raise ValueError(f"a field must be of a line along x, one y and one z; {label} has {dict(field.sizes)}.")
     curves = {label: _vertical(field)[:, 0, 0] for label, field in fields.items()}
-    shown = axis_unit(np.concatenate(list(curves.values())), "T")
+    first = next(iter(fields.values()))
+    shown = axis_unit(np.concatenate(list(curves.values())), str(first.B.attrs["units"]))
     ax = ax or new_axes(6.5, 3.6)
     if coil is not None:
         ax.axvspan(*MM.of(coil), color=SHADE, zorder=0, label="coil")
     ax.axhline(0.0, color=GREY, linewidth=0.8)
-    first = next(iter(fields.values()))
     for k, (label, values) in enumerate(curves.items()):
         ax.plot(MM.of(fields[label].x), shown.of(values), label=label, **curve_look(k))
     ax.set_xlim(MM.of(first.x).min(), MM.of(first.x).max())
-    ax.set_xlabel(MM.label("x"))
-    ax.set_ylabel(_label(first, shown))
-    ax.set_title(f"$B_z$ of {first.attrs['active_coil']}, {_place(first)}")
-    ax.legend(loc="best")  # said, or it warns of a machine that is slow
+    ax.set(xlabel=MM.label("x"), ylabel=_label(shown), title=f"$B_z$ of {first.attrs['active_coil']}, {_place(first)}")
+    ax.legend(loc="best")  # without it Matplotlib warns on a slow machine
     return ax
 
 
@@ -77,16 +75,16 @@ def plot_field_map(field: xr.Dataset, ax: Axes | None = None, outlines: Sequence
     Parameters
     ----------
     field : xarray.Dataset
-        As `coilarray.operating_field` returns it, of one z.
+        Result of `coilarray.operating_field` with one z.
     ax : Axes, optional
-        Where to draw; in mm, colours symmetric about zero.
+        Axes to draw into, in mm; colours symmetric about zero.
     outlines : sequence of array_like, each of shape (m, 2)
         Corners of the coils in m, first point not repeated.
 
     Raises
     ------
     ValueError
-        A field that is not of a plane.
+        If the field is not on a plane.
 
     Examples
     --------
@@ -100,28 +98,23 @@ def plot_field_map(field: xr.Dataset, ax: Axes | None = None, outlines: Sequence
     if field.sizes["z"] != 1 or min(field.sizes["x"], field.sizes["y"]) < 2:
         raise ValueError(f"a field must be of a plane, two x and y or more and one z; it has {dict(field.sizes)}.")
     values = _vertical(field)[:, :, 0].T
-    shown = axis_unit(values, "T")
-    x, y = MM.of(field.x), MM.of(field.y)
-    ax = ax or new_axes(*figure_size(np.ptp(x), np.ptp(y)))
-    limit = largest(shown.of(values))
-    mesh = ax.pcolormesh(
-        x, y, shown.of(values), cmap=DIVERGING, vmin=-limit, vmax=limit, shading="nearest", rasterized=True
-    )
-    finish_map(ax, outlines)
+    shown = axis_unit(values, str(field.B.attrs["units"]))
+    ax = ax or new_axes(*figure_size(float(np.ptp(field.x.values)), float(np.ptp(field.y.values))))
+    mesh = signed_map(ax, field, shown.of(values), outlines, rasterized=True)
     ax.set_title(f"$B_z$ of {field.attrs['active_coil']}, {_place(field)}; others {field.attrs['other_coils']}")
-    colour_bar(ax, mesh, _label(field, shown))
+    colour_bar(ax, mesh, _label(shown))
     return ax
 
 
 def _vertical(field: xr.Dataset) -> FloatArray:
-    """B_z in phase with the current, shape (nx, ny, nz), per ampere of the active coil."""
+    """Return B_z in phase with the current, shape (nx, ny, nz), per ampere of the active coil."""
     values: FloatArray = field.B.sel(component="z").transpose("x", "y", "z").values
     return values / float(field.attrs["active_current_A"])
 
 
-def _label(field: xr.Dataset, shown: AxisUnit) -> str:
+def _label(shown: AxisUnit) -> str:
     return f"$B_z$ ({shown.symbol} per A)"
 
 
 def _place(field: xr.Dataset) -> str:
-    return f"{MM.factor * float(field.z[0]):g} mm above the board"
+    return f"{MM.text(field.z[0])} above the board"

@@ -21,27 +21,28 @@ _NAMES = {
     "quality_factor": "quality factor Im Z/Re Z",
 }
 _POLES = ("apparent_inductance", "impedance_real", "impedance_imag")  # at the self-resonance
-_CEILING = 4.0  # of the value at the lowest frequency: what the axis shows of a pole
+_CEILING = 4.0  # height of the axis for a pole, over the value at the lowest frequency
 _HEADROOM = 1.08
 
 
 @styled
 def plot_frequency_sweep(sweep: xr.Dataset, quantity: str = "apparent_inductance", ax: Axes | None = None) -> Axes:
-    """Draw a quantity of every state over frequency, one curve a state.
+    """Draw a quantity over frequency, one curve per state.
 
     Parameters
     ----------
     sweep : xarray.Dataset
-        As `coilarray.circuit.impedance.sweep_design` returns it.
+        Result of `coilarray.circuit.impedance.sweep_design`.
     quantity : str
-        One of its variables: ``apparent_inductance``, ``impedance_real``, ``impedance_imag`` or ``quality_factor``.
+        Name of a variable: ``apparent_inductance``, ``impedance_real``, ``impedance_imag`` or ``quality_factor``.
     ax : Axes, optional
-        Where to draw, from zero on; of a pole four times the values at the lowest frequency at most.
+        Axes to draw into. They start at zero; for a quantity with a pole they end at four times its value at the lowest
+        frequency.
 
     Raises
     ------
     ValueError
-        A quantity that the sweep does not have.
+        If the sweep has no such quantity.
 
     Examples
     --------
@@ -60,7 +61,7 @@ def plot_frequency_sweep(sweep: xr.Dataset, quantity: str = "apparent_inductance
         top = min(_CEILING * float(values[0].max()), top)
     unit = str(sweep[quantity].attrs["units"])
     shown = PLAIN if unit == "1" else axis_unit(top, unit)
-    of_frequency = axis_unit(sweep.frequency, "Hz")
+    of_frequency = axis_unit(sweep.frequency)
     f = of_frequency.of(sweep.frequency)
     ax = ax or new_axes(6.5, 3.6)
     for k, name in enumerate(sweep.state.values.tolist()):
@@ -72,7 +73,6 @@ def plot_frequency_sweep(sweep: xr.Dataset, quantity: str = "apparent_inductance
         ax.set_xlim(f[0], f[-1])
     logarithmic_ticks(ax.xaxis, math.log10(f[-1] / f[0]))
     faint_grid(ax)
-    ax.set_xlabel(of_frequency.label("frequency"))
-    ax.set_ylabel(shown.label(_NAMES[quantity]))
+    ax.set(xlabel=of_frequency.label("frequency"), ylabel=shown.label(_NAMES[quantity]))
     legend_beside(ax, math.ceil(sweep.sizes["state"] / 16))
     return ax

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -11,7 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
 from coilarray.geometry.indenter import Indenter
-from coilarray.viz.datasets import at_depth, indenter_outline
+from coilarray.viz.datasets.elastomer import indenter_outline
+from coilarray.viz.datasets.overlays import at_depth
 from coilarray.viz.palette import BLUE, INK, LAMINATE, SHEETS, VERMILLION, cycled
 from coilarray.viz.plots.axis_units import MM, axis_unit
 from coilarray.viz.plots.style import faint_grid, figure_size, new_axes, styled
@@ -33,43 +34,33 @@ def plot_force_depth(indentation: xr.Dataset, ax: Axes | None = None) -> Axes:
     Parameters
     ----------
     indentation : xarray.Dataset
-        As `coilarray.elastomer.indent` returns it.
+        Result of `coilarray.elastomer.indent`.
     ax : Axes, optional
-        Where to draw; mm across.
+        Axes to draw into, mm across.
 
     Examples
     --------
     >>> from coilarray import indent, load_design
     >>> design = load_design("gast2020")
-    >>> indenter = design.indentation.indenter
-    >>> result = indent(design.sheets, indenter, [0.5e-3, 1e-3])
-    >>> ax = plot_force_depth(result)
+    >>> ax = plot_force_depth(indent(design.sheets, design.indentation.indenter, [0.5e-3, 1e-3]))
     >>> ax.get_xlabel(), ax.get_ylabel()
     ('depth (mm)', 'force (mN)')
     """
     ax = ax or new_axes(6.0, _FORCE_HEIGHT)
     depth = MM.of(indentation.depth)
-    shown = axis_unit(indentation.force, str(indentation.force.attrs["units"]))
+    shown, name = axis_unit(indentation.force), _contact_name(indentation)
     (force,) = ax.plot(depth, shown.of(indentation.force), color=BLUE, marker="o", markersize=4, label="force")
     right = ax.twinx()
     right.spines["right"].set_visible(True)
-    (radius,) = right.plot(
-        depth,
-        MM.of(indentation.contact_radius),
-        color=VERMILLION,
-        linestyle="--",
-        marker="D",
-        markersize=4,
-        label=_contact_name(indentation),
-    )
+    look: dict[str, Any] = {"color": VERMILLION, "linestyle": "--", "marker": "D", "markersize": 4}
+    (radius,) = right.plot(depth, MM.of(indentation.contact_radius), label=name, **look)
     for axis in (ax, right):
         axis.set_ylim(bottom=0.0)
     ax.set_xlim(left=0.0)
     faint_grid(ax)
-    ax.set_xlabel(MM.label("depth"))
-    ax.set_ylabel(shown.label("force"))
-    right.set_ylabel(MM.label(_contact_name(indentation)))
-    ax.set_title(f"Force over depth, base {indentation.attrs['base']}")
+    title = f"Force over depth, base {indentation.attrs['base']}"
+    ax.set(xlabel=MM.label("depth"), ylabel=shown.label("force"), title=title)
+    right.set_ylabel(MM.label(name))
     ax.legend(handles=[force, radius], loc="upper left")
     return ax
 
@@ -81,18 +72,18 @@ def plot_dent(indentation: xr.Dataset, indenter: Indenter, depth: int = -1, ax: 
     Parameters
     ----------
     indentation : xarray.Dataset
-        As `coilarray.elastomer.indent` returns it.
+        Result of `coilarray.elastomer.indent`.
     indenter : Indenter
-        The body that made the dent.
+        Body that made the dent.
     depth : int
-        Position of the depth in the dataset; the deepest by default.
+        Index of the depth in the dataset; the deepest by default.
     ax : Axes, optional
-        Where to draw; mm with equal scales.
+        Axes to draw into, in mm with equal scales.
 
     Raises
     ------
     ValueError
-        A depth that the dataset does not have.
+        If the dataset has no such depth.
 
     Examples
     --------
@@ -120,11 +111,8 @@ def plot_dent(indentation: xr.Dataset, indenter: Indenter, depth: int = -1, ax: 
     body = np.vstack((np.column_stack((-r[::-1], z[::-1] + tip)), np.column_stack((r, z + tip))))
     ax.add_patch(Polygon(body, facecolor="#C8C8C8", edgecolor=INK, linewidth=1.0, label=indenter.name))
     ax.axhspan(-_BELOW * top, 0.0, color=LAMINATE, linewidth=0, label="board")
-    ax.set_xlim(-half, half)
-    ax.set_ylim(-_BELOW * top, ceiling)
-    ax.set_aspect("equal")
-    ax.set_xlabel(MM.label("r" if at.attrs["symmetry"] == "axial" else "x"))
-    ax.set_ylabel(MM.label("z"))
+    ax.set(xlim=(-half, half), ylim=(-_BELOW * top, ceiling), aspect="equal")
+    ax.set(xlabel=MM.label("r" if at.attrs["symmetry"] == "axial" else "x"), ylabel=MM.label("z"))
     ax.set_title(_dent_title(at), pad=22)  # points: room for the legend
     ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=6, borderpad=0, borderaxespad=0.4, handlelength=1.0)
     return ax
@@ -150,13 +138,13 @@ def indentation_figure(indentation: xr.Dataset, indenter: Indenter) -> Figure:
 
 
 def _half_width(indentation: xr.Dataset) -> float:
-    """Give what a section shows on each side of the indenter, in m."""
+    """Return the half width of a section through the dent in m."""
     widest = float((indentation.r + indentation.displacement_r).max())
     return min(_WIDTH * float(indentation.height[-1]), widest)
 
 
 def _dent_size(indentation: xr.Dataset) -> tuple[float, float]:
-    """Size in inches of a figure of the dent."""
+    """Return the size in inches of a figure of the dent."""
     width, height = figure_size(2 * _half_width(indentation), (1 + _ABOVE + _BELOW) * float(indentation.height[-1]))
     return width, height + 0.4  # for title and legend in two rows
 
@@ -166,7 +154,7 @@ def _contact_name(indentation: xr.Dataset) -> str:
 
 
 def _mirrored(at: xr.Dataset, k: int) -> FloatArray:
-    """Deformed interface k on both sides of the axis, shape (2 n − 1, 2), in mm."""
+    """Return the deformed interface k on both sides of the axis, shape (2 n − 1, 2), in mm."""
     one = at.isel(interface=k)
     across = MM.of(one.r + one.displacement_r)
     along = MM.of(one.height + one.displacement_z)
@@ -174,8 +162,5 @@ def _mirrored(at: xr.Dataset, k: int) -> FloatArray:
 
 
 def _dent_title(at: xr.Dataset) -> str:
-    force = axis_unit(at.force, str(at.force.attrs["units"]))
-    return (
-        f"{float(at.depth) * MM.factor:g} mm deep: {float(force.of(at.force)):.3g} {force.symbol}, "
-        f"{_contact_name(at)} {float(at.contact_radius) * MM.factor:.3g} mm"
-    )
+    force, radius = axis_unit(at.force).text(at.force, ".3"), MM.text(at.contact_radius, ".3")
+    return f"{MM.text(at.depth)} deep: {force}, {_contact_name(at)} {radius}"

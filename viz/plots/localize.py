@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,19 +16,8 @@ from matplotlib.patches import Ellipse as EllipsePatch
 
 from coilarray.localize.ellipse import Ellipse
 from coilarray.localize.ellipse_model import EllipseModel, EllipsePosition
-from coilarray.viz.palette import (
-    BLUE,
-    COILS,
-    DIVERGING,
-    GREEN,
-    GREY,
-    INK,
-    SEQUENTIAL,
-    SKY,
-    VERMILLION,
-    CurveLook,
-    curve_look,
-)
+from coilarray.viz.datasets.overlays import of_state
+from coilarray.viz.palette import BLUE, COILS, GREEN, GREY, INK, SEQUENTIAL, SKY, VERMILLION, CurveLook, curve_look
 from coilarray.viz.plots.axis_units import MILLI_DELTA, MM, logarithmic_ticks, true_minus
 from coilarray.viz.plots.style import (
     colour_bar,
@@ -39,16 +29,18 @@ from coilarray.viz.plots.style import (
     legend_beside,
     new_axes,
     plan_axes,
+    signed_map,
     styled,
+    zero_line,
 )
 
 FloatArray = npt.NDArray[np.float64]
 
 _PARAMETERS = {"A": (BLUE, "o", "-"), "B": (VERMILLION, "s", "--"), "x0": (GREEN, "^", ":")}
 _NAMES = {"A": "A", "B": "B", "x0": r"$x_0$"}
-_SHARE = 0.1  # of the largest cause: single neighbours below it are drawn without a name
-_HIGHEST = 10.0  # inches of maps one below the other
-_DECADES = 3.0  # of standard deviations that a map shows
+_SHARE = 0.1  # single neighbours whose effect is a smaller share of the largest one have no name in the legend
+_HIGHEST = 10.0  # largest height in inches of maps one below the other
+_DECADES = 3.0  # largest range of the standard deviations on a map
 _SIGMAS = {"sigma_x": "x", "sigma_y": "y", "sigma_h": "depth"}
 
 
@@ -67,20 +59,20 @@ def plot_ellipse_parameters(
     Parameters
     ----------
     fits : xarray.Dataset
-        As `coilarray.localize.ellipse.fit_ellipses` returns it.
+        Result of `coilarray.localize.ellipse.fit_ellipses`.
     model : EllipseModel
-        Of these fits.
+        Polynomials through these fits.
     state : str
-        Which coil.
+        Name of the coil.
     ax : Axes, optional
-        Where to draw; mm over 10⁻³.
+        Axes to draw into, mm over 10⁻³.
     published : EllipseModel, optional
-        Drawn in grey, where it has the coil.
+        Another model, drawn in grey where it has the coil.
 
     Raises
     ------
     ValueError
-        A state that fits or model do not have.
+        If the fits or the model have no such state.
 
     Examples
     --------
@@ -97,15 +89,8 @@ def plot_ellipse_parameters(
     ax = ax or new_axes(6.0, 4.0)
     of, coil = fits.sel(state=state), model[state]
     for key, (colour, marker, line) in _PARAMETERS.items():
-        ax.plot(
-            MILLI_DELTA.of(of.delta),
-            MM.of(of[key]),
-            linestyle="",
-            marker=marker,
-            markersize=3.5,
-            markerfacecolor="none",
-            color=colour,
-        )
+        look: dict[str, Any] = {"color": colour, "markersize": 3.5, "markerfacecolor": "none"}
+        ax.plot(MILLI_DELTA.of(of.delta), MM.of(of[key]), marker, **look)
         at = np.linspace(np.nanmin(of.delta.values), np.nanmax(of.delta.values), 200)
         ax.plot(MILLI_DELTA.of(at), MM.of(np.polyval(getattr(coil, key), at)), line, color=colour, label=_NAMES[key])
     if published is not None and state in published.names:
@@ -115,19 +100,17 @@ def plot_ellipse_parameters(
             label = "Table A1" if key == "A" else None
             curve = MM.of(np.polyval(getattr(known, key), at))
             ax.plot(MILLI_DELTA.of(at), curve, line, color=GREY, linewidth=1.0, label=label)
-    ax.axhline(0.0, color=GREY, linewidth=0.8, zorder=0)
+    zero_line(ax)
     ax.set_xlim(left=0.0)
     faint_grid(ax)
-    ax.set_xlabel(MILLI_DELTA.label("δ"))
-    ax.set_ylabel(MM.label("A, B, $x_0$"))
-    ax.set_title(f"Ellipses of {state}")
+    ax.set(xlabel=MILLI_DELTA.label("δ"), ylabel=MM.label("A, B, $x_0$"), title=f"Ellipses of {state}")
     ax.legend(loc="best")
     return ax
 
 
 @styled
 def ellipse_parameter_figure(fits: xr.Dataset, model: EllipseModel, published: EllipseModel | None = None) -> Figure:
-    """Draw `plot_ellipse_parameters` of every coil of a model, one panel a coil.
+    """Draw `plot_ellipse_parameters` of every coil of a model, one panel per coil.
 
     Parameters
     ----------
@@ -154,23 +137,23 @@ def plot_ellipses(
     real: tuple[float, float] | None = None,
     ax: Axes | None = None,
 ) -> Axes:
-    """Draw the ellipses of coils by their names, and where they meet, like Fig. 6 of Gast & Zimmermann (2020).
+    """Draw the ellipses of coils and where they meet, like Fig. 6 of Gast & Zimmermann (2020).
 
     Parameters
     ----------
     ellipses : mapping of str to Ellipse
-        By the coils' names, one or more.
+        One or more ellipses by the names of the coils.
     position : EllipsePosition, optional
-        Where two of them meet: dots at y and −y, and a line at x.
+        Position where two of them meet, drawn as dots at y and −y and a line at x.
     real : tuple of float, optional
-        Real x and y in m, a cross.
+        Real x and y in m, drawn as a cross.
     ax : Axes, optional
-        Where to draw; in mm.
+        Axes to draw into, in mm.
 
     Raises
     ------
     ValueError
-        No ellipse.
+        If there is no ellipse.
 
     Examples
     --------
@@ -204,8 +187,7 @@ def plot_ellipses(
     if real is not None:
         ax.plot(*MM.of(real), "x", color=VERMILLION, markersize=7, label="real position")
     rim = 0.05 * max(right - left, 2 * top)
-    ax.set_xlim(left - rim, right + rim)
-    ax.set_ylim(-top - rim, top + rim)
+    ax.set(xlim=(left - rim, right + rim), ylim=(-top - rim, top + rim))
     plan_axes(ax)
     legend_above(ax, 2, "left")
     return ax
@@ -222,14 +204,14 @@ def plot_x_error(error: xr.DataArray, ax: Axes | None = None, outlines: Sequence
     error : xarray.DataArray
         Determined less real x in m, with the dimensions y and x and their coordinates in m; NaN where there is none.
     ax : Axes, optional
-        Where to draw; in mm.
+        Axes to draw into, in mm.
     outlines : sequence of array_like, each of shape (m, 2)
         Corners of the coils in m, first point not repeated.
 
     Raises
     ------
     ValueError
-        Fewer than two x or y, or no position with an error.
+        If there are fewer than two x or y, or no error at all.
 
     Examples
     --------
@@ -240,14 +222,9 @@ def plot_x_error(error: xr.DataArray, ax: Axes | None = None, outlines: Sequence
     values = MM.of(error.transpose("y", "x"))
     if min(values.shape) < 2 or not np.isfinite(values).any():
         raise ValueError(f"an error must have at least two x and two y and one value; got shape {values.shape}.")
-    limit = largest(values)
-    ax = _map_axes(error, ax)
-    image = ax.pcolormesh(
-        MM.of(error.x), MM.of(error.y), np.ma.masked_invalid(values), cmap=DIVERGING, vmin=-limit, vmax=limit
-    )
-    colour_bar(ax, image, MM.label("error of x"))
-    finish_map(ax, outlines)
-    ax.set_title(f"Error of x, at most {limit:.2f} mm")
+    ax = ax or new_axes(*_map_size(error))
+    colour_bar(ax, signed_map(ax, error, values, outlines), MM.label("error of x"))
+    ax.set_title(f"Error of x, at most {largest(values):.2f} mm")
     return ax
 
 
@@ -258,17 +235,17 @@ def plot_distortion(distortion: xr.Dataset, state: str, ax: Axes | None = None) 
     Parameters
     ----------
     distortion : xarray.Dataset
-        As `coilarray.localize.distortion.distortion` returns it; ``calibrated_x0`` (calibration, state, delta) is drawn
-        too.
+        Result of `coilarray.localize.distortion.distortion`, optionally with ``calibrated_x0`` (calibration, state,
+        delta).
     state : str
-        Which coil.
+        Name of the coil.
     ax : Axes, optional
-        Where to draw; mm over 10⁻³.
+        Axes to draw into, mm over 10⁻³.
 
     Raises
     ------
     ValueError
-        A state that the dataset does not have.
+        If the dataset has no such state.
 
     Examples
     --------
@@ -283,7 +260,7 @@ def plot_distortion(distortion: xr.Dataset, state: str, ax: Axes | None = None) 
     >>> [line.get_label() for line in plot_distortion(result, "coil2").lines]
     ['neighbours grounded', 'neighbours open', 'Table A1', 'centre of the coil']
     """
-    of = _of_state(distortion, state)
+    of = of_state(distortion, state)
     ax = ax or new_axes(6.5, 4.0)
     at = MILLI_DELTA.of(of.delta)
     curves = [("neighbours grounded", of.x0.sel(neighbours="grounded"), BLUE, "-")]
@@ -296,27 +273,29 @@ def plot_distortion(distortion: xr.Dataset, state: str, ax: Axes | None = None) 
         if np.isfinite(x0.values).any():
             ax.plot(at, MM.of(x0), line, color=colour, label=label)
     ax.axhline(float(MM.of(of.centre)), color=GREY, linewidth=0.8, linestyle=":", label="centre of the coil")
-    _finish_curves(ax, f"$x_0$ of {state}", MM.label("$x_0$"))
+    faint_grid(ax)
+    ax.set(xlabel=MILLI_DELTA.label("δ"), ylabel=MM.label("$x_0$"), title=f"$x_0$ of {state}")
+    legend_beside(ax)
     return ax
 
 
 @styled
 def plot_causes(distortion: xr.Dataset, state: str, ax: Axes | None = None) -> Axes:
-    """Draw what x0 of a coil loses without each cause over δ, the largest first in the legend.
+    """Draw the share of each cause in x0 of a coil over δ, the largest first in the legend.
 
-    Single neighbours are thin; those below a tenth of the largest cause have no name.
+    Single neighbours are thin lines; those below a tenth of the largest cause have no name.
 
     Parameters
     ----------
     distortion, state
         As in `plot_distortion`.
     ax : Axes, optional
-        Where to draw; mm over 10⁻³.
+        Axes to draw into, mm over 10⁻³.
 
     Raises
     ------
     ValueError
-        A state that the dataset does not have.
+        If the dataset has no such state.
 
     Examples
     --------
@@ -330,7 +309,7 @@ def plot_causes(distortion: xr.Dataset, state: str, ax: Axes | None = None) -> A
     >>> [text.get_text() for text in plot_causes(result, "coil2").get_legend().get_texts()]
     ['all neighbours, 0.50', 'window, 0.20']
     """
-    of = _of_state(distortion, state)
+    of = of_state(distortion, state)
     ax = ax or new_axes(6.5, 4.0)
     at = MILLI_DELTA.of(of.delta)
     rms = {cause: float(of.rms.sel(cause=cause)) for cause in of.cause.values.tolist()}
@@ -342,21 +321,19 @@ def plot_causes(distortion: xr.Dataset, state: str, ax: Axes | None = None) -> A
         single = cause.startswith("neighbour ")
         named = not single or rms[cause] >= _SHARE * largest
         look = looks[cause] if named else CurveLook(color=GREY, linestyle="-")
-        ax.plot(
-            at,
-            MM.of(of.effect.sel(cause=cause)),
-            linewidth=0.9 if single else 1.6,
-            label=f"{cause}, {rms[cause] * MM.factor:.2f}" if named else None,
-            **look,
-        )
-    ax.axhline(0.0, color=GREY, linewidth=0.8, zorder=0)
-    _finish_curves(ax, f"Causes for {state}, rms in mm", MM.label("share in $x_0$"))
+        label = f"{cause}, {rms[cause] * MM.factor:.2f}" if named else None
+        ax.plot(at, MM.of(of.effect.sel(cause=cause)), linewidth=0.9 if single else 1.6, label=label, **look)
+    zero_line(ax)
+    faint_grid(ax)
+    title = f"Causes for {state}, rms in mm"
+    ax.set(xlabel=MILLI_DELTA.label("δ"), ylabel=MM.label("share in $x_0$"), title=title)
+    legend_beside(ax)
     return ax
 
 
 @styled
 def distortion_figure(distortion: xr.Dataset) -> Figure:
-    """Draw `plot_distortion` and `plot_causes` of every coil, one row a coil.
+    """Draw `plot_distortion` and `plot_causes` of every coil, one row per coil.
 
     Parameters
     ----------
@@ -384,18 +361,18 @@ def plot_identifiability(
     Parameters
     ----------
     bounds : xarray.Dataset
-        As `coilarray.localize.identifiability.identifiability` returns it.
+        Result of `coilarray.localize.identifiability.identifiability`.
     quantity : str
-        ``sigma_x``, ``sigma_y`` or ``sigma_h``.
+        Name of a variable: ``sigma_x``, ``sigma_y`` or ``sigma_h``.
     ax : Axes, optional
-        Where to draw; in mm.
-    outlines : sequence of array_like, each of shape (m, 2)
-        Corners of the coils in m, first point not repeated.
+        Axes to draw into, in mm.
+    outlines : sequence of array_like
+        As in `plot_x_error`.
 
     Raises
     ------
     ValueError
-        A quantity that the dataset does not have, fewer than two x or y, or no finite value.
+        If the dataset has no such quantity, fewer than two x or y, or no finite value.
 
     Examples
     --------
@@ -413,19 +390,14 @@ def plot_identifiability(
     finite = values[np.isfinite(values)]
     low = max(float(finite.min()), np.finfo(float).tiny)
     high = min(max(float(finite.max()), low * 1.01), low * 10**_DECADES)
-    ax = _map_axes(bounds, ax)
-    image = ax.pcolormesh(
-        MM.of(bounds.x),
-        MM.of(bounds.y),
-        np.ma.masked_invalid(values),
-        cmap=f"{SEQUENTIAL}_r",
-        norm=LogNorm(low, high),
-    )
+    ax = ax or new_axes(*_map_size(bounds))
+    look: dict[str, Any] = {"cmap": f"{SEQUENTIAL}_r", "norm": LogNorm(low, high)}
+    image = ax.pcolormesh(MM.of(bounds.x), MM.of(bounds.y), np.ma.masked_invalid(values), **look)
     bar = colour_bar(ax, image, MM.label(f"σ of {_SIGMAS[quantity]}"))
     logarithmic_ticks(bar.ax.yaxis, math.log10(high / low))
     finish_map(ax, outlines)
-    depth = f"{bounds.attrs['depth'] * MM.factor:g} mm deep"
-    ax.set_title(f"Least standard deviation of {_SIGMAS[quantity]}, {depth}, {_noise_text(bounds)}")
+    depth = MM.text(bounds.attrs["depth"])
+    ax.set_title(f"Least standard deviation of {_SIGMAS[quantity]}, {depth} deep, {_noise_text(bounds)}")
     return ax
 
 
@@ -449,28 +421,9 @@ def identifiability_figure(bounds: xr.Dataset, outlines: Sequence[npt.ArrayLike]
     return figure
 
 
-def _of_state(distortion: xr.Dataset, state: str) -> xr.Dataset:
-    names = distortion.state.values.tolist()
-    if state not in names:
-        raise ValueError(f"state must be one of {', '.join(names)}; got {state!r}.")
-    return distortion.sel(state=state)
-
-
-def _finish_curves(ax: Axes, title: str, label: str) -> None:
-    faint_grid(ax)
-    ax.set_xlabel(MILLI_DELTA.label("δ"))
-    ax.set_ylabel(label)
-    ax.set_title(title)
-    legend_beside(ax)
-
-
 def _map_size(data: xr.Dataset | xr.DataArray) -> tuple[float, float]:
     width, height = figure_size(float(np.ptp(data.x.values)), float(np.ptp(data.y.values)))
     return width + 0.4, height
-
-
-def _map_axes(data: xr.Dataset | xr.DataArray, ax: Axes | None) -> Axes:
-    return ax or new_axes(*_map_size(data))
 
 
 def _noise_text(bounds: xr.Dataset) -> str:

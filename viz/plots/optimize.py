@@ -1,9 +1,9 @@
-"""Pictures of a search: how it came on, what mattered, its Pareto front, and boards side by side."""
+"""Pictures of a search: its convergence, the importance of its variables, its Pareto front, and boards."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Literal, Protocol
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -17,73 +17,27 @@ from coilarray.viz.plots.axis_units import MM
 from coilarray.viz.plots.board import plot_board
 from coilarray.viz.plots.style import faint_grid, figure_size, legend_above, new_axes, styled
 
-
-class _Objective(Protocol):
-    """What is drawn of `coilarray.studies.optimize.goal.Objective`."""
-
-    @property
-    def quantity(self) -> str: ...
-    @property
-    def target(self) -> float | None: ...
-    @property
-    def maximized(self) -> bool: ...
-
-
-class _Goal(Protocol):
-    @property
-    def objectives(self) -> Sequence[_Objective]: ...
-
-
-class _Trial(Protocol):
-    """What is drawn of `coilarray.studies.optimize.Trial`."""
-
-    @property
-    def name(self) -> str: ...
-    @property
-    def kind(self) -> str: ...
-    @property
-    def scores(self) -> Sequence[float]: ...
-    @property
-    def feasible(self) -> bool: ...
-
-
-class SearchResult(Protocol):
-    """What is drawn of `optimize.Optimization`, which pictures may not import: it knows of boards to read."""
-
-    @property
-    def goal(self) -> _Goal:
-        """What was wanted."""
-
-    @property
-    def start(self) -> _Trial:
-        """The design as it was."""
-
-    @property
-    def trials(self) -> Sequence[_Trial]:
-        """All of them, in turn."""
-
-    @property
-    def front(self) -> Sequence[_Trial]:
-        """The best of them."""
+if TYPE_CHECKING:
+    from coilarray.studies.optimize.run import Optimization
 
 
 @styled
-def plot_search(result: SearchResult, objective: int = 0, ax: Axes | None = None) -> Axes:
-    """Draw how a search came on: one score of every trial in turn, as `plot_convergence` does.
+def plot_search(result: Optimization, objective: int = 0, ax: Axes | None = None) -> Axes:
+    """Draw one score of every trial of a search in turn, as `plot_convergence` does.
 
     Parameters
     ----------
-    result : coilarray.studies.optimize.Optimization
-        As `coilarray.studies.optimize.optimize_design` returns it.
+    result : Optimization
+        Result of `coilarray.studies.optimize.optimize_design`.
     objective : int
-        Which of the goal's objectives.
+        Index of the goal's objective.
     ax : Axes, optional
-        Where to draw.
+        Axes to draw into.
 
     Raises
     ------
     ValueError
-        An objective that the goal does not have.
+        If the goal has no such objective.
 
     Examples
     --------
@@ -113,7 +67,7 @@ def plot_search(result: SearchResult, objective: int = 0, ax: Axes | None = None
 
 @styled
 def plot_pareto(
-    result: SearchResult,
+    result: Optimization,
     objectives: tuple[int, int] = (0, 1),
     ax: Axes | None = None,
     named: Mapping[str, str] | None = None,
@@ -122,19 +76,19 @@ def plot_pareto(
 
     Parameters
     ----------
-    result : coilarray.studies.optimize.Optimization
-        As `coilarray.studies.optimize.optimize_design` returns it.
+    result : Optimization
+        Result of `coilarray.studies.optimize.optimize_design`.
     objectives : tuple of int
-        Which of the goal's objectives, across and up.
+        Indices of the goal's objectives, across and up.
     ax : Axes, optional
-        Where to draw; of a goal with two objectives the front is a staircase.
+        Axes to draw into. The front is a staircase where the goal has two objectives.
     named : mapping of str to str, optional
         Texts beside trials, by the trials' names.
 
     Raises
     ------
     ValueError
-        An objective that the goal does not have, or no trial with scores.
+        If the goal has no such objective, or no trial has scores.
 
     Examples
     --------
@@ -144,9 +98,8 @@ def plot_pareto(
     >>> scores = [(0.05, 0.3), (0.04, 0.4), (0.06, 0.5)]
     >>> trials = tuple(Trial("search", k, {}, {}, both, {}) for k, both in enumerate(scores))
     >>> result = Optimization(design, goal, (), trials[0], True, trials, front_of(trials, goal), 0, "")
-    >>> front = plot_pareto(result).collections[1]
-    >>> front.get_label(), front.get_offsets().tolist()
-    ('Pareto front', [[0.04, 0.4], [0.05, 0.3]])
+    >>> plot_pareto(result).collections[1].get_offsets().tolist()  # the front
+    [[0.04, 0.4], [0.05, 0.3]]
     """
     _check_objectives(result, *objectives)
     possible = [trial for trial in result.trials if trial.scores]
@@ -184,11 +137,11 @@ def plot_convergence(
     Parameters
     ----------
     scores : array_like, shape (n,)
-        NaN where a point could not be.
+        Score of every trial; NaN where there is no such board.
     feasible : array_like of bool, shape (n,)
-        Which keep all bounds.
+        True for trials that keep all bounds.
     label : str
-        For the vertical axis, with the unit.
+        Label of the vertical axis, with the unit.
     maximized : bool
         True where larger is better.
     polished_from : int, optional
@@ -196,14 +149,14 @@ def plot_convergence(
     start : float, optional
         Score of the design as it was, drawn as a dashed line.
     log : bool
-        A logarithmic axis where all scores are above zero.
+        Use a logarithmic axis where all scores are above zero.
     ax : Axes, optional
-        Where to draw.
+        Axes to draw into.
 
     Raises
     ------
     ValueError
-        Shapes that do not fit.
+        If the shapes do not fit.
 
     Examples
     --------
@@ -229,10 +182,8 @@ def plot_convergence(
         ax.axhline(start, color=INK, linestyle="--", linewidth=1.0, label="design as it was")
     if polished_from is not None:
         ax.axvspan(polished_from - 0.5, values.size - 0.5, color=SHADE, zorder=0, label="local solver")
-    ax.set_xlim(-0.5, max(values.size - 0.5, 0.5))
+    ax.set(xlim=(-0.5, max(values.size - 0.5, 0.5)), xlabel="trial", ylabel=label)
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
-    ax.set_xlabel("trial")
-    ax.set_ylabel(label)
     faint_grid(ax, "y")
     legend_above(ax, 5)
     return ax
@@ -240,16 +191,16 @@ def plot_convergence(
 
 @styled
 def plot_importance(parts: Mapping[str, float], *, title: str, ax: Axes | None = None) -> Axes:
-    """Draw the part that every variable has, the largest on top.
+    """Draw the importance of every variable as a bar, in the given order from the top.
 
     Parameters
     ----------
     parts : mapping of str to float
-        From 0 to 1 by the name of the variable; one at least.
+        Importance from 0 to 1 by the name of the variable, at least one.
     title : str
-        What they decide.
+        Title of the axes: the quantity that the variables decide.
     ax : Axes, optional
-        Where to draw.
+        Axes to draw into.
 
     Examples
     --------
@@ -263,10 +214,7 @@ def plot_importance(parts: Mapping[str, float], *, title: str, ax: Axes | None =
     for row, part in zip(rows.tolist(), parts.values(), strict=True):
         ax.annotate(f"{100 * part:.0f} %", (100 * part, row), xytext=(4, 0), textcoords="offset points", va="center")
     ax.set_yticks(rows, list(parts))
-    ax.set_ylim(len(parts) - 0.5, -0.5)
-    ax.set_xlim(0, 110)
-    ax.set_xlabel("importance (%)")
-    ax.set_title(title)
+    ax.set(ylim=(len(parts) - 0.5, -0.5), xlim=(0, 110), xlabel="importance (%)", title=title)
     return ax
 
 
@@ -287,27 +235,27 @@ def plot_front(
     Parameters
     ----------
     points : array_like, shape (n, 2)
-        The scores.
+        Scores of the trials.
     feasible : array_like of bool, shape (n,)
-        Which keep all bounds; the others are left out.
+        True for trials that keep all bounds; the others are left out.
     front : sequence of int
         Indices of the points on the front.
     labels : tuple of str
-        Of both axes, with units.
+        Labels of both axes, with units.
     start : tuple of float, optional
         Scores of the design as it was.
     named : mapping of int to str, optional
-        Names to write beside points.
+        Names to write beside points, by their indices.
     stairs : {"pre", "post"}, optional
-        Bounds what the front has reached: ``"post"`` where the first score is to be small, ``"pre"`` where large. None
-        draws no line, as for two scores of more.
+        Draw the front as a staircase: ``"post"`` where the first score is minimized, ``"pre"`` where it is maximized.
+        None draws no line, as for two out of more scores.
     ax : Axes, optional
-        Where to draw.
+        Axes to draw into.
 
     Raises
     ------
     ValueError
-        Shapes that do not fit.
+        If the shapes do not fit.
 
     Examples
     --------
@@ -330,8 +278,7 @@ def plot_front(
         ax.scatter(start[0], start[1], s=130, color=INK, marker="*", label="design as it was", zorder=4)
     for k, name in (named or {}).items():
         ax.annotate(name, values[k].tolist(), xytext=(6, 6), textcoords="offset points", weight="bold")
-    ax.set_xlabel(labels[0])
-    ax.set_ylabel(labels[1])
+    ax.set(xlabel=labels[0], ylabel=labels[1])
     faint_grid(ax)
     legend_above(ax, 3)
     return ax
@@ -344,7 +291,7 @@ def boards_figure(boards: Mapping[str, CoilArray]) -> Figure:
     Parameters
     ----------
     boards : mapping of str to CoilArray
-        By their titles; one at least.
+        Boards by their titles, at least one.
     """
     edges = np.array([array.bounds for array in boards.values()])
     (x_min, y_min), (x_max, y_max) = edges[:, :2].min(axis=0), edges[:, 2:].max(axis=0)
@@ -353,27 +300,25 @@ def boards_figure(boards: Mapping[str, CoilArray]) -> Figure:
     rim = 0.02 * (x_max - x_min + y_max - y_min)
     for k, (title, array) in enumerate(boards.items()):
         ax = plot_board(array, figure.add_subplot(len(boards), 1, k + 1))
-        ax.set_xlim(*MM.of((x_min - rim, x_max + rim)))
-        ax.set_ylim(*MM.of((y_min - rim, y_max + rim)))
-        ax.set_title(title)
+        ax.set(xlim=MM.of((x_min - rim, x_max + rim)), ylim=MM.of((y_min - rim, y_max + rim)), title=title)
     return figure
 
 
-def _check_objectives(result: SearchResult, *asked: int) -> None:
+def _check_objectives(result: Optimization, *asked: int) -> None:
     count = len(result.goal.objectives)
     for objective in asked:
         if not 0 <= objective < count:
             raise ValueError(f"an objective must be one of the goal's {count}, counted from 0; got {objective}.")
 
 
-def _label(result: SearchResult, k: int) -> str:
-    """Name a score by its quantity, whose name says the unit."""
+def _label(result: Optimization, k: int) -> str:
+    """Return the label of a score: its quantity, whose name contains the unit."""
     objective = result.goal.objectives[k]
     return objective.quantity if objective.target is None else f"|{objective.quantity} − {objective.target:g}|"
 
 
 def _focus(ax: Axes, values: npt.NDArray[np.float64], log: bool) -> None:
-    """Show all that keeps the bounds; what breaks them may lie far outside."""
+    """Show all trials that keep the bounds; those that break them may lie far outside."""
     if log and values.min() > 0:
         ax.set_yscale("log")
         ax.set_ylim(values.min() / 1.5, values.max() * 1.5)
@@ -383,7 +328,7 @@ def _focus(ax: Axes, values: npt.NDArray[np.float64], log: bool) -> None:
 
 
 def _focus_both(ax: Axes, wanted: npt.NDArray[np.float64], others: npt.NDArray[np.float64]) -> None:
-    """Show the front and the start with as much room again; far-off points would make them a dot."""
+    """Show the front and the start with as much room again, and leave distant points out."""
     low, high = wanted.min(axis=0), wanted.max(axis=0)
     room = np.where(high > low, high - low, np.abs(high) + 1e-12)
     near = np.clip(others, low - 0.15 * room, high + 1.0 * room)

@@ -1,23 +1,27 @@
-"""What all flat figures have in common: settings, sizes, colour bars, grids, and the coils' outlines."""
+"""What all flat figures share: settings, sizes, colour bars, grids, legends, maps, and the coils' outlines."""
 
 from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Sequence
-from typing import Any, Literal, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, ParamSpec, TypeVar
 
 import matplotlib
 import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
+from matplotlib.collections import QuadMesh
 from matplotlib.colorbar import Colorbar
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from matplotlib.ticker import MaxNLocator
 
-from coilarray.viz.palette import FAINT, INK, UNKNOWN
+from coilarray.viz.palette import DIVERGING, FAINT, GREY, INK, UNKNOWN
 from coilarray.viz.plots.axis_units import MM
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -66,7 +70,7 @@ def figure_size(width: float, height: float) -> tuple[float, float]:
 
 
 def colour_bar(ax: Axes, image: ScalarMappable, label: str) -> Colorbar:
-    """Draw a colour bar exactly as high as the axes; bands of colour are as high as what they stand for."""
+    """Draw a colour bar exactly as high as the axes; the height of a colour band is proportional to its values."""
     figure = ax.get_figure(root=True)
     if figure is None:
         raise ValueError("ax must belong to a figure.")
@@ -85,33 +89,34 @@ def legend_beside(ax: Axes, columns: int = 1, title: str | None = None) -> None:
         ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), ncols=columns, title=title)
 
 
-def legend_above(ax: Axes, columns: int, side: Literal["left", "right"] = "right") -> None:
-    """Legend above the axes, beside the title, where it hides no curve."""
-    ax.legend(
-        loc="lower left" if side == "left" else "lower right",
-        bbox_to_anchor=(0.0 if side == "left" else 1.0, 1.0),
-        ncols=columns,
-        borderaxespad=0.2,
-        columnspacing=1.0,
-    )
+def legend_above(
+    ax: Axes, columns: int, side: Literal["left", "center", "right"] = "right", columnspacing: float = 1.0, **look: Any
+) -> None:
+    """Legend above the axes, beside the title, where it hides no curve; `look` goes to Matplotlib."""
+    anchor = ({"left": 0.0, "center": 0.5, "right": 1.0}[side], 1.0)
+    look = {"loc": f"lower {side}", "borderaxespad": 0.2, "columnspacing": columnspacing, **look}
+    ax.legend(bbox_to_anchor=anchor, ncols=columns, **look)
+
+
+def zero_line(ax: Axes) -> None:
+    """Draw a thin line at zero behind the curves."""
+    ax.axhline(0.0, color=GREY, linewidth=0.8, zorder=0)
+
+
+def write_name(ax: Axes, x: float, y: float, name: str, **look: Any) -> None:
+    """Write the name of a coil in a white box with its middle at a place in mm."""
+    box: dict[str, Any] = {"boxstyle": "round,pad=0.2", "facecolor": "white", "alpha": 0.8, "linewidth": 0}
+    ax.text(x, y, name, ha="center", va="center", bbox=box, **look)
 
 
 def draw_outlines(ax: Axes, outlines: Sequence[npt.ArrayLike]) -> None:
-    """Draw the coils' outlines into axes in mm.
-
-    Parameters
-    ----------
-    ax : Axes
-        Where.
-    outlines : sequence of array_like, each of shape (m, 2)
-        Corners in m, first point not repeated.
-    """
+    """Draw the coils' outlines, corners in m of shape (m, 2) with the first one not repeated, into axes in mm."""
     for outline in outlines:
         ax.add_patch(Polygon(MM.of(outline), closed=True, facecolor="none", edgecolor=INK, linewidth=0.8))
 
 
 def finish_map(ax: Axes, outlines: Sequence[npt.ArrayLike]) -> None:
-    """Draw the coils on a map in mm within the limits that it has; grey where it has no value."""
+    """Draw the coils on a map in mm without changing its limits; grey where it has no value."""
     limits = ax.get_xlim(), ax.get_ylim()
     draw_outlines(ax, outlines)
     ax.set_xlim(*limits[0])
@@ -120,15 +125,34 @@ def finish_map(ax: Axes, outlines: Sequence[npt.ArrayLike]) -> None:
     plan_axes(ax)
 
 
+def signed_map(
+    ax: Axes,
+    at: xr.Dataset | xr.DataArray,
+    values: npt.NDArray[np.float64],
+    outlines: Sequence[npt.ArrayLike],
+    limit: float | None = None,
+    *,
+    rasterized: bool = False,
+) -> QuadMesh:
+    """Fill axes in mm with values (y, x) in colours symmetric about zero, at the coordinates of `at` in m.
+
+    The coils' outlines lie above it, and it is grey where there is no value.
+    """
+    limit = largest(values) if limit is None else limit
+    shown = np.ma.masked_invalid(values)
+    look: dict[str, Any] = {"cmap": DIVERGING, "vmin": -limit, "vmax": limit, "rasterized": rasterized}
+    mesh = ax.pcolormesh(MM.of(at.x), MM.of(at.y), shown, **look)
+    finish_map(ax, outlines)
+    return mesh
+
+
 def plan_axes(ax: Axes) -> None:
-    """Name the axes of a plan of the board in mm, of equal scales."""
-    ax.set_aspect("equal")
+    """Name the axes of a plan of the board in mm and give them equal scales."""
+    ax.set(aspect="equal", xlabel=MM.label("x"), ylabel=MM.label("y"))
     ax.xaxis.set_major_locator(MaxNLocator(_MOST_TICKS, steps=_STEPS))
-    ax.set_xlabel(MM.label("x"))
-    ax.set_ylabel(MM.label("y"))
 
 
 def largest(values: npt.NDArray[np.float64]) -> float:
-    """Largest magnitude of what is finite, 1 where that is zero: the limit of colours symmetric about zero."""
+    """Return the largest magnitude of the finite values, or 1 for zero: the limit of colours symmetric about zero."""
     finite = np.abs(values[np.isfinite(values)])
     return float(finite.max(initial=0.0)) or 1.0

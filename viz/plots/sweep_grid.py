@@ -1,4 +1,4 @@
-"""Figures of sweeps over entries of a design: lines, coupling with its zeros, maps, and dots of samples."""
+"""Figures of sweeps over entries of a design: lines, coupling with its zeros, maps, and dots for samples."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ if TYPE_CHECKING:
 FloatArray = npt.NDArray[np.float64]
 
 MOST_PANELS = 24
-"""Panels that `sweep_figure` shows at most."""
+"""Largest number of panels in `sweep_figure`."""
 
 _PANEL = (4.2, 3.0)  # inches
 _LEGEND = 2.0  # inches
 _COLUMNS = 3
 _MOST_INSIDE = 4  # pairs of coils whose legend has room beside their curves
 _TEXT = 14  # characters of a text in one line beside a tick
-_ONE_ZERO = 1e-9  # of the range: a zero at a sample may be found from both of its sides
+_ONE_ZERO = 1e-9  # share of the range within which two zeros are one: a zero at a sample is found from both sides
 
 
 @styled
@@ -42,16 +42,15 @@ def plot_coupling_sweep(sweep: xr.Dataset, ax: Axes | None = None) -> Axes:
     Parameters
     ----------
     sweep : xarray.Dataset
-        As `coilarray.studies.sweep.run_sweep` returns it, over one entry with numbers; every quantity ``k[coil,coil]``
-        of it is drawn.
+        Result of `coilarray.studies.sweep.run_sweep` over one entry with numbers; all its ``k[coil,coil]`` are drawn.
     ax : Axes, optional
-        Where to draw. Circles are where a pair does not couple, as `zero_crossings` finds it, the legend says where; a
+        Axes to draw into. Circles, and values in the legend, mark the `zero_crossings` where a pair does not couple; a
         dashed line is the design's own value.
 
     Raises
     ------
     ValueError
-        A sweep that is not over one entry with numbers, or has no k.
+        If the sweep is not over one entry with numbers, or has no k.
 
     Examples
     --------
@@ -80,14 +79,11 @@ def plot_coupling_sweep(sweep: xr.Dataset, ax: Axes | None = None) -> Axes:
         look = curve_look(place)
         ax.plot(x, values, marker=".", markersize=4, label=f"{name}{true_minus(found)}", **look)
         ax.plot(zeros, np.zeros_like(zeros), "o", markersize=7, markerfacecolor="white", markeredgecolor=look["color"])
-    _name_axis(ax.xaxis, sweep[entries[0]])
-    _mark(ax, sweep[entries[0]])
-    faint_grid(ax)
-    ax.set_ylabel("coupling coefficient k")
+    _finish(ax, sweep[entries[0]], "coupling coefficient k")
     if len(pairs) > _MOST_INSIDE:
         legend_beside(ax, math.ceil(len(pairs) / 16))
     else:
-        ax.legend(loc="best")  # said, or it warns of a machine that is slow
+        ax.legend(loc="best")  # without it Matplotlib warns on a slow machine
     return ax
 
 
@@ -97,14 +93,14 @@ def zero_crossings(x: npt.ArrayLike, values: npt.ArrayLike) -> FloatArray:
     Parameters
     ----------
     x : array_like, shape (n,)
-        Rising.
+        Ascending coordinates of the samples.
     values : array_like, shape (n,)
-        NaN where there is none; no zero is looked for beside it.
+        Samples; beside a NaN no zero is looked for.
 
     Returns
     -------
     ndarray, shape (zeros,)
-        Rising. Between two samples of one sign there is none; a sample that is zero counts.
+        Ascending coordinates of the zeros. There is none between two samples of one sign; a sample that is zero counts.
 
     Examples
     --------
@@ -126,16 +122,16 @@ def zero_crossings(x: npt.ArrayLike, values: npt.ArrayLike) -> FloatArray:
 
 @styled
 def plot_sweep_points(sweep: xr.Dataset, quantity: str, entry: str, ax: Axes | None = None) -> Axes:
-    """Draw a quantity of a sweep over one of its entries, a dot a point.
+    """Draw a quantity of a sweep over one of its entries, one dot per point.
 
     Parameters
     ----------
     sweep : xarray.Dataset
-        As `coilarray.studies.sweep.run_sweep` returns it, a grid or samples.
+        Result of `coilarray.studies.sweep.run_sweep`, a grid or samples.
     quantity, entry : str
         Names of a variable and of a coordinate.
     ax : Axes, optional
-        Where to draw; a dashed line is the design's own value.
+        Axes to draw into; a dashed line is the design's own value.
 
     Examples
     --------
@@ -147,27 +143,27 @@ def plot_sweep_points(sweep: xr.Dataset, quantity: str, entry: str, ax: Axes | N
     ax = ax or new_axes(*_PANEL)
     at = sweep[entry].broadcast_like(sweep[quantity]).transpose(*sweep[quantity].dims)
     ax.plot(_numbers(sweep[entry], at.values.ravel()), sweep[quantity].values.ravel(), ".", color=BLUE, markersize=4)
-    _finish(ax, sweep, quantity, entry)
+    _finish(ax, sweep[entry], _label(sweep[quantity]))
     return ax
 
 
 @styled
 def plot_sweep_lines(sweep: xr.Dataset, quantity: str, ax: Axes | None = None) -> Axes:
-    """Draw a quantity of a sweep over its one entry; of two, one line for each text of the one that has texts.
+    """Draw a quantity of a sweep over an entry with numbers, one line for each text of a second entry.
 
     Parameters
     ----------
     sweep : xarray.Dataset
-        As `coilarray.studies.sweep.run_sweep` returns it, a grid over one entry, or over two of which one has texts.
+        Result of `coilarray.studies.sweep.run_sweep`, a grid over one entry, or over two of which one has texts.
     quantity : str
-        Name of a variable; a point without it is a gap.
+        Name of a variable; a point without a value is a gap.
     ax : Axes, optional
-        Where to draw; a dashed line is the design's own value.
+        Axes to draw into; a dashed line is the design's own value.
 
     Raises
     ------
     ValueError
-        A sweep over other entries.
+        If the sweep is over other entries.
 
     Examples
     --------
@@ -190,7 +186,7 @@ def plot_sweep_lines(sweep: xr.Dataset, quantity: str, ax: Axes | None = None) -
             values = sweep[quantity].isel({apart: k}).values
             ax.plot(x, values, marker="o", markersize=4, label=text, **curve_look(k))
         ax.legend(title=apart, loc="best")  # as above
-    _finish(ax, sweep, quantity, along)
+    _finish(ax, sweep[along], _label(sweep[quantity]))
     return ax
 
 
@@ -201,16 +197,16 @@ def plot_sweep_map(sweep: xr.Dataset, quantity: str, ax: Axes | None = None) -> 
     Parameters
     ----------
     sweep : xarray.Dataset
-        As `coilarray.studies.sweep.run_sweep` returns it, a grid over two entries.
+        Result of `coilarray.studies.sweep.run_sweep`, a grid over two entries.
     quantity : str
         Name of a variable.
     ax : Axes, optional
-        Where to draw; a cross is the design's own place.
+        Axes to draw into; a cross marks the design's own values.
 
     Raises
     ------
     ValueError
-        A sweep over fewer or more entries.
+        If the sweep is over fewer or more entries.
 
     Examples
     --------
@@ -243,20 +239,20 @@ def sweep_figure(result: xr.Dataset) -> Figure:
     Parameters
     ----------
     result : xarray.Dataset
-        As `coilarray.studies.sweep.run_sweep` returns it.
+        Result of `coilarray.studies.sweep.run_sweep`.
 
     Returns
     -------
     Figure
-        One panel a quantity: a line over the one entry of a grid, lines or a map over two. Of a grid over more entries,
-        and of samples, one panel for each quantity and entry, with a dot a point. Coupling coefficients of pairs over
-        one entry with numbers share a panel, drawn by `plot_coupling_sweep`. A dashed line or a cross is the design's
-        own value; what has no result is left out, or grey on a map.
+        One panel per quantity: a line over the one entry of a grid, lines or a map over two. For a grid over more
+        entries, and for samples, one panel for each quantity and entry, with one dot per point. Coupling coefficients
+        over one entry with numbers share a panel, drawn by `plot_coupling_sweep`. A dashed line or a cross marks the
+        design's own value; points without a result are left out, or grey on a map.
 
     Raises
     ------
     ValueError
-        No quantity, or more than `MOST_PANELS` panels.
+        If there is no quantity, or more than `MOST_PANELS` panels.
 
     Examples
     --------
@@ -301,7 +297,7 @@ def _is_coupling(name: str) -> bool:
 
 
 def _line_entries(sweep: xr.Dataset, entries: Sequence[str]) -> tuple[str, str]:
-    """Return the entry along lines and the one of texts that tells them apart; empty where there is none."""
+    """Return the entry along lines and the entry of texts with one line each; empty where there is none."""
     if "sample" in sweep.dims:
         return "", ""
     if len(entries) == 1:
@@ -313,18 +309,20 @@ def _line_entries(sweep: xr.Dataset, entries: Sequence[str]) -> tuple[str, str]:
 
 
 def _numbers(coordinate: xr.DataArray, values: npt.NDArray[np.generic]) -> FloatArray:
-    """Return where values stand on an axis: texts are numbered in the order in which they first come."""
+    """Return the places of values on an axis: texts are numbered in the order in which they first appear."""
     if not _is_text(coordinate):
         return values.astype(np.float64)
     texts = list(dict.fromkeys(coordinate.values.tolist()))
     return np.array([float(texts.index(value)) for value in values.tolist()])
 
 
-def _finish(ax: Axes, sweep: xr.Dataset, quantity: str, entry: str) -> None:
-    _name_axis(ax.xaxis, sweep[entry])
-    _mark(ax, sweep[entry])
+def _finish(ax: Axes, entry: xr.DataArray, label: str) -> None:
+    _name_axis(ax.xaxis, entry)
+    own = _own(entry)
+    if own is not None:
+        ax.axvline(own, color=INK, linestyle="--", linewidth=0.9, zorder=0)
     faint_grid(ax)
-    ax.set_ylabel(_label(sweep[quantity]))
+    ax.set_ylabel(label)
 
 
 def _name_axis(axis: Axis, coordinate: xr.DataArray) -> None:
@@ -336,14 +334,8 @@ def _name_axis(axis: Axis, coordinate: xr.DataArray) -> None:
         axis.set_major_locator(MaxNLocator(integer=True))
 
 
-def _mark(ax: Axes, coordinate: xr.DataArray) -> None:
-    own = _own(coordinate)
-    if own is not None:
-        ax.axvline(own, color=INK, linestyle="--", linewidth=0.9, zorder=0)
-
-
 def _own(coordinate: xr.DataArray) -> float | None:
-    """Return the design's own value of an entry; None for a text, and where it is beyond what was swept."""
+    """Return the design's own value of an entry; None for a text, and for a value outside the sweep."""
     own = coordinate.attrs.get("design_value")
     if _is_text(coordinate) or own is None:
         return None
@@ -355,7 +347,7 @@ def _is_text(coordinate: xr.DataArray) -> bool:
 
 
 def _label(array: xr.DataArray) -> str:
-    """Name and unit of an entry or quantity, which are in the units of their names, prefixes included."""
+    """Return the name and the unit of an entry or quantity, both with the prefix that the dataset has."""
     return f"{array.name} ({unit})" if (unit := _unit(array)) else str(array.name)
 
 

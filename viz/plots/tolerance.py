@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -11,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from coilarray.viz.palette import BLUE, INK, KINDS, UNKNOWN, VERMILLION
-from coilarray.viz.plots.style import new_axes, styled
+from coilarray.viz.plots.style import legend_above, new_axes, styled
 
 _MOST_HISTOGRAMS = 6
 _COLUMNS = 3
@@ -25,18 +26,14 @@ def tolerance_figure(result: xr.Dataset, outputs: Sequence[str] | None = None) -
     Parameters
     ----------
     result : xarray.Dataset
-        As `coilarray.studies.tolerance.analyse` returns it.
+        Result of `coilarray.studies.tolerance.analyse`.
     outputs : sequence of str, optional
-        Which outputs; all by default. The first six have a histogram.
-
-    Returns
-    -------
-    Figure
+        Names of the outputs; all by default. The first six have a histogram.
 
     Raises
     ------
     ValueError
-        An output that is not there, or none.
+        If the analysis has no such output, or none is asked for.
     """
     names = list(outputs) if outputs is not None else result.output.values.tolist()
     for name in names:
@@ -62,9 +59,9 @@ def plot_shares(result: xr.Dataset, ax: Axes | None = None) -> Axes:
     Parameters
     ----------
     result : xarray.Dataset
-        As `coilarray.studies.tolerance.analyse` returns it.
+        Result of `coilarray.studies.tolerance.analyse`.
     ax : Axes, optional
-        Where to draw.
+        Axes to draw into.
 
     Examples
     --------
@@ -87,25 +84,17 @@ def plot_shares(result: xr.Dataset, ax: Axes | None = None) -> Axes:
         share = result.share.values[there].sum(axis=0)
         if share.max() < _LEAST_SHARE:
             continue
-        k = tables.index(table)
-        ax.barh(
-            places,
-            share * 100,
-            left=left,
-            height=0.75,
-            color=KINDS[k % len(KINDS)],
-            hatch="" if part == "board" else "////",
-            edgecolor="white",
-            linewidth=0.4,
-            label=f"{table}, {'board' if part == 'board' else 'layers'}",
-        )
+        colour, hatch, where = KINDS[tables.index(table) % len(KINDS)], "", "board"
+        if part != "board":
+            hatch, where = "////", "layers"
+        look: dict[str, Any] = {"color": colour, "hatch": hatch, "edgecolor": "white", "linewidth": 0.4}
+        ax.barh(places, share * 100, left=left, height=0.75, label=f"{table}, {where}", **look)
         left += share * 100
     spread = result.linear_deviation.values > 0
     ax.barh(places, np.where(spread, 100 - left, 0.0), left=left, height=0.75, color=UNKNOWN, label="others")
     ax.set_yticks(places, names)
     ax.invert_yaxis()
-    ax.set_xlim(0, 100)
-    ax.set_xlabel("share of the linearised variance (%)")
+    ax.set(xlim=(0, 100), xlabel="share of the linearised variance (%)")
     ax.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), fontsize="small")
     return ax
 
@@ -117,11 +106,11 @@ def plot_boards(result: xr.Dataset, output: str, ax: Axes | None = None) -> Axes
     Parameters
     ----------
     result : xarray.Dataset
-        As `coilarray.studies.tolerance.analyse` returns it, with samples.
+        Result of `coilarray.studies.tolerance.analyse` with samples.
     output : str
-        Which one.
+        Name of the output.
     ax : Axes, optional
-        Where to draw.
+        Axes to draw into.
 
     Examples
     --------
@@ -153,22 +142,12 @@ def plot_boards(result: xr.Dataset, output: str, ax: Axes | None = None) -> Axes
         limits = np.r_[result.at_least.values[of_output], result.at_most.values[of_output]]
         for k, limit in enumerate(limits[np.isfinite(limits)].tolist()):
             ax.axvline(limit, color=VERMILLION, linestyle="--", label="" if k else "limit")  # once in the legend
-    ax.set_xlabel(output)
-    ax.set_yticks([])
+    ax.set(xlabel=output, yticks=[])
     ax.locator_params(axis="x", nbins=4)
-    # above the axes, where lines of limits do not cross it
-    ax.legend(
-        loc="lower center",
-        bbox_to_anchor=(0.5, 1.0),
-        ncols=3,
-        borderaxespad=0.2,
-        fontsize="small",
-        columnspacing=0.8,
-        handlelength=1.2,
-    )
+    legend_above(ax, 3, "center", columnspacing=0.8, fontsize="small", handlelength=1.2)
     return ax
 
 
 def _shares_size(outputs: int) -> tuple[float, float]:
-    """Size in inches of a figure of the shares."""
+    """Return the size in inches of a figure of the shares."""
     return 9.0, 0.9 + 0.24 * outputs

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -31,18 +31,19 @@ Box = tuple[float, float, float, float]
 
 _GLASS = 0.12  # opacity of a sheet
 _RISER = "#BBBBBB"
+_COPPER = "copper "
 
 
 @dataclass(frozen=True, eq=False)
 class CoilColours:
-    """A value of every coil, shown as the colour of its copper.
+    """One value per coil, shown as the colour of its copper.
 
     Parameters
     ----------
     values : ndarray, shape (coils,)
-        NaN for a coil that has none.
+        Values of the coils; NaN for a coil without one.
     scale : Scale
-        Its `array` is the name that the values get in the meshes.
+        Scale of the colours; its `array` is the name of the values in the meshes.
     """
 
     values: FloatArray
@@ -60,11 +61,11 @@ def board_scene(
     Parameters
     ----------
     array : CoilArray
-        The board.
+        Board that is drawn.
     sheets : sequence of Sheet
-        The elastomer on it, the lowest first.
+        Elastomer sheets on it, the lowest first.
     plotter : pyvista.Plotter
-        Filled with actors; lengths in mm.
+        Plotter that gets the actors; lengths in mm.
     show_sheets : bool
         False leaves the sheets out.
     """
@@ -93,28 +94,28 @@ def scene_of_board(
     Parameters
     ----------
     array : CoilArray
-        The board.
+        Board that is drawn.
     layers : sequence of str, optional
-        Copper layers that are shown; all by default.
+        Names of the copper layers that are shown; all by default.
     colours : CoilColours, optional
         Colours of the coils in place of those of the layers.
     box : tuple of float, optional
-        x_min, y_min, x_max, y_max in m: only what is in it is shown, without rulers, barrels and names.
+        x_min, y_min, x_max, y_max in m of the part that is shown, without rulers, barrels and names.
     name_heights : array_like, shape (coils,) or scalar
-        Of the names in m: above what covers a coil.
+        Heights of the coils' names in m, above what covers the coils.
 
     Returns
     -------
     Scene
-        With one group for each copper layer.
+        Parts with one group for each copper layer.
 
     Raises
     ------
     GeometryError
-        A layer that the board does not have.
+        If the board has no such layer.
     """
     parts = solids(array)
-    copper = _copper(parts, array, layers, colours, box)
+    copper = copper_parts(array, layers, colours, box, parts)
     board = cut_upright(board_mesh(parts), box)
     laminate = [] if not board.n_cells else [_laminate(board)]
     if box is not None:
@@ -131,18 +132,10 @@ def copper_parts(
     layers: Sequence[str] | None = None,
     colours: CoilColours | None = None,
     box: Box | None = None,
+    parts: Mapping[str, trimesh.Trimesh] | None = None,
 ) -> tuple[Part, ...]:
-    """Return the copper of a board alone, one part a layer that has any; arguments as for `scene_of_board`."""
-    return _copper(solids(array), array, layers, colours, box)
-
-
-def _copper(
-    parts: Mapping[str, trimesh.Trimesh],
-    array: CoilArray,
-    layers: Sequence[str] | None,
-    colours: CoilColours | None,
-    box: Box | None,
-) -> tuple[Part, ...]:
+    """Return the copper of a board alone, one part per layer with copper; arguments as for `scene_of_board`."""
+    parts = solids(array) if parts is None else parts
     return tuple(
         _coloured(name, mesh, colour, colours)
         for name, colour in _shown_layers(array, layers).items()
@@ -150,23 +143,20 @@ def _copper(
     )
 
 
+def board_in_pieces(array: CoilArray) -> tuple[tuple[Part, ...], Scene]:
+    """Return the copper of a board, to be coloured by `recoloured`, and the scene of the rest."""
+    board = scene_of_board(array)
+    copper = tuple(part for part in board.parts if part.name.startswith(_COPPER))
+    return copper, replace(board, parts=tuple(part for part in board.parts if part not in copper))
+
+
 def recoloured(copper: Sequence[Part], colours: CoilColours) -> tuple[Part, ...]:
     """Give the copper of `copper_parts` other values of the coils."""
-    return tuple(_coloured(part.name.removeprefix("copper "), part.mesh, part.colour, colours) for part in copper)
+    return tuple(_coloured(part.name.removeprefix(_COPPER), part.mesh, part.colour, colours) for part in copper)
 
 
 def scene_of_sheets(array: CoilArray, sheets: Sequence[Sheet], lift: float = 0.0, spread: float = 0.0) -> Scene:
-    """Return flat sheets on a board as glass with clear edges, the uppermost first.
-
-    Parameters
-    ----------
-    array : CoilArray
-        The board.
-    sheets : sequence of Sheet
-        From the board upwards.
-    lift, spread : float
-        As in `coilarray.viz.datasets.sheet_meshes`.
-    """
+    """Return flat sheets on a board as glass with clear edges, the uppermost first; `lift` as in `sheet_meshes`."""
     thick = {sheet.name: sheet.thickness for sheet in sheets}
     colours = cycled(SHEETS, list(thick))
     parts: list[Part] = []
@@ -178,7 +168,7 @@ def scene_of_sheets(array: CoilArray, sheets: Sequence[Sheet], lift: float = 0.0
 
 
 def sheet_label(name: str, thickness: float) -> str:
-    """Text of a sheet in a legend; its thickness in m."""
+    """Return the text of a sheet in a legend; its thickness in m."""
     return f"{name} {thickness * MM_PER_M:g} mm"
 
 
@@ -192,7 +182,7 @@ def coil_names(array: CoilArray, heights: npt.ArrayLike = 0.0) -> tuple[Text, ..
 
 
 def cut_upright(mesh: pyvista.PolyData, box: Box | None) -> Any:
-    """Cut a mesh upright to a rectangle x_min, y_min, x_max, y_max in m, or not at all; it is open where it was cut."""
+    """Cut a mesh upright to a rectangle x_min, y_min, x_max, y_max in m, if any; it is open where it was cut."""
     if box is None or not mesh.n_cells:
         return mesh
     x_min, y_min, x_max, y_max = (MM_PER_M * edge for edge in box)
@@ -201,7 +191,7 @@ def cut_upright(mesh: pyvista.PolyData, box: Box | None) -> Any:
 
 
 def _shown_layers(array: CoilArray, layers: Sequence[str] | None) -> dict[str, str]:
-    """Colour of every copper layer that is shown."""
+    """Return the colour of every copper layer that is shown."""
     colours = cycled(LAYERS, array.stackup.names)
     for layer in layers or ():
         if layer not in colours:
@@ -210,7 +200,7 @@ def _shown_layers(array: CoilArray, layers: Sequence[str] | None) -> dict[str, s
 
 
 def _coloured(layer: str, copper: pyvista.DataSet, colour: str, colours: CoilColours | None) -> Part:
-    name = f"copper {layer}"
+    name = f"{_COPPER}{layer}"
     if colours is None:
         return Part(name, copper, name, colour, ambient=0.45, diffuse=0.6)
     mesh = with_coil_values(copper, colours.values, colours.scale.array)
@@ -223,12 +213,12 @@ def _laminate(board: pyvista.PolyData) -> Part:
 
 
 def _edges(name: str, mesh: pyvista.PolyData, group: str, colour: str) -> Part:
-    """Edges of a mesh's bounding box, which for a board and its sheets are its own."""
+    """Return the edges of a mesh's bounding box, which are those of a board or sheet."""
     return Part(name, mesh.outline(), group, colour, line_width=2.0, lit=False)
 
 
 def _risers(array: CoilArray, top: float) -> tuple[Part, ...]:
-    """Upright lines from the board's far corners to the height `top` in mm: along them the sheets were lifted."""
+    """Return upright lines from the board's far corners to the height `top` in mm, along which sheets are lifted."""
     import pyvista
 
     x_min, _, x_max, y_max = (MM_PER_M * edge for edge in array.bounds)
@@ -237,7 +227,7 @@ def _risers(array: CoilArray, top: float) -> tuple[Part, ...]:
 
 
 def _rulers(array: CoilArray) -> tuple[list[Part], list[Text]]:
-    """Scales in mm along the front and the left edge of the board."""
+    """Return scales in mm along the front and the left edge of the board."""
     x_min, y_min, x_max, y_max = (MM_PER_M * edge for edge in array.bounds)
     length = 0.012 * (x_max - x_min + y_max - y_min)
     front, numbers_of_x = _ruler("x", (x_min, x_max), y_min, length)
@@ -246,7 +236,7 @@ def _rulers(array: CoilArray) -> tuple[list[Part], list[Text]]:
 
 
 def _ruler(axis: Literal["x", "y"], ends: tuple[float, float], at: float, length: float) -> tuple[Part, list[Text]]:
-    """Ticks of a length, with numbers, from end to end of an axis where the other one is `at`; all in mm."""
+    """Return ticks of a length, with numbers, along an axis where the other coordinate is `at`; all in mm."""
     import pyvista
     from matplotlib.ticker import MaxNLocator
 
@@ -256,7 +246,7 @@ def _ruler(axis: Literal["x", "y"], ends: tuple[float, float], at: float, length
     edge_on: Side = "right" if axis == "x" else "front"
 
     def place(along: float, outwards: float) -> tuple[float, float, float]:
-        """Outwards and as much downwards, so that from the side numbers stand below the board."""
+        """Return a place as far below the board as outside it, so that from the side numbers stand below it."""
         return (along, at - outwards, -outwards) if axis == "x" else (at - outwards, along, -outwards)
 
     marks = pyvista.line_segments_from_points([place(t, d) for t in ticks.tolist() for d in (0.0, length)])

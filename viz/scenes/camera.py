@@ -1,4 +1,4 @@
-"""From where a scene is seen: without perspective, so that lengths compare, and all of it in the picture."""
+"""Cameras for scenes: without perspective, so that lengths compare, and aimed at the whole scene."""
 
 from __future__ import annotations
 
@@ -13,21 +13,15 @@ import numpy.typing as npt
 FloatArray = npt.NDArray[np.float64]
 
 Side = Literal["oblique", "top", "front", "right"]
-"""From where: obliquely from the front, straight from above, from the front along y, or from the right along x."""
+"""Side of the view: obliquely from the front, straight from above, from the front along y, or from the right."""
 
 _ANGLES = {"oblique": (48.0, -97.0), "top": (90.0, -90.0), "front": (0.0, -90.0), "right": (0.0, 0.0)}
-_FILLED = 0.88  # of the picture's height or width by the scene, without the numbers of the rulers
+_FILLED = 0.88  # share of the picture's height or width that the scene fills
 
 
 @dataclass(frozen=True)
 class Direction:
-    """Where the camera stands, seen from the scene.
-
-    Parameters
-    ----------
-    elevation, azimuth : float
-        In rad; azimuth 0 is +x, −π/2 the front.
-    """
+    """Direction from the scene to the camera: elevation and azimuth in rad; azimuth 0 is +x, −π/2 the front."""
 
     elevation: float
     azimuth: float
@@ -46,9 +40,9 @@ class Camera:
     Parameters
     ----------
     position, focus, up : tuple of float
-        In mm; `up` is a direction.
+        Place of the camera and a point in its centre, both in mm, and the upward direction.
     scale : float
-        Half the height of what is seen in mm.
+        Half the visible height in mm.
     """
 
     position: tuple[float, float, float]
@@ -74,15 +68,9 @@ def aim(
     size : tuple of int
         Width and height of the picture.
     towards : Direction
-        From where.
-    left, right : float
-        Parts of the picture's width at its edges that stay free, for a legend and colour bars.
-    bottom : float
-        Part of its height that stays free for notes.
-
-    Returns
-    -------
-    Camera
+        Direction to the camera.
+    left, right, bottom : float
+        Shares of the picture's width and height at its edges that stay free, for a legend, colour bars and notes.
     """
     sine, cosine = math.sin(towards.elevation), math.cos(towards.elevation)
     out = np.array([cosine * math.cos(towards.azimuth), cosine * math.sin(towards.azimuth), sine])
@@ -101,22 +89,7 @@ def aim(
 
 
 def seen_from(camera: Camera, points: npt.ArrayLike, size: tuple[int, int]) -> FloatArray:
-    """Return where points are in a picture.
-
-    Parameters
-    ----------
-    camera : Camera
-        Where it is seen from.
-    points : array_like, shape (n, 3)
-        In mm.
-    size : tuple of int
-        Width and height of the picture.
-
-    Returns
-    -------
-    ndarray, shape (n, 2)
-        From 0 to 1 across and upwards, where they are in the picture.
-    """
+    """Return the places of points, shape (n, 3) in mm, in a picture of a size: shape (n, 2), 0 to 1 across and up."""
     focus, up = np.array(camera.focus), np.array(camera.up)
     out = np.array(camera.position) - focus
     along = np.cross(up, out / np.linalg.norm(out))

@@ -12,7 +12,8 @@ import numpy.typing as npt
 from coilarray.geometry.array import CoilArray
 from coilarray.geometry.indenter import Indenter
 from coilarray.geometry.sheet import Sheet
-from coilarray.viz.datasets.elastomer import at_depth, dented_sheet_meshes, indenter_mesh
+from coilarray.viz.datasets.elastomer import dented_sheet_meshes, indenter_mesh
+from coilarray.viz.datasets.overlays import at_depth
 from coilarray.viz.datasets.triangles import MM_PER_M
 from coilarray.viz.palette import SHEETS, cycled
 from coilarray.viz.scenes.board import Box, scene_of_board, sheet_label
@@ -27,10 +28,10 @@ if TYPE_CHECKING:
 FloatArray = npt.NDArray[np.float64]
 
 VEILED = 0.13
-"""Opacity of dented sheets through which the coils are seen."""
+"""Opacity of dented sheets through which the coils are visible."""
 
 _INTO_THE_CUT = Direction(math.radians(28), math.radians(-118))
-_WIDTH = 2.5  # thicknesses of the stack shown on each side of a dent
+_WIDTH = 2.5  # width shown on each side of a dent, in thicknesses of the stack
 _STEEL = "#7C828A"
 _TALL = 0.7  # height of the indenter over the thickness of the stack
 
@@ -50,24 +51,24 @@ def dent_scene(
     Parameters
     ----------
     array : CoilArray
-        The board.
+        Board that is drawn.
     sheets : sequence of Sheet
-        From the board upwards, as they were indented.
+        Indented sheets from the board upwards.
     indentation : xarray.Dataset
-        As `coilarray.elastomer.indent` returns it.
+        Result of `coilarray.elastomer.indent`.
     indenter : Indenter
-        The body that made the dent.
+        Body that made the dent.
     plotter : pyvista.Plotter
-        Filled with actors; lengths in mm.
+        Plotter that gets the actors; lengths in mm.
     depth : int
-        Position of the depth in the dataset; the deepest by default.
+        Index of the depth in the dataset; the deepest by default.
     centre : tuple of float
         x and y in m of the indenter on the board.
 
     Raises
     ------
     ValueError
-        A depth that the dataset does not have, or a centre that is not on the board.
+        If the dataset has no such depth, or the centre is not on the board.
     """
     at = at_depth(indentation, depth)
     box = _around(array, centre, _WIDTH * float(at.height[-1]))
@@ -90,25 +91,19 @@ def scene_of_dent(
 
     Parameters
     ----------
-    array, sheets, indenter
+    array, sheets, indenter, centre
         As in `dent_scene`.
     dent : xarray.Dataset
         One depth of an indentation.
-    centre : tuple of float
-        x and y in m of the indenter on the board.
     box : tuple of float, optional
         x_min, y_min, x_max, y_max in m of the part of the sheets that is shown; the whole board by default.
     opacity : float
-        Of the sheets.
-
-    Returns
-    -------
-    Scene
+        Opacity of the sheets.
 
     Raises
     ------
     ValueError
-        A centre that is not in the box.
+        If the centre is not in the box.
     """
     extent = array.bounds if box is None else box
     thickness = float(dent.height[-1])
@@ -125,13 +120,13 @@ def scene_of_dent(
 
 
 def name_heights(array: CoilArray, thickness: float, centre: tuple[float, float]) -> FloatArray:
-    """Heights in m of the coils' names on dented sheets: on top of them, and on the board in the quarter cut out."""
+    """Return the heights in m of the coils' names: on top of dented sheets, and on the board in the open quarter."""
     open_ = (array.centres < centre).all(axis=1)
     return np.where(open_, 0.0, thickness)
 
 
 def _around(array: CoilArray, centre: tuple[float, float], half: float) -> Box:
-    """Square about a point cut to the board, in m."""
+    """Return the square about a point cut to the board, in m."""
     x_min, y_min, x_max, y_max = array.bounds
     x, y = centre
     if not (x_min < x < x_max and y_min < y < y_max):

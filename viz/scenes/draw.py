@@ -1,4 +1,7 @@
-"""Put a scene into a PyVista plotter: actors, texts, legend, colour bars and the camera."""
+"""Put a scene into a PyVista plotter: actors, texts, legend, colour bars and the camera.
+
+Actors are the same for windows, pictures and pages, and need no screen.
+"""
 
 from __future__ import annotations
 
@@ -10,32 +13,36 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 import shapely
 
+from coilarray.viz.datasets.triangles import surface_of
 from coilarray.viz.palette import INK
-from coilarray.viz.scenes.actors import actor_of
 from coilarray.viz.scenes.camera import Camera, Side, aim, direction, seen_from
-from coilarray.viz.scenes.scene import Scale, Scene, Text
+from coilarray.viz.scenes.scene import Part, Scale, Scene, Text
 
 if TYPE_CHECKING:
     import pyvista
 
 BAR_WIDTH = 0.085
-"""Part of a picture's width that one colour bar takes, with its numbers."""
+"""Width of one colour bar with its numbers, over that of the picture."""
 
-_HEIGHT, _WIDTH = 900, 1400  # pixels of the picture in which letters and lines are as large as said
-# of the legend, in pixels of a picture 900 pixels high: letters, their mean width, a line, a sign with room, the rim
+_HEIGHT, _WIDTH = 900, 1400  # pixels of the reference picture, in which letters and lines have their nominal sizes
+# legend, in pixels of the reference picture: letters, their mean width, a line, a sign with room, the rim
 _LEGEND, _LETTER, _LINE, _SIGN, _RIM = 17, 10.2, 29, 24, 40
 _TICKS = 5  # numbers on a colour bar
-_TITLE = 13  # letters of a line above it
+_TITLE = 13  # letters in a line of its title
 _PLAIN = 1e-2  # least value without a unit that is shown without a power of ten
 _FONT_FILE = 4  # VTK_FONT_FILE of vtkTextProperty
-# of the notes, in pixels of a picture 900 pixels high: letters, a line, their lower edge with room above them
+# notes, in pixels of the reference picture: letters, a line, their lower edge with room above them
 _NOTE, _NOTE_LINE, _NOTE_RIM = 15, 17.5, 40
+_COLOURS = "colour"  # array of red, green and blue
+_SHARP = 30.0  # angle in degrees between triangles above which their edge stays sharp
+_BEHIND = 2.0  # units of polygon offset
 
 
 Panel = tuple[float, float]
-"""Width and height of what stands at the top left, in those of the picture."""
+"""Width and height of a panel at the top left, over those of the picture."""
 
 
 def draw(scene: Scene, plotter: pyvista.Plotter, *, side: Side = "oblique", panel: Panel | None = None) -> None:
@@ -44,13 +51,13 @@ def draw(scene: Scene, plotter: pyvista.Plotter, *, side: Side = "oblique", pane
     Parameters
     ----------
     scene : Scene
-        What is shown.
+        Scene that is drawn.
     plotter : pyvista.Plotter
-        Filled with actors; lengths in mm. A part or text replaces one of the same name.
+        Plotter that gets the actors; lengths in mm. A part or text replaces one of the same name.
     side : {"oblique", "top", "front", "right"}
-        From where.
+        Side from which it is seen.
     panel : tuple of float, optional
-        Room for something else in place of the legend.
+        Size of a panel that stands in place of the legend.
     """
     view: Any = plotter  # PyVista's decorators lose the signatures of its methods, each version in its own way
     view.set_background("white")
@@ -69,12 +76,10 @@ def draw_parts(scene: Scene, plotter: pyvista.Plotter, pixel: float | None = Non
 
     Parameters
     ----------
-    scene : Scene
-        What is shown.
-    plotter : pyvista.Plotter
-        A part or text replaces one of the same name.
+    scene, plotter
+        As in `draw`.
     pixel : float, optional
-        Pixels for one in a picture 900 pixels high, as `pixel_of` gives them; by the height alone by default.
+        Pixels per pixel of the reference picture, as `pixel_of` gives them; from the height alone by default.
     """
     view: Any = plotter
     if pixel is None:
@@ -86,40 +91,67 @@ def draw_parts(scene: Scene, plotter: pyvista.Plotter, pixel: float | None = Non
         alike[text.group, text.height, text.bold, text.always].append(text)
     for (group, height, bold, always), texts in alike.items():
         # PyVista lets texts of one actor give way to each other where they meet, and none to those of another actor
+        points = np.array([text.position for text in texts], dtype=np.float64)
         view.add_point_labels(
-            np.array([text.position for text in texts], dtype=np.float64),
-            [text.text for text in texts],
-            font_size=round(height * pixel),
-            text_color=INK,
-            shape=None,
-            show_points=False,
-            always_visible=True,
-            justification_horizontal="center",
-            justification_vertical="center",
-            font_file=font_file(bold),
-            reset_camera=False,
-            render=False,
-            name=text_name(group, height, bold, always),
-        )
+            points, [text.text for text in texts], name=text_name(group, height, bold, always),
+            font_size=round(height * pixel), font_file=font_file(bold), text_color=INK, shape=None, show_points=False,
+            justification_horizontal="center", justification_vertical="center", always_visible=True,
+            reset_camera=False, render=False,
+        )  # fmt: skip
     if scene.notes:
-        view.add_text(
-            "\n".join(scene.notes),
-            position=(0.02, 0.025),
-            viewport=True,
-            font_size=round(_NOTE * pixel / 2),  # of PyVista's points, two pixels each
-            color=INK,
-            font_file=font_file(),
-            name="notes",
+        look = {"font_size": round(_NOTE * pixel / 2), "font_file": font_file()}  # PyVista's points have two pixels
+        view.add_text("\n".join(scene.notes), position=(0.02, 0.025), viewport=True, color=INK, name="notes", **look)
+
+
+def actor_of(part: Part, pixel: float = 1.0) -> Any:
+    """Return the pyvista.Actor of a part, its colours in the mesh, so that every renderer shows the same."""
+    import pyvista
+
+    mesh = _surface(part)
+    mapper: Any = pyvista.DataSetMapper(dataset=mesh)
+    if part.scale is None:
+        mapper.scalar_visibility = False
+    else:
+        on_cells = part.scale.array in part.mesh.cell_data
+        mapper.SetScalarModeToUseCellFieldData() if on_cells else mapper.SetScalarModeToUsePointFieldData()
+        mapper.SelectColorArray(_COLOURS)
+        mapper.SetColorModeToDirectScalars()
+        mapper.scalar_visibility = True
+    if part.sunk:
+        mapper.SetResolveCoincidentTopologyToPolygonOffset()
+        mapper.SetRelativeCoincidentTopologyPolygonOffsetParameters(_BEHIND, _BEHIND)
+    properties = pyvista.Property(
+        color=part.colour, opacity=part.opacity, line_width=part.line_width * pixel, lighting=part.lit,
+        ambient=part.ambient, diffuse=part.diffuse, interpolation="Phong" if part.smooth else "Flat",
+    )  # fmt: skip
+    return pyvista.Actor(mapper=mapper, prop=properties, name=part.name)
+
+
+def _surface(part: Part) -> pyvista.PolyData:
+    """Return the surface of a part's mesh with its colours and normals only."""
+    mesh: Any = surface_of(part.mesh)
+    surface: pyvista.PolyData = mesh.copy(deep=False)
+    surface.clear_data()
+    surface.points = np.asarray(mesh.points, dtype=np.float32)  # as graphics cards take them
+    if part.scale is not None:
+        on_cells = part.scale.array in mesh.cell_data
+        values = (mesh.cell_data if on_cells else mesh.point_data)[part.scale.array]
+        target = surface.cell_data if on_cells else surface.point_data
+        target[_COLOURS] = np.ascontiguousarray(part.scale.colours_of(values))
+    if part.smooth:
+        surface = surface.compute_normals(
+            cell_normals=False, split_vertices=True, feature_angle=_SHARP, auto_orient_normals=False
         )
+    return surface
 
 
 def text_name(group: str, height: float, bold: bool, always: bool = False) -> str:
-    """Name of the actor of all texts that look alike."""
+    """Return the name of the actor of all texts that look alike."""
     return f"texts {group} {height:g}{' bold' if bold else ''}{' always' if always else ''}"
 
 
 def camera_of(scene: Scene, size: tuple[int, int], side: Side = "oblique", panel: Panel | None = None) -> Camera:
-    """Return the camera that sees all of a scene, above its notes, beside its colour bars and its legend or a panel."""
+    """Return the camera that shows all of a scene above its notes and beside its colour bars, legend or panel."""
     bars, towards = BAR_WIDTH * len(scene.scales), direction(side)
     notes = (_NOTE_RIM + _NOTE_LINE * len(scene.notes)) * pixel_of(size) / size[1] if scene.notes else 0.0
     camera = aim(scene.bounds, size, towards, right=bars, bottom=notes)
@@ -134,7 +166,7 @@ def camera_of(scene: Scene, size: tuple[int, int], side: Side = "oblique", panel
 
 
 def legend_size(scene: Scene, size: tuple[int, int]) -> Panel:
-    """Width and height of the legend of a scene with its rim, in those of a picture."""
+    """Return the width and height of the legend of a scene with its rim, over those of a picture."""
     pixel = pixel_of(size)
     longest = max((len(group) for group in scene.groups), default=0)
     width, height = _RIM + _SIGN + _LETTER * longest, _RIM + _LINE * len(scene.groups)
@@ -151,7 +183,7 @@ def set_camera(plotter: pyvista.Plotter, camera: Camera) -> None:
 
 
 def pixel_of(size: Sequence[int]) -> float:
-    """Pixels for one in a picture 900 pixels high; fewer in a narrow one, so that legend and bars have their room.
+    """Return the pixels per pixel of the reference picture; fewer in a narrow one, so that legend and bars have room.
 
     Examples
     --------
@@ -163,9 +195,9 @@ def pixel_of(size: Sequence[int]) -> float:
 
 
 def _legend(view: Any, scene: Scene) -> None:
-    """Write every group in ink beside a square of its colour: VTK's own legend has letters of that colour too."""
+    """Write every group in ink beside a square of its colour: VTK's own legend colours the letters too."""
     pixel, height = pixel_of(view.window_size), view.window_size[1]
-    look = {"font_size": round(_LEGEND * pixel / 2), "font_file": font_file()}  # of PyVista's points, two pixels each
+    look = {"font_size": round(_LEGEND * pixel / 2), "font_file": font_file()}  # PyVista's points have two pixels
     for row, (group, colour) in enumerate(scene.groups.items()):
         y = height - (_RIM + (row + 1) * _LINE) * pixel
         view.add_text("■", position=(_RIM * pixel, y), color=colour, name=f"legend sign {group}", **look)
@@ -178,29 +210,17 @@ def _bar(view: Any, scale: Scale, place: int) -> None:
 
     factor, title = shown_units(scale)
     mapper: Any = pyvista.DataSetMapper(dataset=pyvista.PolyData())
+    ends = (scale.low * factor, scale.high * factor)
     mapper.lookup_table = pyvista.LookupTable(
-        cmap=scale.colours,
-        scalar_range=(scale.low * factor, scale.high * factor),
-        log_scale=scale.logarithmic,
-        n_values=256,
+        cmap=scale.colours, scalar_range=ends, log_scale=scale.logarithmic, n_values=256
     )
     pixel = pixel_of(view.window_size)
     bar = view.add_scalar_bar(
         title=textwrap.fill(title, _TITLE),  # so that it does not run into that of the next bar
-        mapper=mapper,
-        vertical=True,
-        n_labels=_TICKS,
-        fmt="%.3g",
-        width=0.35 * BAR_WIDTH,
-        height=0.55,
-        position_x=1.0 - BAR_WIDTH * (place + 1),
-        position_y=0.2,
-        title_font_size=round(17 * pixel),
-        label_font_size=round(16 * pixel),
-        color=INK,
-        unconstrained_font_size=True,
-        render=False,
-    )
+        mapper=mapper, vertical=True, n_labels=_TICKS, fmt="%.3g", width=0.35 * BAR_WIDTH, height=0.55,
+        position_x=1.0 - BAR_WIDTH * (place + 1), position_y=0.2, title_font_size=round(17 * pixel),
+        label_font_size=round(16 * pixel), color=INK, unconstrained_font_size=True, render=False,
+    )  # fmt: skip
     bar.SetVerticalTitleSeparation(round(12 * pixel))
     for text in (bar.GetTitleTextProperty(), bar.GetLabelTextProperty()):
         text.SetFontFamily(_FONT_FILE)
@@ -208,7 +228,7 @@ def _bar(view: Any, scale: Scale, place: int) -> None:
 
 
 def shown_units(scale: Scale) -> tuple[float, str]:
-    """Factor that brings the values of a scale to an SI prefix or power of ten, and the title with the unit.
+    """Return the factor from the values of a scale to the numbers on its bar, and the title with the unit.
 
     Examples
     --------
@@ -224,8 +244,22 @@ def shown_units(scale: Scale) -> tuple[float, str]:
     return unit.factor, unit.label(scale.title)
 
 
+def bar_of(scale: Scale, stops: int) -> tuple[str, list[str], list[str]]:
+    """Return the title, colours ``#rrggbb`` at equal steps, and numbers of a colour bar on a web page, from below."""
+
+    def values(count: int) -> npt.NDArray[np.float64]:
+        share = np.linspace(0.0, 1.0, count)
+        if scale.logarithmic:
+            return np.asarray(scale.low * (scale.high / scale.low) ** share)
+        return np.asarray(scale.low + share * (scale.high - scale.low))
+
+    factor, title = shown_units(scale)
+    colours = [f"#{red:02x}{green:02x}{blue:02x}" for red, green, blue in scale.colours_of(values(stops)).tolist()]
+    return title, colours, [f"{value * factor:.3g}".replace("-", "−") for value in values(_TICKS).tolist()]
+
+
 def font_file(bold: bool = False) -> str:
-    """File of the letters of all texts: those of the plots, which have Greek ones."""
+    """Return the font file of all texts: that of the plots, which has Greek letters."""
     import matplotlib
 
     return f"{matplotlib.get_data_path()}/fonts/ttf/DejaVuSans{'-Bold' if bold else ''}.ttf"

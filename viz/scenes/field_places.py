@@ -1,4 +1,4 @@
-"""Where the field of a coil is computed for a scene: two planes, a box, and the points that lines go through."""
+"""Points at which the field of a coil is computed for a scene: two planes, a box, and seeds of field lines."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ FloatArray = npt.NDArray[np.float64]
 Axes = tuple[FloatArray, FloatArray, FloatArray]
 
 _WIDE, _TALL = 2.2, 1.6  # half sides of the box along and across the board, in radii of the coil
-_RINGS = ((0.15, 6), (0.4, 8), (0.65, 8), (0.9, 8))  # of points for lines: radius in inner radii, and how many
+_RINGS = ((0.15, 6), (0.4, 8), (0.65, 8), (0.9, 8))  # rings of seeds: radius in inner radii, and number of seeds
 
 
 @dataclass(frozen=True)
 class Span:
-    """Points of one axis, from end to end, at most a spacing apart; lengths in m."""
+    """Points of one axis from `low` to `high`, at most a spacing apart; lengths in m."""
 
     low: float
     high: float
@@ -29,7 +29,7 @@ class Span:
 
     @property
     def count(self) -> int:
-        """How many points it has: known before there are any."""
+        """Number of points."""
         return math.ceil((self.high - self.low) / self.spacing * (1 - 1e-12)) + 1
 
     @property
@@ -39,7 +39,7 @@ class Span:
 
 
 Spans = tuple[Span, Span, Span]
-"""Of x, y and z."""
+"""Spans of x, y and z."""
 
 
 def count_of(places: Iterable[Spans]) -> int:
@@ -68,9 +68,9 @@ def field_box(design: Design, coil: str, spacing: float) -> Spans:
 
 
 def points_of_box(design: Design, box: Spans) -> Axes:
-    """Return the axes of a box without points in the copper, where B of thin wires is none of the traces.
+    """Return the axes of a box without points in the copper, where B of thin wires is not that of the traces.
 
-    Across the copper B_z goes on, so what is interpolated between the points above and below is right for it.
+    B_z is continuous across the copper, so that interpolation between the points above and below is right.
     """
     x, y, z = box
     above = np.arange(z.spacing / 2, z.high + z.spacing / 2, z.spacing)
@@ -90,7 +90,7 @@ def line_seeds(design: Design, coil: str) -> FloatArray:
 
 
 def _middle_and_radii(array: CoilArray, coil: str) -> tuple[FloatArray, float, float]:
-    """Middle of a coil's outline on the board, and half its least and its greatest extent along the axes, in m."""
+    """Return the middle of a coil's outline on the board, and half its smaller and larger extent, in m."""
     place = array.placements[array.names.index(coil)]
     outline = place.to_board(place.coil.outline)
     low, high = outline.min(axis=0), outline.max(axis=0)

@@ -22,11 +22,11 @@ from coilarray.viz.scenes.scene import Scene
 Image = npt.NDArray[np.uint8]
 
 SIZE = (960, 540)
-"""Width and height of a film in pixels, where nothing else is said."""
+"""Default width and height of a film in pixels."""
 
-_SAMPLED = 6  # pictures that tell the colours of a GIF
-_SLOWEST, _FASTEST = 0.1, 100.0  # pictures a second; a GIF counts hundredths
-_RATE = 24  # constant rate factor of H.264: smaller is better, 18 as good as nothing lost
+_SAMPLED = 6  # pictures from which the colours of a GIF are chosen
+_SLOWEST, _FASTEST = 0.1, 100.0  # pictures per second; a GIF counts hundredths of a second
+_RATE = 24  # constant rate factor of H.264: smaller is better, 18 is visually lossless
 
 
 def save_movie(
@@ -43,25 +43,25 @@ def save_movie(
     Parameters
     ----------
     still : Scene
-        What is seen in every picture.
+        Scene in every picture.
     moving : iterable of Scene
-        What is seen besides in one picture after the other; read as the film goes on. All must have the same groups
-        and scales, and the camera sees all of the first.
+        Additional scene of each picture, read as the film is made. All must have the same groups and scales; the camera
+        is aimed at the first.
     path : Path
-        Where to, .gif or .mp4; it appears only when it is complete.
+        File to write, .gif or .mp4; it appears only when it is complete.
     side : {"oblique", "top", "front", "right"}
-        From where.
+        Side from which it is seen.
     size : tuple of int
         Width and height in pixels; for .mp4 both even.
     rate : float
-        Pictures a second.
+        Pictures per second.
 
     Raises
     ------
     MissingDependencyError
-        Where this machine cannot render, or for .mp4 where PyAV is not installed.
+        If this machine cannot render, or PyAV is not installed for .mp4.
     OutputError
-        Another suffix, a size or rate that is not allowed, no picture, or a file that cannot be written.
+        If the suffix, size or rate is not allowed, there is no picture, or the file cannot be written.
     """
     check_movie(path, size, rate)
     with off_screen(size) as plotter:
@@ -71,7 +71,7 @@ def save_movie(
 
 
 def check_movie(path: Path, size: tuple[int, int] = SIZE, rate: float = 12.0) -> None:
-    """Refuse a film that `save_movie` would refuse, before its scenes are computed; arguments and errors are its."""
+    """Refuse a film that `save_movie` would refuse, before its scenes are computed; same arguments and errors."""
     suffix = path.suffix.lower()
     if suffix not in (".gif", ".mp4"):
         raise OutputError(f"a film must end in .gif or .mp4; got {path}.")

@@ -1,4 +1,4 @@
-"""A scene of a design: computes what is to be seen and puts it together."""
+"""Scenes of a design: computes what a view asks for and puts it together."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ from coilarray.circuit.coupling import couple_design
 from coilarray.circuit.operating_field import operating_currents, operating_field
 from coilarray.compute.threads import Progress
 from coilarray.design.model import Design, Indentation
-from coilarray.elastomer.contact import indent
 from coilarray.errors import GeometryError, LocalizeError
 from coilarray.localize.forward import forward_model
 from coilarray.localize.inverse import locate
@@ -24,30 +23,36 @@ from coilarray.response.map import response_map
 from coilarray.response.setup import indentation_of
 from coilarray.viz.datasets.field import flux_density, require_memory
 from coilarray.viz.scenes.board import scene_of_board, scene_of_lifted_board, scene_of_sheets
-from coilarray.viz.scenes.coupling import colours_of_currents, scene_of_coupling
 from coilarray.viz.scenes.dent import VEILED, name_heights, scene_of_dent
-from coilarray.viz.scenes.field import scale_of_field, scene_of_lines, scene_of_slices, scene_of_surfaces
 from coilarray.viz.scenes.field_places import Axes, count_of, field_box, field_planes, line_seeds, points_of_box
-from coilarray.viz.scenes.location import scene_of_location
-from coilarray.viz.scenes.response import scene_of_response
+from coilarray.viz.scenes.overlays import (
+    colours_of_currents,
+    scale_of_field,
+    scene_of_coupling,
+    scene_of_lines,
+    scene_of_location,
+    scene_of_response,
+    scene_of_slices,
+    scene_of_surfaces,
+)
 from coilarray.viz.scenes.scene import Scene
-from coilarray.viz.scenes.touch import first_states
+from coilarray.viz.scenes.touch import dent_of_design, first_states, off_middle
 
 if TYPE_CHECKING:
     import pyvista
 
 FloatArray = npt.NDArray[np.float64]
 Tracker = Callable[[str], Progress | None]
-"""Given the name of a piece of work, returns what is called with (done, total) as it goes on."""
+"""Takes the name of a computation and returns its progress function, called with (done, total)."""
 
 Item = Literal[
     "board", "elastomer", "dent", "field", "lines", "surfaces", "currents", "coupling", "response", "location"
 ]
 ITEMS: tuple[Item, ...] = get_args(Item)
-"""What a scene of a design may hold."""
+"""Items that a scene of a design may contain."""
 
-_PLANE_SPACING, _BOX_SPACING = 0.5e-3, 1e-3  # m between points of B, where nothing else is said
-_LEVELS = (-0.35, -0.85, -1.35)  # powers of ten of the largest |B| that have a surface
+_PLANE_SPACING, _BOX_SPACING = 0.5e-3, 1e-3  # default distances of the points of B in m
+_LEVELS = (-0.35, -0.85, -1.35)  # surfaces of equal |B|, as powers of ten of its maximum
 _ALONE: frozenset[Item] = frozenset({"board", "elastomer"})
 _IN_BOX: frozenset[Item] = frozenset({"lines", "surfaces"})
 _WITHIN: frozenset[Item] = frozenset({"field", "lines", "surfaces", "response", "location", "coupling"})
@@ -55,32 +60,32 @@ _WITHIN: frozenset[Item] = frozenset({"field", "lines", "surfaces", "response", 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """What of a design is shown, and how it is computed.
+    """Selection of what is shown of a design, and how it is computed.
 
     Parameters
     ----------
     show : tuple of str
         Items of `ITEMS`. ``"currents"`` colours the copper of the board; ``"dent"`` replaces ``"elastomer"``.
     layers : tuple of str, optional
-        Copper layers that are shown; all by default.
+        Names of the copper layers that are shown; all by default.
     coil : str, optional
-        The measured coil, for field, lines, surfaces, currents and response; the middle one by default.
+        Measured coil for field, lines, surfaces, currents and response; the middle one by default.
     others_open : bool
-        All other coils open, in place of their terminations.
+        True where all other coils are open instead of terminated.
     current : float
-        Of the measured coil in A, for the field.
+        Current of the measured coil in A, for the field.
     spacing : float, optional
         Distance of the points of B in m; 0.5 mm on planes and 1 mm in a box by default.
     at : tuple of float, optional
-        Where the indenter is: x and y in m from the map's origin; a place off the middle of the map by default.
+        x and y of the indenter in m from the map's origin; a place off the middle of the map by default.
     depth : float, optional
-        Of the indentation in m; the deepest of the design by default.
+        Depth of the indentation in m; the deepest of the design by default.
     response : xarray.Dataset, optional
-        The map that is draped; computed by default.
+        Response that is draped; computed by default.
     table : xarray.Dataset, optional
-        Response for positions, as `coilarray.localize.forward.table_for` makes it; needed for ``"location"``.
+        Response table of `coilarray.localize.forward.table_for`; needed for ``"location"``.
     reading : mapping of str to float, or sequence of float, optional
-        δ to be located; that of the indenter at `at` by default.
+        δ to locate; that of the indenter at `at` by default.
     noise : float
         Standard deviation of δ.
     """
@@ -105,37 +110,32 @@ def scene_of_design(design: Design, view: View | None = None, track: Tracker | N
     Parameters
     ----------
     design : Design
-        As `coilarray.load_design` returns it.
+        Design that is shown.
     view : View, optional
-        The board with its elastomer lifted off by default.
+        Selection; by default the board with its elastomer lifted off.
     track : callable, optional
-        Tells how the work goes on.
-
-    Returns
-    -------
-    Scene
+        Reports the progress of each computation.
 
     Raises
     ------
     GeometryError
-        A coil or layer that is not there, a place off the board, or a field that asks for too much memory.
+        If there is no such coil or layer, the indenter is off the board, or a field needs too much memory.
     ElastomerError, LocalizeError
-        An indentation, map or reading that cannot be.
+        If the indentation, map or reading is impossible.
     """
-    made = _Making(design, view or View(), track or (lambda text: None))
-    return made.scene()
+    return _Making(design, view or View(), track or (lambda text: None)).scene()
 
 
 @dataclass(frozen=True, eq=False)
 class _Making:
-    """One scene being made; what several items need is computed once."""
+    """One scene that is being made; results that several items need are computed once."""
 
     design: Design
     view: View
     track: Tracker
 
     def scene(self) -> Scene:
-        """Make it."""
+        """Return the scene."""
         shown = set(self.view.show)
         for item in shown:
             if item not in ITEMS:
@@ -145,11 +145,12 @@ class _Making:
         self._require_memory()
         if shown <= _ALONE and {"board"} <= shown and self.view.layers is None:
             return scene_of_lifted_board(self.design.array, self.design.sheets if "elastomer" in shown else ())
+        array, sheets = self.design.array, self.design.sheets
         makers: dict[Item, Callable[[], Scene]] = {
             "dent": self._dent,
-            "elastomer": self._sheets,
+            "elastomer": lambda: scene_of_sheets(array, sheets),
             "currents": self._currents,
-            "board": self._board,
+            "board": lambda: scene_of_board(array, layers=self.view.layers, name_heights=self._name_heights),
             "coupling": lambda: scene_of_coupling(self._coupling),
             "response": self._response,
             "location": self._location,
@@ -167,22 +168,19 @@ class _Making:
 
     # the board
 
-    def _board(self) -> Scene:
-        return scene_of_board(self.design.array, layers=self.view.layers, name_heights=self._name_heights)
-
-    def _sheets(self) -> Scene:
-        return scene_of_sheets(self.design.array, self.design.sheets)
-
     def _currents(self) -> Scene:
-        names = self.design.array.names
-        colours = colours_of_currents(self._passive_currents, names.index(self._coil))
-        board = scene_of_board(
-            self.design.array, layers=self.view.layers, colours=colours, name_heights=self._name_heights
-        )
-        others = "open" if self.view.others_open else "as terminated"
-        return board + Scene(notes=(f"Orange: {self._coil} is measured, the others {others}; current per its ampere.",))
+        design, view = self.design, self.view
+        currents = operating_currents(design, self._coupling, self._coil, terminated=not view.others_open)
+        colours = colours_of_currents(currents, design.array.names.index(self._coil))
+        board = scene_of_board(design.array, layers=view.layers, colours=colours, name_heights=self._name_heights)
+        note = f"Orange: {self._coil} is measured, the others {self._others}; current per its ampere."
+        return board + Scene(notes=(note,))
 
-    # what is computed once
+    # inputs of several items
+
+    @property
+    def _others(self) -> str:
+        return "open" if self.view.others_open else "as terminated"
 
     @property
     def _coil(self) -> str:
@@ -192,10 +190,6 @@ class _Making:
     @cached_property
     def _coupling(self) -> xr.Dataset:
         return couple_design(self.design, self.track("inductances"))
-
-    @cached_property
-    def _passive_currents(self) -> npt.NDArray[np.complex128]:
-        return operating_currents(self.design, self._coupling, self._coil, terminated=not self.view.others_open)
 
     @property
     def _setup(self) -> Indentation:
@@ -207,29 +201,19 @@ class _Making:
 
     @property
     def _at(self) -> tuple[float, float]:
-        """Where the indenter is, from the map's origin; an eighth and a quarter of the map off its middle by default.
-
-        On the middle line of a symmetric board position is not told to first order: there is no ellipse.
-        """
-        if self.view.at is not None:
-            return self.view.at
-        x, y = (np.array(axis) for axis in (self._setup.x, self._setup.y))
-        return float(x.mean() + np.ptp(x) / 8), float(y.mean() + np.ptp(y) / 4)
+        """X and y of the indenter from the map's origin."""
+        return off_middle(self._setup) if self.view.at is None else self.view.at
 
     # the elastomer
 
     def _dent(self) -> Scene:
-        setup, opacity = self._setup, 1.0 if self._covered else VEILED
-        pressed = indent(
-            self.design.sheets, setup.indenter, [self._depth], base=setup.base, radius=setup.sample_radius
-        ).isel(depth=0)
-        return scene_of_dent(
-            self.design.array, self.design.sheets, pressed, setup.indenter, self._on_board, opacity=opacity
-        )
+        design, opacity = self.design, 1.0 if self._covered else VEILED
+        dent, indenter = dent_of_design(design, self._depth), self._setup.indenter
+        return scene_of_dent(design.array, design.sheets, dent, indenter, self._on_board, opacity=opacity)
 
     @property
     def _on_board(self) -> tuple[float, float]:
-        """Where the indenter is on the board."""
+        """X and y of the indenter on the board."""
         x, y = (a + b for a, b in zip(self._at, self._setup.origin_point, strict=True))
         x_min, y_min, x_max, y_max = self.design.array.bounds
         if not (x_min < x < x_max and y_min < y < y_max):
@@ -241,7 +225,7 @@ class _Making:
 
     @property
     def _covered(self) -> bool:
-        """Whether the board is under sheets that hide it."""
+        """True where the sheets hide the board."""
         return "dent" in self.view.show and not set(self.view.show) & _WITHIN
 
     @property
@@ -265,7 +249,7 @@ class _Making:
         return scene_of_response(response, state, depth, origin=self._origin_of(response), outlines=outlines)
 
     def _state_of(self, response: xr.Dataset) -> str:
-        """State that measures the coil first, by the plan of the design or by its name."""
+        """Return the first state that measures the coil, by the plan of the design or by its name."""
         states = [str(name) for name in response.state.values]
         for wanted in (first_states(self.design).get(self._coil), self._coil):
             if wanted in states:
@@ -285,11 +269,11 @@ class _Making:
         return nearest
 
     def _origin_of(self, response: xr.Dataset) -> tuple[float, float]:
-        """Place of a map's origin on the board, from the coils' centres that it tells."""
+        """Return the place of a map's origin on the board, from the coils' centres in the dataset."""
         array, setup = self.design.array, self.design.indentation
         if "coil_x" in response and [str(name) for name in response.coil.values] == list(array.names):
-            told = np.column_stack((response.coil_x.values, response.coil_y.values))
-            x, y = (array.centres - told).mean(axis=0).tolist()
+            centres = np.column_stack((response.coil_x.values, response.coil_y.values))
+            x, y = (array.centres - centres).mean(axis=0).tolist()
             return x, y
         return (0.0, 0.0) if setup is None else setup.origin_point
 
@@ -313,29 +297,22 @@ class _Making:
     # the field
 
     def _require_memory(self) -> None:
-        shown, told = set(self.view.show), self.view.spacing
+        shown = set(self.view.show)
         if shown & _IN_BOX:
-            spacing = told or _BOX_SPACING
-            require_memory(
-                count_of([field_box(self.design, self._coil, spacing)]), f"a spacing of {spacing * 1e3:g} mm"
-            )
+            spacing = self.view.spacing or _BOX_SPACING
+            count = count_of([field_box(self.design, self._coil, spacing)])
+            require_memory(count, f"a spacing of {spacing * 1e3:g} mm")
         if "field" in shown:
-            spacing = told or _PLANE_SPACING
-            require_memory(
-                count_of(field_planes(self.design, self._coil, spacing)), f"a spacing of {spacing * 1e3:g} mm"
-            )
+            spacing = self.view.spacing or _PLANE_SPACING
+            count = count_of(field_planes(self.design, self._coil, spacing))
+            require_memory(count, f"a spacing of {spacing * 1e3:g} mm")
 
     def _b_on(self, axes: Axes, what: str) -> pyvista.RectilinearGrid:
         view = self.view
         field = operating_field(
-            self.design,
-            self._coupling,
-            self._coil,
-            *axes,
-            current=view.current,
-            terminated=not view.others_open,
-            progress=self.track(what),
-        )
+            self.design, self._coupling, self._coil, *axes,
+            current=view.current, terminated=not view.others_open, progress=self.track(what),
+        )  # fmt: skip
         return flux_density(field)
 
     def _field(self, shown: set[Item]) -> Scene:
@@ -356,6 +333,5 @@ class _Making:
                 scene += scene_of_lines(box, line_seeds(design, coil), scale)
             if "surfaces" in shown:
                 scene += scene_of_surfaces(box, [scale.high * 10**level for level in _LEVELS], scale)
-        others = "open" if self.view.others_open else "as terminated"
-        carried = f"{coil} carries {self.view.current * 1e3:g} mA, the others {others}"
+        carried = f"{coil} carries {self.view.current * 1e3:g} mA, the others {self._others}"
         return scene + Scene(notes=(f"B in phase, without elastomer; {carried}.",))

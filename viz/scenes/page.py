@@ -1,4 +1,4 @@
-"""A scene as one web page that needs no network: vtk.js draws the meshes, the page itself all words."""
+"""A scene as one web page that needs no network: vtk.js draws the meshes, the page itself all texts."""
 
 from __future__ import annotations
 
@@ -17,16 +17,14 @@ from coilarray.compute.files import write_text
 from coilarray.errors import MissingDependencyError
 from coilarray.geometry.extras import import_extra
 from coilarray.viz.palette import INK
-from coilarray.viz.scenes.actors import actor_of
 from coilarray.viz.scenes.camera import Side, aim, direction
-from coilarray.viz.scenes.draw import shown_units
+from coilarray.viz.scenes.draw import actor_of, bar_of
 from coilarray.viz.scenes.scene import Part, Scale, Scene
 
-_SIZE = (1600, 900)  # for which widths of lines are meant
+_SIZE = (1600, 900)  # size of the picture for which line widths are given
 _STOPS = 32  # colours of a bar
-_TICKS = 5
 _THIN = 2.0  # line width above which a line becomes a tube: browsers draw all lines one pixel wide
-_SIDES = 8  # of such a tube
+_SIDES = 8  # sides of such a tube
 _ICONS = re.compile(r"https://kitware\.github\.io/vtk-js/icon/[^`\"']*")
 # whatever the viewer may try, the browser asks no host
 _POLICY = (
@@ -43,43 +41,35 @@ def save_page(scene: Scene, path: Path, *, title: str = "coilarray", side: Side 
     Parameters
     ----------
     scene : Scene
-        What is shown.
+        Scene that is shown.
     path : Path
-        Where to; it appears only when it is complete.
+        File to write; it appears only when it is complete.
     title : str
-        Of the page.
+        Title of the page.
     side : {"oblique", "top", "front", "right"}
-        From where it is seen first.
+        Side from which it is seen first.
 
     Raises
     ------
     MissingDependencyError
-        trame-vtk is not installed.
+        If trame-vtk is not installed.
     OutputError
-        The file cannot be written.
+        If the file cannot be written.
     """
     from jinja2 import Environment, PackageLoader
+    from markupsafe import escape
 
     viewer = _viewer()
-    template = Environment(
-        loader=PackageLoader("coilarray.viz", "scenes"), autoescape=True, keep_trailing_newline=True
-    ).get_template("page.html.j2")
+    loader = PackageLoader("coilarray.viz", "scenes")
+    template = Environment(loader=loader, autoescape=True, keep_trailing_newline=True).get_template("page.html.j2")
+    texts = sorted(scene.texts, key=lambda text: not text.always)  # the first ones stay where two meet
+    keys = ("text", "position", "height", "bold", "group")
     addition = template.render(
         title=title,
         ink=INK,
         groups=scene.groups,
         notes=scene.notes,
-        texts=[
-            {
-                "text": t.text,
-                "position": t.position,
-                "height": t.height,
-                "bold": t.bold,
-                "group": t.group,
-                "hiddenFrom": t.hidden_from,
-            }
-            for t in sorted(scene.texts, key=lambda text: not text.always)  # the first ones stay where two meet
-        ],
+        texts=[{**{key: getattr(text, key) for key in keys}, "hiddenFrom": text.hidden_from} for text in texts],
         group_of_actor=[part.group for part in scene.parts],
         bars=[_bar(scale) for scale in scene.scales],
         views={name: _view(scene, name) for name in get_args(Side)},
@@ -87,7 +77,7 @@ def save_page(scene: Scene, path: Path, *, title: str = "coilarray", side: Side 
         data=base64.b64encode(_archive(scene)).decode("ascii"),
     )
     head, body = viewer.split("</body>")
-    head = re.sub("<title>.*?</title>", lambda _: f"<title>{_escaped(title)}</title>{_POLICY}", head, count=1)
+    head = re.sub("<title>.*?</title>", lambda _: f"<title>{escape(title)}</title>{_POLICY}", head, count=1)
     write_text(path, _ICONS.sub("data:,", head) + addition + "</body>" + body)
 
 
@@ -97,7 +87,7 @@ def check_page() -> None:
 
 
 def _viewer() -> str:
-    """Page of trame-vtk that shows scenes of vtk.js: the library itself, and nothing to be loaded."""
+    """Return the page of trame-vtk that shows scenes of vtk.js: it contains the library and loads nothing."""
     tools = import_extra("trame_vtk.tools.vtksz2html", "pages", package="trame-vtk", extra="page")
     text = Path(tools.HTML_VIEWER_PATH).read_text(encoding="utf-8")
     if text.count("</body>") != 1 or "OfflineLocalView" not in text:
@@ -108,7 +98,7 @@ def _viewer() -> str:
 
 
 def _archive(scene: Scene) -> bytes:
-    """Meshes and colours as the viewer reads them."""
+    """Return meshes and colours in the format of the viewer."""
     from vtkmodules.vtkRenderingCore import vtkRenderer
 
     serializers = import_extra("trame_vtk.modules.vtk.serializers", "pages", package="trame-vtk", extra="page")
@@ -139,7 +129,7 @@ def _archive(scene: Scene) -> bytes:
 
 
 def _thick(part: Part, mm_per_pixel: float) -> Part:
-    """Turn lines that are meant to be thick into tubes."""
+    """Turn thick lines into tubes."""
     mesh: Any = part.mesh
     if part.line_width <= _THIN or not getattr(mesh, "n_lines", 0):
         return part
@@ -148,7 +138,7 @@ def _thick(part: Part, mm_per_pixel: float) -> Part:
 
 
 def _view(scene: Scene, side: Side) -> dict[str, Any]:
-    """Where the camera stands for a side, in the terms of the page's script."""
+    """Return the camera for a side in the terms of the page's script."""
     camera = aim(scene.bounds, _SIZE, direction(side))
     position, focus, up = (np.array(one) for one in (camera.position, camera.focus, camera.up))
     distance = float(np.linalg.norm(position - focus))
@@ -163,29 +153,8 @@ def _view(scene: Scene, side: Side) -> dict[str, Any]:
 
 
 def _bar(scale: Scale) -> dict[str, Any]:
-    """Title, colours from the bottom up, and the numbers of a colour bar."""
-    factor, title = shown_units(scale)
-    share = np.linspace(0.0, 1.0, _STOPS)
-    colours = scale.colours_of(_value(scale, share))
-    ticks = np.linspace(0.0, 1.0, _TICKS)
-    return {
-        "title": title,
-        "colours": [f"#{red:02x}{green:02x}{blue:02x}" for red, green, blue in colours.tolist()],
-        "ticks": [
-            {"at": 100 * at, "text": f"{value * factor:.3g}".replace("-", "−")}
-            for at, value in zip(ticks.tolist(), _value(scale, ticks).tolist(), strict=True)
-        ],
-    }
-
-
-def _value(scale: Scale, share: np.ndarray[Any, np.dtype[np.float64]]) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """Value at a share of a scale's length from its lower end."""
-    if scale.logarithmic:
-        return np.asarray(scale.low * (scale.high / scale.low) ** share)
-    return np.asarray(scale.low + share * (scale.high - scale.low))
-
-
-def _escaped(text: str) -> str:
-    from markupsafe import escape
-
-    return str(escape(text))
+    """Return title, colours from the bottom up, and the numbers of a colour bar."""
+    title, colours, numbers = bar_of(scale, _STOPS)
+    places = np.linspace(0.0, 100.0, len(numbers)).tolist()
+    ticks = [{"at": at, "text": text} for at, text in zip(places, numbers, strict=True)]
+    return {"title": title, "colours": colours, "ticks": ticks}

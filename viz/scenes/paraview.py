@@ -25,20 +25,20 @@ def save_vtk(scene: Scene, path: Path) -> tuple[Path, ...]:
     Parameters
     ----------
     scene : Scene
-        What is shown; its colours are left to ParaView, its arrays are in SI units.
+        Scene to write, with its arrays in SI units and without its colours.
     path : Path
-        A name that ends in .vtm: one multi-block file, with its blocks in the folder beside it of the same name. Any
-        other: a folder, made where it is not there, that gets one file a part (.vtp, .vtu or .vtr).
+        A name that ends in .vtm gives one multi-block file, with its blocks in the folder of that name beside it. Any
+        other name is a folder that gets one file per part (.vtp, .vtu or .vtr).
 
     Returns
     -------
     tuple of Path
-        What was written: the .vtm, or the files of the parts.
+        Written files: the .vtm, or those of the parts.
 
     Raises
     ------
     OutputError
-        The files cannot be written; what was there before stays.
+        If the files cannot be written; earlier files are kept.
     """
     import pyvista
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,10 +23,10 @@ if TYPE_CHECKING:
     import xarray as xr
 
 SIZE = (1600, 900)
-"""Width and height of a picture in pixels, where nothing else is said."""
+"""Default width and height of a picture in pixels."""
 
-# pixels of a side: VTK's anti-aliasing takes textures of more than twice that, and graphics cards, as Mesa's software,
-# have 16384; a larger picture is blank
+# pixels; VTK's anti-aliasing needs textures of more than twice that, and 16384 is the limit of graphics cards and of
+# Mesa; a larger picture is blank
 _LONGEST = 6000
 
 
@@ -36,24 +36,22 @@ def save_picture(scene: Scene, path: Path, *, side: Side = "oblique", size: tupl
     Parameters
     ----------
     scene : Scene
-        What is shown.
+        Scene that is shown.
     path : Path
-        Where to; the suffix (.png, .jpg, .bmp, .tif) sets the format. It appears only when it is complete.
+        File to write; the suffix (.png, .jpg, .bmp, .tif) sets the format. It appears only when it is complete.
     side : {"oblique", "top", "front", "right"}
-        From where.
+        Side from which it is seen.
     size : tuple of int
         Width and height of the picture in pixels.
 
     Raises
     ------
     MissingDependencyError
-        Where this machine cannot render; the text names the system packages.
+        If this machine cannot render; the text names the system packages.
     OutputError
-        A size that is not allowed, or a file that cannot be written.
+        If the size is not allowed, or the file cannot be written.
     """
-    with off_screen(size) as plotter:
-        draw(scene, plotter, side=side)
-        write_atomically(path, lambda temporary: _screenshot(plotter, temporary))
+    _save(path, size, lambda plotter: draw(scene, plotter, side=side))
 
 
 def save_board_picture(
@@ -73,9 +71,7 @@ def save_board_picture(
     MissingDependencyError, OutputError
         As `save_picture`.
     """
-    with off_screen(size) as plotter:
-        board_scene(array, sheets, plotter=plotter)
-        write_atomically(path, lambda temporary: _screenshot(plotter, temporary))
+    _save(path, size, lambda plotter: board_scene(array, sheets, plotter=plotter))
 
 
 def save_dent_picture(
@@ -104,21 +100,15 @@ def save_dent_picture(
     MissingDependencyError, OutputError
         As `save_picture`.
     """
-    with off_screen(size) as plotter:
-        dent_scene(array, sheets, indentation, indenter, plotter=plotter, depth=depth, centre=centre)
-        write_atomically(path, lambda temporary: _screenshot(plotter, temporary))
+    _save(
+        path,
+        size,
+        lambda plotter: dent_scene(array, sheets, indentation, indenter, plotter=plotter, depth=depth, centre=centre),
+    )
 
 
 def check_rendering(size: tuple[int, int] = SIZE) -> None:
-    """Refuse a picture that cannot be made here, before its scene is computed.
-
-    Raises
-    ------
-    MissingDependencyError
-        Where this machine cannot render.
-    OutputError
-        A size that is not allowed.
-    """
+    """Refuse a picture that cannot be made here, before its scene is computed; errors as in `save_picture`."""
     if not all(1 <= pixels <= _LONGEST for pixels in size):
         raise OutputError(f"a picture must have sides of 1 to {_LONGEST} pixels; got {size[0]}x{size[1]}.")
     problem = rendering_problem()
@@ -128,15 +118,7 @@ def check_rendering(size: tuple[int, int] = SIZE) -> None:
 
 @contextmanager
 def off_screen(size: tuple[int, int]) -> Iterator[Any]:
-    """Open a plotter that has no window.
-
-    Raises
-    ------
-    MissingDependencyError
-        Where this machine cannot render.
-    OutputError
-        A size that is not allowed.
-    """
+    """Open a plotter that has no window; errors as in `save_picture`."""
     check_rendering(size)
     import pyvista
 
@@ -148,5 +130,7 @@ def off_screen(size: tuple[int, int]) -> Iterator[Any]:
         plotter.close()
 
 
-def _screenshot(scene: Any, path: Path) -> None:
-    scene.screenshot(path, return_img=False)
+def _save(path: Path, size: tuple[int, int], fill: Callable[[Any], None]) -> None:
+    with off_screen(size) as plotter:
+        fill(plotter)
+        write_atomically(path, lambda temporary: plotter.screenshot(temporary, return_img=False))

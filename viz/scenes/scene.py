@@ -1,8 +1,7 @@
-"""What stands in a scene: meshes with their colours, texts, and what the colours mean. Values, nothing is drawn."""
+"""Contents of a scene as plain values: meshes with their colours, texts, and scales of the colours."""
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -24,22 +23,22 @@ _DIVERGING = "coolwarm"
 
 @dataclass(frozen=True)
 class Scale:
-    """How the values of an array become colours.
+    """Mapping from the values of an array to colours.
 
     Parameters
     ----------
     array : str
         Name of the array of points or cells.
     title : str
-        Of the colour bar, without the unit.
+        Title of the colour bar, without the unit.
     unit : str
         SI unit of the values without a prefix; empty for none.
     low, high : float
-        Values at the ends of the colours; what lies beyond has the colour of the end.
+        Values at the ends of the colours; values beyond have the colour of the end.
     colours : str
         Name of a colour map of Matplotlib.
     logarithmic : bool
-        Equal ratios are equal steps of colour.
+        True where equal ratios are equal steps of colour.
     missing : str
         Colour of values that are NaN.
     """
@@ -64,7 +63,7 @@ class Scale:
         return np.asarray(map_(norm(numbers), bytes=True)[:, :3])
 
     def typical_colour(self, values: npt.ArrayLike) -> str:
-        """Return the colour of the median of values, as "#rrggbb": what a legend shows of a part with this scale."""
+        """Return the colour of the median of values as "#rrggbb", for the legend of a part with this scale."""
         numbers = np.asarray(values, dtype=np.float64)
         finite = numbers[np.isfinite(numbers)]
         red, green, blue = self.colours_of([np.median(finite) if finite.size else np.nan])[0].tolist()
@@ -72,7 +71,7 @@ class Scale:
 
 
 def symmetric(array: str, title: str, unit: str, values: npt.ArrayLike) -> Scale:
-    """Return a scale of both signs whose middle is zero and whose ends are the largest amount."""
+    """Return a scale symmetric about zero that ends at the largest magnitude of the values."""
     numbers = np.abs(np.asarray(values, dtype=np.float64))
     largest = float(np.nanmax(numbers)) if np.isfinite(numbers).any() else 0.0
     largest = largest or 1.0
@@ -86,25 +85,25 @@ class Part:
     Parameters
     ----------
     name : str
-        Unique in the scene.
+        Name, unique in the scene.
     mesh : pyvista.DataSet
-        In mm; not empty.
+        Mesh in mm, not empty.
     group : str
-        What is switched on and off together, and stands in the legend; empty for what is always there.
+        Name in the legend of parts that are switched on and off together; empty for a part that is always there.
     colour : str
-        Of all of it, where there is no scale, and in the legend.
+        Colour of the part where it has no scale, and in the legend.
     scale : Scale, optional
-        Colours by an array of the mesh.
+        Scale of colours by an array of the mesh.
     opacity : float
-        From 0 to 1.
+        Opacity from 0 to 1.
     line_width : float
-        In pixels of a picture 900 pixels high.
+        Width of lines in pixels of a picture 900 pixels high.
     lit : bool
-        False for what has its colour from everywhere.
+        False for a colour that does not depend on the light.
     ambient, diffuse : float
-        Of the light.
+        Coefficients of the light.
     smooth : bool
-        Shade flat triangles as a bent surface; edges stay sharp.
+        Shade flat triangles as a curved surface; edges stay sharp.
     sunk : bool
         Draw it just behind other surfaces in the same place.
     """
@@ -125,24 +124,24 @@ class Part:
 
 @dataclass(frozen=True)
 class Text:
-    """A word at a place.
+    """A line of text at a place.
 
     Parameters
     ----------
     text : str
-        One line.
+        Text in one line.
     position : tuple of float
-        In mm.
+        Place of its middle in mm.
     height : float
-        Of the letters in pixels of a picture 900 pixels high.
+        Height of the letters in pixels of a picture 900 pixels high.
     bold : bool
-        In heavy letters.
+        True for bold letters.
     group : str
-        As of a `Part`.
+        Group as in `Part`.
     hidden_from : tuple of str
-        Sides from which it would lie on others, and is left out.
+        Sides from which it would overlap others, and is left out.
     always : bool
-        Gives way to no text without this mark; where two others meet, one of them is left out.
+        True for a text that is shown in any case; where two others overlap, one of them is left out.
     """
 
     text: str
@@ -156,16 +155,16 @@ class Text:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Parts and texts that are seen together.
+    """Parts and texts that are shown together.
 
     Parameters
     ----------
     parts : tuple of Part
-        In the order in which the legend tells them.
+        Parts in the order of the legend.
     texts : tuple of Text
-        In the scene.
+        Texts in the scene.
     notes : tuple of str
-        Lines beside it: what was assumed, what a number means.
+        Lines of text beside it: assumptions, meanings of numbers.
     """
 
     parts: tuple[Part, ...] = ()
@@ -173,13 +172,7 @@ class Scene:
     notes: tuple[str, ...] = ()
 
     def __add__(self, other: Scene) -> Scene:
-        """Put two scenes together.
-
-        Raises
-        ------
-        ValueError
-            A name that both have.
-        """
+        """Put two scenes together; ValueError where both have a part of the same name."""
         both = {part.name for part in self.parts} & {part.name for part in other.parts}
         if both:
             raise ValueError(f"parts of a scene must have different names; both have {', '.join(sorted(both))}.")
@@ -188,7 +181,7 @@ class Scene:
 
     @property
     def groups(self) -> dict[str, str]:
-        """Colour of every group in the legend, in order: that of its first part."""
+        """Colour of every group in the legend, in order; it is that of its first part."""
         colours: dict[str, str] = {}
         for part in self.parts:
             if part.group:
@@ -205,9 +198,7 @@ class Scene:
         """x_min, x_max, y_min, y_max, z_min, z_max of parts and texts in mm; ValueError where there is no part."""
         if not self.parts:
             raise ValueError("a scene must have at least one part; got none.")
-        boxes = np.array(
-            [part.mesh.bounds for part in self.parts] + [np.repeat(text.position, 2) for text in self.texts]
-        )
-        low, high = boxes[:, ::2].min(axis=0).tolist(), boxes[:, 1::2].max(axis=0).tolist()
-        x_min, x_max, y_min, y_max, z_min, z_max = itertools.chain.from_iterable(zip(low, high, strict=True))
-        return x_min, x_max, y_min, y_max, z_min, z_max
+        places = [np.repeat(text.position, 2) for text in self.texts]
+        boxes = np.array([part.mesh.bounds for part in self.parts] + places)
+        (x_min, y_min, z_min), (x_max, y_max, z_max) = boxes[:, ::2].min(axis=0), boxes[:, 1::2].max(axis=0)
+        return float(x_min), float(x_max), float(y_min), float(y_max), float(z_min), float(z_max)

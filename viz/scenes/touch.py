@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+import xarray as xr
 
 from coilarray.compute.threads import Progress
 from coilarray.design.model import Design, Indentation
@@ -16,35 +17,33 @@ from coilarray.errors import GeometryError
 from coilarray.localize.forward import forward_model
 from coilarray.response.map import response_map
 from coilarray.response.setup import indentation_of
-from coilarray.viz.scenes.board import CoilColours, copper_parts, recoloured, scene_of_board
+from coilarray.viz.datasets.overlays import DELTA
+from coilarray.viz.scenes.board import CoilColours, board_in_pieces, copper_parts, recoloured
 from coilarray.viz.scenes.dent import VEILED, scene_of_dent
 from coilarray.viz.scenes.draw import shown_units
 from coilarray.viz.scenes.scene import Scale, Scene, Text, symmetric
 
 FloatArray = npt.NDArray[np.float64]
 
-DELTA = "delta (1)"
-"""Name of the cell array of each coil's relative change of inductance."""
-
-_STEPS = 5  # positions of the response in the thickness of all sheets, as `coilarray.localize.forward` needs them
-_BELOW = 0.17  # from a coil's name down to its number, in the coil's length along y
-_LEAST_STEPS = 3  # along each axis: four positions carry a cubic
+_STEPS = 5  # positions of the response per thickness of all sheets, as `coilarray.localize.forward` needs them
+_BELOW = 0.17  # distance from a coil's name down to its number, over the coil's length along y
+_LEAST_STEPS = 3  # along each axis: a cubic needs four positions
 
 
 @dataclass(frozen=True, eq=False)
 class Touch:
-    """A way of the indenter, with δ of every coil along it.
+    """Path of the indenter with δ of every coil along it.
 
     Parameters
     ----------
     design : Design
-        The board.
+        Design of the board.
     depth : float
-        In m.
+        Depth of the indentation in m.
     places : ndarray, shape (n, 2)
-        Of the indenter in m from the map's origin.
+        Places of the indenter in m from the map's origin.
     delta : ndarray, shape (n, coils)
-        δ of the first state that measures each coil; NaN for a coil that none measures.
+        δ of the first state that measures each coil; NaN for a coil that no state measures.
     """
 
     design: Design
@@ -53,10 +52,9 @@ class Touch:
     delta: FloatArray
 
     def scenes(self) -> Iterator[Scene]:
-        """Return what is seen at every place: the dented sheets, the indenter, and the copper coloured by δ."""
+        """Return one scene per place: the dented sheets, the indenter, and the copper coloured by δ."""
         design, setup = self.design, indentation_of(self.design)
-        pressed = indent(design.sheets, setup.indenter, [self.depth], base=setup.base, radius=setup.sample_radius)
-        dent, copper, scale = pressed.isel(depth=0), copper_parts(design.array), self.scale
+        dent, copper, scale = dent_of_design(design, self.depth), copper_parts(design.array), self.scale
         for (x, y), delta in zip(self.places.tolist(), self.delta, strict=True):
             on_board = (x + setup.origin_point[0], y + setup.origin_point[1])
             where = f"x = {x * 1e3:+.1f} mm, y = {y * 1e3:+.1f} mm, {self.depth * 1e3:g} mm deep".replace("-", "−")
@@ -66,7 +64,7 @@ class Touch:
             yield coils + scene_of_dent(design.array, design.sheets, dent, setup.indenter, on_board, opacity=VEILED)
 
     def _numbers(self, delta: FloatArray) -> tuple[Text, ...]:
-        """δ of every coil below its name, in the unit of the colour bar."""
+        """Return δ of every coil below its name, in the unit of the colour bar."""
         factor, _ = shown_units(self.scale)
         below = _BELOW * float(np.ptp(self.design.array.placements[0].coil.outline[:, 1]))
         return tuple(
@@ -77,13 +75,12 @@ class Touch:
 
     @property
     def scale(self) -> Scale:
-        """One scale of δ for the whole way."""
+        """Scale of δ for the whole path."""
         return symmetric(DELTA, "δ", "", self.delta)
 
     def board(self) -> Scene:
-        """Return what stands still: the board without its copper."""
-        board = scene_of_board(self.design.array)
-        return replace(board, parts=tuple(part for part in board.parts if not part.name.startswith("copper ")))
+        """Return the part that does not change: the board without its copper."""
+        return board_in_pieces(self.design.array)[1]
 
 
 def touch_along(
@@ -94,32 +91,28 @@ def touch_along(
     depth: float | None = None,
     progress: Progress | None = None,
 ) -> Touch:
-    """Compute what an indenter does on its way over the board.
+    """Compute δ along a path of the indenter over the board.
 
     Parameters
     ----------
     design : Design
-        With the tables ``[indenter]`` and ``[indentation]``.
+        Design with the tables ``[indenter]`` and ``[indentation]``.
     corners : sequence of (float, float), optional
-        Of the way, in m from the map's origin, at least two; by default straight along x over all coils, at the
-        middle of the map in y.
+        At least two corners of the path in m from the map's origin; by default a straight line along x over all coils,
+        in the middle of the map.
     count : int
-        Of places, in equal steps, at least 2.
+        Number of places at equal steps, at least 2.
     depth : float, optional
-        In m; the deepest of the design by default.
+        Depth of the indentation in m; the deepest of the design by default.
     progress : callable, optional
         Called with (done, total) as the response is computed.
-
-    Returns
-    -------
-    Touch
 
     Raises
     ------
     ElastomerError
-        A design without an indenter, or an indentation that cannot be.
+        If the design has no indenter, or the indentation is impossible.
     GeometryError
-        A way that leaves the board or has no length, or too few places.
+        If the path leaves the board or has no length, or there are too few places.
     """
     setup = indentation_of(design)
     if count < 2:
@@ -145,6 +138,21 @@ def first_states(design: Design) -> dict[str, str]:
     return {state.measured[0][0]: state.name for state in reversed(design.circuit.plan)}
 
 
+def off_middle(setup: Indentation) -> tuple[float, float]:
+    """Return x and y in m from the map's origin of a place an eighth and a quarter of the map off its middle.
+
+    On the middle line of a symmetric board δ does not depend on the position to first order, so that it has no ellipse.
+    """
+    x, y = (np.array(axis) for axis in (setup.x, setup.y))
+    return float(x.mean() + np.ptp(x) / 8), float(y.mean() + np.ptp(y) / 4)
+
+
+def dent_of_design(design: Design, depth: float) -> xr.Dataset:
+    """Press into the sheets of a design to a depth in m; see `coilarray.elastomer.contact.indent`."""
+    setup = indentation_of(design)
+    return indent(design.sheets, setup.indenter, [depth], base=setup.base, radius=setup.sample_radius).isel(depth=0)
+
+
 def _default_way(design: Design, setup: Indentation) -> list[tuple[float, float]]:
     outlines = np.concatenate([place.to_board(place.coil.outline) for place in design.array.placements])
     x = outlines[:, 0] - setup.origin_point[0]
@@ -153,7 +161,7 @@ def _default_way(design: Design, setup: Indentation) -> list[tuple[float, float]
 
 
 def _along(way: FloatArray, count: int) -> FloatArray:
-    """Places in equal steps along a way."""
+    """Return places at equal steps along a path."""
     length = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1))]
     if not (np.isfinite(length).all() and length[-1] > 0):
         raise GeometryError("the way of an indenter must have a length; all its corners are one.")
@@ -176,7 +184,7 @@ def _require_on_board(design: Design, setup: Indentation, places: FloatArray) ->
 
 
 def _positions(values: FloatArray, step: float) -> FloatArray:
-    """Positions at most a step apart over all values, at least four."""
+    """Return at least four positions over all values, at most a step apart."""
     low, high = float(values.min()), float(values.max())
     short = _LEAST_STEPS * step - (high - low)
     if short > 0:

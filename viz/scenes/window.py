@@ -15,8 +15,8 @@ from coilarray.viz.scenes.camera import Side
 from coilarray.viz.scenes.draw import draw, font_file, text_name
 from coilarray.viz.scenes.scene import Scene
 
-_SIZE = (1280, 800)  # pixels of the window
-_BOX, _STEP, _RIM = 20, 29, 20  # pixels of a switch, from one to the next, and from the edge of the window
+_SIZE = (1280, 800)  # pixels
+_BOX, _STEP, _RIM = 20, 29, 20  # size of a switch, distance to the next, and to the edge of the window, in pixels
 _LETTER = 8.5  # width of a letter beside a switch in pixels
 
 
@@ -26,14 +26,14 @@ def show(scene: Scene, *, side: Side = "oblique") -> None:
     Parameters
     ----------
     scene : Scene
-        What is shown; every group of it has a switch.
+        Scene that is shown; every group of it has a switch.
     side : {"oblique", "top", "front", "right"}
-        From where.
+        Side from which it is seen.
 
     Raises
     ------
     MissingDependencyError
-        Where no window can be opened or this machine cannot render.
+        If no window can be opened or this machine cannot render.
     """
     check_window()
     import pyvista
@@ -58,13 +58,7 @@ def check_window() -> None:
 
 
 def show_board(array: CoilArray, sheets: Sequence[Sheet] = ()) -> None:
-    """Open a window with the board and return when the user closes it.
-
-    Raises
-    ------
-    MissingDependencyError
-        As `show`.
-    """
+    """Open a window with the board and return when the user closes it; errors as in `show`."""
     show(scene_of_lifted_board(array, sheets))
 
 
@@ -74,25 +68,17 @@ def add_switches(scene: Scene, plotter: Any) -> dict[str, Callable[[bool], None]
     Returns
     -------
     dict of str to callable
-        What each switch does, by group: True shows the group, False hides it.
+        Function of each switch by group: True shows the group, False hides it.
     """
     height = plotter.window_size[1]
     switches = {}
     for place, (group, colour) in enumerate(scene.groups.items()):
-        switch = _switch(scene, plotter, group)
+        switch = switches[group] = _switch(scene, plotter, group)
         y = height - _RIM - _BOX - place * _STEP
-        plotter.add_checkbox_button_widget(
-            switch, value=True, position=(_RIM, y), size=_BOX, border_size=2, color_on=colour, color_off="white"
-        )
-        plotter.add_text(
-            group,
-            position=(_RIM + 1.5 * _BOX, y),
-            font_size=7,  # of PyVista's points, two pixels each
-            color=INK,
-            font_file=font_file(),
-            name=f"name of switch {group}",
-        )
-        switches[group] = switch
+        box = {"size": _BOX, "border_size": 2, "color_on": colour, "color_off": "white"}
+        plotter.add_checkbox_button_widget(switch, value=True, position=(_RIM, y), **box)
+        letters = {"font_size": 7, "color": INK, "font_file": font_file()}  # PyVista's points have two pixels
+        plotter.add_text(group, position=(_RIM + 1.5 * _BOX, y), name=f"name of switch {group}", **letters)
     return switches
 
 

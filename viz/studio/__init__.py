@@ -1,8 +1,7 @@
-"""The studio: a web page with sliders for a design, and everything that follows from it as they move.
+"""The studio: a web page with sliders for a design, and its numbers, pictures and positions as they move.
 
-What follows from a design is computed by modules that know nothing of any page: `work`, `entries`, `numbers`,
-`switching`, `touch`, `top_view`, `runs`, `shelf`. The page is put together from them in `page` and the panels, and
-`server` serves it: one session with values of its own for each page that is opened.
+The results of a design are computed by modules without any page: `work`, `entries`, `numbers`, `switching`, `touch`,
+`top_view`, `runs`, `shelf`. `page` and the panels show them, and `server` serves one session for each open page.
 
 Importing it loads neither trame nor VTK.
 """

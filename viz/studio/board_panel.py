@@ -1,62 +1,53 @@
-"""The tab of the live board, or of the emulator that stands in for it: δ of every coil and where the finger is."""
+"""Tab of the live board or its emulator: δ of every coil and the position of the finger."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
 from coilarray.design.model import Design
-from coilarray.viz.scenes import Scene
+from coilarray.viz.scenes.scene import Scene
 from coilarray.viz.studio.job import Outcome
+from coilarray.viz.studio.panel import Panel
 from coilarray.viz.studio.scene_making import BoardParts, coloured_by_delta
 from coilarray.viz.studio.services import BoardFrame, BoardRequest, Stopped, Tell
-from coilarray.viz.studio.told import told
 from coilarray.viz.studio.top_view import TopView, board_drawing, delta_bars, delta_fills, pins, top_view
+from coilarray.viz.studio.touch import location_lines
 
 if TYPE_CHECKING:
     from coilarray.viz.studio.page import Page
 
 _JOB = "board"
-_PATIENCE = 8.0  # s that a board has to be put to rest
+_PATIENCE = 8.0  # s; time in which a board can be put to rest
 
 
-class BoardPanel:
-    """Readings as they come.
-
-    Parameters
-    ----------
-    page : Page
-        Whose.
-    """
+class BoardPanel(Panel):
+    """Panel with the readings of a board as they arrive."""
 
     def __init__(self, page: Page) -> None:
-        self._page = page
         self._design: Design = page.work.design
         self._view: TopView = top_view(page.work.design)
         self._frame: BoardFrame | None = None
         services = page.setup.services
-        page.state.update(
-            {
-                "can_watch": services.watch_board is not None, "board_port": services.port, "board_running": False,
-                "board_line": "", "board_problem": "", "board_scan": 0,
-            }
-        )  # fmt: skip
+        values = {
+            "can_watch": services.watch_board is not None, "board_port": services.port, "board_running": False,
+            "board_line": "", "board_problem": "", "board_scan": 0,
+        }  # fmt: skip
+        super().__init__(page, values, start_board=self._start, stop_board=lambda: page.stop_job(_JOB))
         self.show(page.work.design)
-        page.trigger("start_board", self._start)
-        page.trigger("stop_board", lambda: page.stop_job(_JOB))
 
     def show(self, design: Design) -> None:
-        """Go on with a changed design: the running board stays that of the design it was started with."""
+        """Show another design; a running board keeps the design with which it was started."""
         state = self._page.state
         if state.board_running:
             return
         self._design, self._view, self._frame = design, top_view(design), None
         state.board_plan = board_drawing(design, self._view)
-        state.board_bars, state.board_told, state.board_pins, state.board_fills = [], [], [], {}
+        state.board_bars, state.board_lines, state.board_pins, state.board_fills = [], [], [], {}
 
     def scene(self, design: Design, board: BoardParts) -> Scene | None:
-        """Return the board coloured by the last δ; None where there is none. Computed in a thread."""
+        """Return the board coloured by the last δ, or None before the first; runs in a thread."""
         frame = self._frame
-        if frame is None or not _reads(frame) or self._design is not design:
+        if frame is None or not _has_delta(frame) or self._design is not design:
             return None
         return coloured_by_delta(board, frame.delta)
 
@@ -84,8 +75,8 @@ class BoardPanel:
         ]
         state.board_fills = delta_fills(self._design, frame.delta)
         state.board_pins = [] if frame.location is None else pins(self._view, frame.location)
-        state.board_told = _told(frame)
-        if state.tab == "board" and _reads(frame):
+        state.board_lines = _lines(frame)
+        if state.tab == "board" and _has_delta(frame):
             self._page.redraw()
 
     def _ended(self, outcome: Outcome) -> None:
@@ -97,19 +88,19 @@ class BoardPanel:
             self.show(self._page.work.design)
 
 
-def _reads(frame: BoardFrame) -> bool:
-    """Whether there are δ in it: it may be told while the board is opened, or before there is a baseline."""
+def _has_delta(frame: BoardFrame) -> bool:
+    """Return whether a frame has δ: the first ones come while the board is opened, or before there is a baseline."""
     return bool(frame.delta) and not frame.waiting
 
 
-def _told(frame: BoardFrame) -> list[str]:
-    """Lines under the bars: where the finger is, or why that is not known, and how fast scans come."""
+def _lines(frame: BoardFrame) -> list[str]:
+    """Return the lines under the bars: position of the finger or why it is unknown, and rate of the scans."""
     if not frame.delta:
         return []
     if frame.waiting:
         where = [f"baseline: {frame.waiting} more scans without an indentation"]
     elif frame.location is not None:
-        where = told(frame.location)
+        where = location_lines(frame.location)
     else:
         where = [frame.problem] if frame.problem else []
     rate = "" if frame.rate is None else f"{frame.rate:.2f} scans/s, "

@@ -1,4 +1,4 @@
-"""What follows from a design, step by step beside the page: always of the newest wish, the quick steps first."""
+"""Computations of a page in a thread, step by step: always the newest request, quick steps first."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from coilarray.errors import CoilarrayError
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """One thing to be computed.
+    """One computation.
 
     Parameters
     ----------
     name : str
-        What it is; a new wish of the same name replaces one that has not begun.
+        Name; a new request with the same name replaces one that has not begun.
     compute : callable
-        Run in a thread; takes nothing.
+        Function without arguments that runs in a thread.
     show : callable
-        Run on the page with the result.
+        Function that runs on the page with the result.
     fail : callable
-        Run on the page with one line where it cannot be computed.
+        Function that runs on the page with one line of text after an error.
     rest : float
-        Time in s without a new wish that it waits for.
+        Time in s without a new request before it begins.
     patience : float
-        Time in s after which it is done before others, although new wishes keep coming.
+        Time in s after which it is computed before others although new requests keep coming.
     """
 
     name: str
@@ -42,13 +42,7 @@ class Step:
 
 
 class Calculator:
-    """Does the steps of one page, one after the other.
-
-    Parameters
-    ----------
-    threads : Executor
-        Where steps are computed.
-    """
+    """Computes the steps of one page in an executor, one after the other."""
 
     def __init__(self, threads: Executor) -> None:
         self._threads = threads
@@ -59,7 +53,7 @@ class Calculator:
         self._task: asyncio.Task[None] | None = None
 
     def ask(self, steps: Sequence[Step]) -> None:
-        """Wish for steps, in the order in which they are to be done; what was wished for and not begun is replaced."""
+        """Request steps in their order; requests of the same names that have not begun are replaced."""
         kept = {name: step for name, step in self._todo.items() if name not in {one.name for one in steps}}
         self._todo = {step.name: step for step in steps} | kept
         self._asked = self._now()
@@ -71,11 +65,11 @@ class Calculator:
 
     @property
     def idle(self) -> bool:
-        """Whether there is nothing left to do."""
+        """True when no request is left."""
         return self._task is None or self._task.done()
 
     def close(self) -> None:
-        """Do nothing more."""
+        """Drop all requests."""
         self._todo.clear()
         if self._task is not None:
             self._task.cancel()
@@ -93,7 +87,7 @@ class Calculator:
             await self._do(step)
 
     def _next(self) -> tuple[Step, float]:
-        """Return the step to be done next, and how long to wait before looking again."""
+        """Return the next step, and the time in s before it may begin."""
         now = self._now()
         late = [one for one in self._todo.values() if now - self._waiting[one.name] > one.patience]
         for step in (*late, *self._todo.values()):

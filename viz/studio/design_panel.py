@@ -1,4 +1,4 @@
-"""Sliders and fields of the design, and its file: open, save, and the report."""
+"""Panel with sliders and fields of the design, and with its file: open, save, and the report."""
 
 from __future__ import annotations
 
@@ -7,56 +7,33 @@ from typing import TYPE_CHECKING, Any
 
 from coilarray.errors import CoilarrayError, DesignError, OutputError
 from coilarray.viz.studio.entries import Entry, entries_of, text_of
-from coilarray.viz.studio.job import Outcome, progress_of
+from coilarray.viz.studio.job import progress_of
+from coilarray.viz.studio.panel import Panel
 from coilarray.viz.studio.services import Stopped, Tell
 from coilarray.viz.studio.work import Work
 
 if TYPE_CHECKING:
     from coilarray.viz.studio.page import Page
 
-_REPORT = "report"
 
-
-class DesignPanel:
-    """The drawer at the left, and the buttons at the top.
-
-    Parameters
-    ----------
-    page : Page
-        Whose.
-    """
+class DesignPanel(Panel):
+    """Drawer at the left and buttons at the top."""
 
     def __init__(self, page: Page) -> None:
-        self._page = page
-        state = page.state
-        state.client_only("texts")
-        state.update(
-            {
-                "groups": [], "texts": {}, "errors": {}, "file": "", "title": "", "changed": False, "shelf": [],
-                "save_name": "", "save_over": "", "file_problem": "", "file_note": "",
-                "open_dialog": False, "save_dialog": False, "report_url": "",
-                "can_report": page.setup.services.write_report is not None,
-            }
+        page.state.client_only("texts")
+        values = {
+            "groups": [], "texts": {}, "errors": {}, "file": "", "title": "", "changed": False, "shelf": [],
+            "save_name": "", "save_over": "", "file_problem": "", "file_note": "",
+            "open_dialog": False, "save_dialog": False, "report_url": "",
+            "can_report": page.setup.services.write_report is not None,
+        }  # fmt: skip
+        super().__init__(
+            page, values, enter=self._enter, look_at_shelf=self._look, open_design=self._open, save_design=self._save,
+            write_report=self._report,
         )  # fmt: skip
-        for name, function in (
-            ("enter", self._enter),
-            ("look_at_shelf", self._look),
-            ("open_design", self._open),
-            ("save_design", self._save),
-            ("write_report", self._report),
-        ):
-            page.trigger(name, function)
 
     def show(self, work: Work, *, typed: bool) -> None:
-        """Show a design.
-
-        Parameters
-        ----------
-        work : Work
-            What is worked on now.
-        typed : bool
-            Whether it comes from the fields themselves: they are then left as they are, for someone is typing there.
-        """
+        """Show a design; `typed` where it comes from the fields, which then stay unchanged."""
         state = self._page.state
         if not typed:
             entries = entries_of(work.design)
@@ -71,7 +48,7 @@ class DesignPanel:
         state.report_url = ""
 
     def _enter(self, key: str, text: str) -> None:
-        """Set an entry to what was typed or slid to; where that cannot be, say so at its field and change nothing."""
+        """Set an entry to a typed value; an impossible one gives an error at its field and changes nothing."""
         page = self._page
         try:
             work = page.work.with_entry(key, str(text))
@@ -96,7 +73,7 @@ class DesignPanel:
         page.take(work)
 
     def _save(self, name: str, replaced: str = "") -> None:
-        """Save under a name; a file that would be lost is to be named once more, as the one that is replaced."""
+        """Save under a name; to replace another file its name must be given a second time, as `replaced`."""
         page = self._page
         name = str(name).strip()
         try:
@@ -121,25 +98,16 @@ class DesignPanel:
             return
         design = page.work.design
         folder = page.setup.shelf.folder / f"{design.name}-report"
-        text = f"report of {design.name}"
 
-        def ended(outcome: Outcome) -> None:
-            page.end_progress()
-            if outcome.kind == "done":
-                made = Path(outcome.result)
-                page.state.report_url = f"files/{made.parent.name}/{made.name}"
-                page.state.file_note = f"wrote {made}"
-            elif outcome.kind == "failed":
-                page.state.problem = outcome.problem
+        def done(result: Path) -> None:
+            page.state.report_url = f"files/{result.parent.name}/{result.name}"
+            page.state.file_note = f"wrote {result}"
 
-        if page.start_job(
-            _REPORT,
-            _write_report,
-            (write, design.document, design.name, folder),
-            on_message=lambda message: page.show_progress(_REPORT, text, message),
-            on_end=ended,
-        ):
-            page.show_progress(_REPORT, text)
+        def failed(problem: str) -> None:
+            page.state.problem = problem
+
+        item = (write, design.document, design.name, folder)
+        page.start_bar("report", f"report of {design.name}", _write_report, item, done, failed)
 
 
 def _write_report(item: Any, tell: Tell, _: Stopped) -> Path:
@@ -151,10 +119,6 @@ def _write_report(item: Any, tell: Tell, _: Stopped) -> Path:
 def _groups(entries: tuple[Entry, ...]) -> list[dict[str, Any]]:
     groups: dict[str, list[dict[str, Any]]] = {}
     for entry in entries:
-        groups.setdefault(entry.group, []).append(
-            {
-                "key": entry.key, "label": entry.label, "unit": entry.unit, "low": entry.low, "high": entry.high,
-                "step": entry.step,
-            }
-        )  # fmt: skip
+        row = {name: getattr(entry, name) for name in ("key", "label", "unit", "low", "high", "step")}
+        groups.setdefault(entry.group, []).append(row)
     return [{"title": title, "entries": rows} for title, rows in groups.items()]

@@ -1,7 +1,8 @@
-"""The entries of a design that have a slider: what they are called, and from where to where it goes."""
+"""Entries of a design with a slider: their labels, units and ranges."""
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -52,8 +53,8 @@ _FAB = (
     ("min_edge_clearance_mm", "copper to edge"),
 )
 _STEPS_IN_A_DECADE = 100
-_TURN = 180.0  # degrees to both sides
-_EMPTY_REACH = 10.0  # of a slider whose value is zero
+_TURN = 180.0  # range of an angle in degrees to both sides
+_RANGE_OF_ZERO = 10.0  # upper end of a slider whose value is zero
 
 
 @dataclass(frozen=True)
@@ -63,17 +64,17 @@ class Entry:
     Parameters
     ----------
     key : str
-        Dotted, as `coilarray.design.vary.vary` takes it.
+        Dotted key, as for `coilarray.design.vary.vary`.
     label : str
-        For people, without the unit.
+        Label without the unit.
     unit : str
-        Of the value; empty for none.
+        Unit of the value; empty for none.
     group : str
-        Heading that it stands under.
+        Heading above the entry.
     value : float
-        In that unit.
+        Value in that unit.
     low, high, step : float
-        Of the slider. A number that is typed in may lie beyond.
+        Ends and step of the slider. A typed number may lie beyond the ends.
     """
 
     key: str
@@ -100,13 +101,7 @@ def entries_of(design: Design) -> tuple[Entry, ...]:
 
 
 def number_of(key: str, text: str) -> float:
-    """Read a number that was typed in.
-
-    Raises
-    ------
-    DesignError
-        No number: the key, and what was given.
-    """
+    """Read a typed number; DesignError, with the key, for any other text."""
     try:
         if "_" in text:  # which only Python reads as a number
             raise ValueError
@@ -119,7 +114,7 @@ def number_of(key: str, text: str) -> float:
 
 
 def text_of(value: float) -> str:
-    """Show a value in its field: all digits that tell it, and no more.
+    """Return the text of a value in its field, with all its significant digits.
 
     Examples
     --------
@@ -133,8 +128,8 @@ def _entries(values: Mapping[str, object]) -> Iterator[Entry]:
     for name in dict.fromkeys(key.split(".")[1] for key in values if key.startswith("coils.")):
         yield from _table(values, f"coils.{name}", f"Coil {name}", _COIL)
     yield from _table(values, "array", "Array", _ARRAY)
-    for k, name in enumerate(_items(values, "elastomer", "name")):
-        yield from _table(values, f"elastomer.{k}", f"Elastomer {name}", _SHEET)
+    for k in itertools.takewhile(lambda k: f"elastomer.{k}.name" in values, itertools.count()):
+        yield from _table(values, f"elastomer.{k}", f"Elastomer {values[f'elastomer.{k}.name']}", _SHEET)
     yield from _table(values, "indenter", "Indenter", _INDENTER)
     yield from _table(values, "circuit", "Circuit", _CIRCUIT)
     yield from _stackup(values)
@@ -152,19 +147,9 @@ def _table(values: Mapping[str, object], table: str, group: str, named: tuple[tu
 
 def _stackup(values: Mapping[str, object]) -> Iterator[Entry]:
     for name, label in (("copper_thickness_um", "copper"), ("dielectric_thickness_mm", "dielectric")):
-        for k, value in enumerate(_numbers(values.get(f"stackup.{name}"))):
-            yield _entry(f"stackup.{name}.{k}", name, f"{label} {k + 1}", "Board", value)
-
-
-def _items(values: Mapping[str, object], table: str, name: str) -> list[str]:
-    found: list[str] = []
-    while f"{table}.{len(found)}.{name}" in values:
-        found.append(str(values[f"{table}.{len(found)}.{name}"]))
-    return found
-
-
-def _numbers(value: object) -> list[float]:
-    return [float(number) for number in value] if isinstance(value, list) else []
+        numbers = values.get(f"stackup.{name}")
+        for k, value in enumerate(numbers if isinstance(numbers, list) else ()):
+            yield _entry(f"stackup.{name}.{k}", name, f"{label} {k + 1}", "Board", float(value))
 
 
 def _entry(key: str, name: str, label: str, group: str, value: float) -> Entry:
@@ -174,7 +159,7 @@ def _entry(key: str, name: str, label: str, group: str, value: float) -> Entry:
     if name in _WHOLE:
         least = 3.0 if name == "sides" else 1.0
         return Entry(key, label, unit, group, value, least, max(2 * value, least + 7), 1.0)
-    low, high, step = _reach(value)
+    low, high, step = _range(value)
     if name == "turns_per_layer":
         return Entry(key, label, unit, group, value, max(math.floor(low), 1.0), math.ceil(high), 1.0)
     if name == "relative_permeability":
@@ -182,10 +167,10 @@ def _entry(key: str, name: str, label: str, group: str, value: float) -> Entry:
     return Entry(key, label, unit, group, value, low, high, step)
 
 
-def _reach(value: float) -> tuple[float, float, float]:
-    """Half to twice a value, in steps of a hundredth of its decade."""
+def _range(value: float) -> tuple[float, float, float]:
+    """Return half and twice a value, and a hundredth of its decade as step."""
     if value <= 0:
-        return min(value, 0.0), _EMPTY_REACH, _EMPTY_REACH / 100
+        return min(value, 0.0), _RANGE_OF_ZERO, _RANGE_OF_ZERO / 100
     step = 10.0 ** math.floor(math.log10(value)) / _STEPS_IN_A_DECADE
     low, high = (round(round(bound / step) * step, 12) for bound in (value / 2, 2 * value))
     return low, high, round(step, 12)

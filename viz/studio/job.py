@@ -1,4 +1,4 @@
-"""Long work beside the page: a process of its own that tells how it goes on, can be stopped, and never outlives us."""
+"""Long work beside the page: a process that reports its progress, can be stopped, and never outlives the studio."""
 
 from __future__ import annotations
 
@@ -19,30 +19,30 @@ from coilarray.errors import CoilarrayError
 from coilarray.viz.studio.services import Stopped, Tell
 
 Task = Callable[[Any, Tell, Stopped], Any]
-"""Function of a module: takes its item, a way to tell how it goes on, and whether it is to end; returns a result."""
+"""Function of a module: takes an item, a function to send messages and one that says whether to stop."""
 
 PATIENCE = 0.5
-"""Seconds that a process which was told to stop has to end by itself, where nothing else is said."""
+"""Default time in s for a process to end by itself after `Job.stop`."""
 
-_GOODBYE = 5.0  # s that a killed process may take to be gone
+_GOODBYE = 5.0  # s; longest time for a killed process to end
 
 
 class Cancelled(Exception):  # noqa: N818 - it is no error
-    """Raised in the process of a job by `Tell` after it was told to stop."""
+    """Raised by `Tell` in the process of a job that is to stop."""
 
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """How a job ended.
+    """End of a job.
 
     Parameters
     ----------
     kind : {"done", "failed", "cancelled"}
-        "failed" where there is one line for people.
+        Kind of the end.
     result : object
-        Of a job that is done.
+        Result of a job that is done.
     problem : str
-        Why it failed.
+        Reason of a failure in one line.
     """
 
     kind: Literal["done", "failed", "cancelled"]
@@ -51,20 +51,20 @@ class Outcome:
 
 
 class Job:
-    """One task in a process of its own, from now on.
+    """A task that runs in a process of its own, which starts at once.
 
     Parameters
     ----------
     task : callable
-        See `Task`.
+        Function to run, see `Task`.
     item : object
-        What it takes; pickled.
+        Its first argument; pickled.
     on_message : callable
-        Called with everything that the task tells, in a thread of the job.
+        Called with every message of the task, in a thread of the job.
     on_end : callable
-        Called once with the `Outcome`, in that thread too.
+        Called once with the `Outcome`, in the same thread.
     patience : float
-        Seconds that it has to end by itself after `stop`.
+        Time in s for it to end by itself after `stop`.
     """
 
     def __init__(
@@ -92,16 +92,16 @@ class Job:
 
     @property
     def pid(self) -> int | None:
-        """Number of its process."""
+        """Process ID."""
         return self._process.pid
 
     @property
     def running(self) -> bool:
-        """Whether its process is still there."""
+        """True while its process exists."""
         return self._process.exitcode is None
 
     def stop(self) -> None:
-        """Tell it to end; the outcome comes as of any other end. Returns at once; may be called again."""
+        """Ask it to end and return at once; the outcome comes as for any other end. May be called again."""
         if not self._stopped.is_set():
             self._stopped.set()
             with suppress(OSError):
@@ -109,7 +109,7 @@ class Job:
             threading.Thread(target=self._end, daemon=True).start()
 
     def close(self) -> None:
-        """Stop it, and wait until its process is gone."""
+        """Stop it, and wait until its process has ended."""
         self.stop()
         self._thread.join(self._patience + 2 * _GOODBYE)
 
@@ -144,16 +144,12 @@ class Job:
 
 
 def progress_of(tell: Tell) -> Callable[[int, int], None]:
-    """Return a `coilarray.compute.threads.Progress` that tells (done, total)."""
-
-    def progress(done: int, total: int) -> None:
-        tell((done, total))
-
-    return progress
+    """Return a `coilarray.compute.threads.Progress` that sends (done, total)."""
+    return lambda done, total: tell((done, total))
 
 
 def _serve(connection: Connection, payload: bytes, patience: float) -> None:
-    """Do the task; ends with the connection at the latest."""
+    """Run the task; the process ends with the connection at the latest."""
     if hasattr(signal, "SIGTERM"):
         signal.signal(signal.SIGTERM, _leave)
     stopped = threading.Event()
@@ -185,7 +181,7 @@ def _serve(connection: Connection, payload: bytes, patience: float) -> None:
 
 
 def _watch(connection: Connection, stopped: threading.Event, patience: float) -> None:
-    """Wait for the word to stop, or for the studio to be gone; then the process ends, by itself or without asking."""
+    """Wait for the request to stop or the end of the studio; then the process ends, by force if need be."""
     with suppress(EOFError, OSError):
         connection.recv()
     stopped.set()
@@ -199,7 +195,7 @@ def _leave(number: int, _: object) -> None:
 
 @contextmanager
 def _no_interrupt() -> Iterator[None]:
-    """Block Ctrl-C while the block runs; a process that is started in it never gets one."""
+    """Block Ctrl-C in a block; a process that is started in it never receives one."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return

@@ -1,8 +1,8 @@
-"""What a page shows in numbers: inductances, couplings, resonances and the margins to the fabrication rules."""
+"""Numbers on a page: inductances, couplings, resonances and the margins to the fabrication rules."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,14 +25,14 @@ _SHOWN_MARGINS = 40
 
 @dataclass(frozen=True, eq=False)
 class Numbers:
-    """What follows from a design without an indentation.
+    """Numbers of a design without an indentation.
 
     Parameters
     ----------
     coupling : xarray.Dataset
         As `coilarray.circuit.coupling.couple` returns it.
     accuracy : {"full", "screen"}
-        Of the inductances.
+        Accuracy of the inductances.
     """
 
     coupling: xr.Dataset
@@ -40,7 +40,7 @@ class Numbers:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the coils."""
+        """Names of the coils."""
         return tuple(str(name) for name in self.coupling.coil.values)
 
     @property
@@ -61,11 +61,11 @@ class Cell:
     Parameters
     ----------
     text : str
-        Rounded.
+        Rounded number.
     full : str
-        With its name, unit and all digits.
+        Name, number with all digits, and unit.
     colour, ink : str
-        Behind the text and of it.
+        Colours of the cell and of its text.
     """
 
     text: str
@@ -82,12 +82,12 @@ def numbers_of(design: Design, accuracy: Accuracy = "full") -> Numbers:
     design : Design
         As `coilarray.load_design` returns it.
     accuracy : {"full", "screen"}
-        As in `coilarray.inductance_matrix`; ``"screen"`` is for while a slider moves.
+        Accuracy as in `coilarray.inductance_matrix`; ``"screen"`` is quick enough for a moving slider.
 
     Raises
     ------
     NetworkError
-        Coils that cannot be, such as two in one place.
+        If the coils are impossible, such as two in one place.
     """
     circuit = design.circuit
     result = couple(
@@ -111,34 +111,28 @@ def margins_of(design: Design) -> tuple[Margin, ...]:
 
 def coupling_cells(numbers: Numbers) -> tuple[tuple[Cell, ...], ...]:
     """Return the cells of the coupling matrix: colours of both signs about zero, the diagonal left out."""
-    k, names = numbers.k, numbers.names
-    apart = k[~np.eye(len(k), dtype=bool)]
-    largest = float(np.abs(apart).max(initial=0.0)) or 1.0
-    return tuple(
-        tuple(
-            Cell(_signed(value, 4), f"k({a}, {b}) = {value!r}", *_colours(None if a == b else value / largest))
-            for b, value in zip(names, row, strict=True)
-        )
-        for a, row in zip(names, k.tolist(), strict=True)
-    )
+    return _cells(numbers.k, numbers.names, lambda a, b, k: (_signed(k, 4), f"k({a}, {b}) = {k!r}"))
 
 
 def inductance_cells(numbers: Numbers) -> tuple[tuple[Cell, ...], ...]:
     """Return the cells of the inductance matrix in µH, coloured as those of the coupling."""
-    L, names = numbers.inductance, numbers.names
-    apart = L[~np.eye(len(L), dtype=bool)]
-    largest = float(np.abs(apart).max(initial=0.0)) or 1.0
-    return tuple(
-        tuple(
-            Cell(
-                f"{value * 1e6:.3f}".replace("-", "−"),
-                f"{'L' if a == b else 'M'}({a}, {b}) = {value!r} H",
-                *_colours(None if a == b else value / largest),
-            )
-            for b, value in zip(names, row, strict=True)
-        )
-        for a, row in zip(names, L.tolist(), strict=True)
-    )
+
+    def texts(a: str, b: str, L: float) -> tuple[str, str]:
+        return f"{L * 1e6:.3f}".replace("-", "−"), f"{'L' if a == b else 'M'}({a}, {b}) = {L!r} H"
+
+    return _cells(numbers.inductance, numbers.names, texts)
+
+
+def _cells(
+    matrix: FloatArray, names: Sequence[str], texts: Callable[[str, str, float], tuple[str, str]]
+) -> tuple[tuple[Cell, ...], ...]:
+    largest = float(np.abs(matrix[~np.eye(len(matrix), dtype=bool)]).max(initial=0.0)) or 1.0
+
+    def cell(a: str, b: str, value: float) -> Cell:
+        return Cell(*texts(a, b, value), *_colours(None if a == b else value / largest))
+
+    rows = zip(names, matrix.tolist(), strict=True)
+    return tuple(tuple(cell(a, b, value) for b, value in zip(names, row, strict=True)) for a, row in rows)
 
 
 def coil_rows(numbers: Numbers) -> tuple[tuple[str, ...], ...]:

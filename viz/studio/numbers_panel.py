@@ -1,4 +1,4 @@
-"""The tab of numbers: matrix of couplings or inductances, the coils, and the margins to the rules."""
+"""Tab of numbers: matrix of couplings or inductances, the coils, and the margins to the rules."""
 
 from __future__ import annotations
 
@@ -17,53 +17,46 @@ from coilarray.viz.studio.numbers import (
     margins_of,
     numbers_of,
 )
+from coilarray.viz.studio.panel import Panel
 
 if TYPE_CHECKING:
     from coilarray.viz.studio.page import Page
 
-_REST = 0.4  # s without a change after which everything is computed in full
+_REST = 0.4  # s without a change before the numbers are computed with full accuracy
 
 
-class NumbersPanel:
-    """What follows from the design in numbers.
-
-    Parameters
-    ----------
-    page : Page
-        Whose.
-    """
+class NumbersPanel(Panel):
+    """Panel with the numbers of the design."""
 
     def __init__(self, page: Page) -> None:
-        self._page = page
         self._numbers: tuple[Design, Numbers] | None = None
-        page.state.update(
-            {
-                "matrix_of": "k", "matrix": {"names": [], "k": [], "L": []}, "accuracy": "", "coil_rows": [],
-                "margins": [], "rules_kept": True, "numbers_problem": "", "rules_problem": "",
-            }
-        )  # fmt: skip
+        values = {
+            "matrix_of": "k", "matrix": {"names": [], "k": [], "L": []}, "accuracy": "", "coil_rows": [],
+            "margins": [], "rules_kept": True, "numbers_problem": "", "rules_problem": "",
+        }  # fmt: skip
+        super().__init__(page, values)
 
     @property
     def numbers(self) -> Numbers | None:
-        """Of the design as it is; None where they are not known yet."""
+        """Numbers of the current design; None where they are not known yet."""
         if self._numbers is None or not self._page.is_current(self._numbers[0]):
             return None
         return self._numbers[1]
 
     def wait(self) -> None:
-        """Tell that the numbers shown are no longer those of the design."""
+        """Mark the numbers on the page as out of date."""
         self._page.state.accuracy = "working"
 
     def rough(self, design: Design) -> Step:
-        """Return the step that follows every change at once."""
+        """Return the quick step after every change."""
         return Step("rough", lambda: (design, numbers_of(design, "screen")), self._show, self._fail)
 
     def full(self, design: Design) -> Step:
-        """Return the step that follows when changes have come to rest."""
+        """Return the accurate step after the last change."""
         return Step("full", lambda: (design, numbers_of(design)), self._show, self._fail, rest=_REST)
 
     def rules(self, design: Design) -> Step:
-        """Return the step that measures the margins."""
+        """Return the step that computes the margins."""
         return Step("rules", lambda: margins_of(design), self._show_margins, self._fail_rules, patience=2.0)
 
     def _show(self, found: tuple[Design, Numbers]) -> None:
@@ -86,8 +79,7 @@ class NumbersPanel:
 
     def _fail(self, problem: str) -> None:
         with self._page.state as state:
-            state.numbers_problem = problem
-            state.accuracy = ""
+            state.numbers_problem, state.accuracy = problem, ""
 
     def _show_margins(self, margins: tuple[Margin, ...]) -> None:
         with self._page.state as state:

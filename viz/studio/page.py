@@ -1,4 +1,4 @@
-"""One page: a trame server of its own with the values of its session, and the panels that fill it."""
+"""One page: a trame server with the values of its session, the panels, and their Vue templates in ``html``."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import traceback
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from importlib import resources
 from typing import Any
 
 from coilarray.design.model import Design
@@ -16,7 +17,6 @@ from coilarray.viz.studio.board_panel import BoardPanel
 from coilarray.viz.studio.calculator import Calculator
 from coilarray.viz.studio.design_panel import DesignPanel
 from coilarray.viz.studio.job import PATIENCE, Job, Outcome, Task
-from coilarray.viz.studio.layout import build_layout
 from coilarray.viz.studio.numbers_panel import NumbersPanel
 from coilarray.viz.studio.runs_panel import RunsPanel
 from coilarray.viz.studio.scene_panel import ScenePanel
@@ -29,18 +29,18 @@ from coilarray.viz.studio.work import Work
 
 @dataclass(frozen=True)
 class Setup:
-    """What all pages of a studio share; none of it changes.
+    """Constant values that all pages of a studio share.
 
     Parameters
     ----------
     shelf : Shelf
-        Where designs are.
+        Folder of the designs.
     services : Services
-        What comes from outside.
+        Functions from outside of `coilarray.viz`.
     threads : Executor
-        Where steps are computed.
+        Threads in which steps are computed.
     rendering_problem : str or None
-        Why there is no picture in three dimensions.
+        Reason why there is no picture in three dimensions.
     """
 
     shelf: Shelf
@@ -49,15 +49,19 @@ class Setup:
     rendering_problem: str | None
 
 
+_PARTS = ("bar", "drawer", "scene", "numbers", "switches", "touch", "runs", "board", "dialogs")
+_NO_JOB: Mapping[str, Any] = {"name": "", "text": "", "part": None, "running": False}
+
+
 class Page:
     """One open page.
 
     Parameters
     ----------
     setup : Setup
-        Of the studio.
+        Values of the studio.
     work : Work
-        Design that it begins with.
+        First design of the page.
     """
 
     def __init__(self, setup: Setup, work: Work) -> None:
@@ -73,8 +77,7 @@ class Page:
         self._loop = asyncio.get_running_loop()
         self._jobs: dict[str, Job] = {}
         self._endpoint: Any = None
-        self.state.problem = ""
-        self.state.job = _no_job()
+        self.state.update({"problem": "", "job": _NO_JOB})
         self.trigger("cancel_job", self._cancel)
         self.scene = ScenePanel(self)
         self.numbers = NumbersPanel(self)
@@ -85,7 +88,7 @@ class Page:
         self.design = DesignPanel(self)
         self.state.tab = "numbers"
         self.state.change("tab")(lambda tab, **_: self.redraw())
-        build_layout(self)
+        self._build_layout()
         self.server.controller.on_server_bind.add(self._bind)
         self.server.start(
             backend="generic", exec_mode="task", port=0, timeout=0, disable_logging=True, show_connection_info=False,
@@ -97,11 +100,11 @@ class Page:
 
     @property
     def endpoint(self) -> Any:
-        """Where the page's messages go in and out."""
+        """Endpoint of the page's messages."""
         return self._endpoint
 
     async def close(self) -> None:
-        """End everything that the page has begun; no process is left."""
+        """End all computations and processes of the page."""
         from trame.app.core import AVAILABLE_SERVERS
         from trame_vtk.modules.vtk import HELPERS_PER_SERVER
 
@@ -120,7 +123,7 @@ class Page:
     # ---------------------------------------------------------------- for the panels
 
     def trigger(self, name: str, function: Callable[..., Any]) -> None:
-        """Let the page call a function, of a coroutine or not, by a name; what goes wrong in it stands on the page."""
+        """Let the page call a function or coroutine by a name, and show its errors."""
 
         async def call(*arguments: Any) -> None:
             try:
@@ -134,7 +137,7 @@ class Page:
         self.server.controller.trigger(name)(call)
 
     def take(self, work: Work, *, typed: bool = False) -> None:
-        """Work on another design, or on the same one changed; `typed` where the fields themselves changed it."""
+        """Show another or a changed design; `typed` where it comes from the fields."""
         other = set(work.design.array.names) != set(self.work.design.array.names) or work.file != self.work.file
         self.work = work
         with self.state:
@@ -147,27 +150,20 @@ class Page:
         self.follow()
 
     def follow(self) -> None:
-        """Compute all that follows from the design."""
-        design = self.work.design
-        self.calculator.ask(
-            [
-                self.numbers.rough(design),
-                *self.scene.steps(),
-                self.numbers.rules(design),
-                self.numbers.full(design),
-            ]
-        )
+        """Compute everything that depends on the design."""
+        design, numbers = self.work.design, self.numbers
+        self.calculator.ask([numbers.rough(design), *self.scene.steps(), numbers.rules(design), numbers.full(design)])
 
     def redraw(self) -> None:
-        """Make the scene of the present tab anew."""
+        """Compute the scene of the current tab again."""
         self.calculator.ask(self.scene.steps())
 
     def is_current(self, design: Design) -> bool:
-        """Whether something is of the design as it is now."""
+        """Return whether a design is the current one."""
         return design is self.work.design
 
     def say(self, problem: str) -> None:
-        """Show one line that concerns the whole page; empty takes it away."""
+        """Show one line above the page; an empty one removes it."""
         with self.state:
             self.state.problem = problem
 
@@ -181,17 +177,7 @@ class Page:
         on_end: Callable[[Outcome], None],
         patience: float = PATIENCE,
     ) -> bool:
-        """Begin long work beside the page; False where work of that name is still going on.
-
-        Parameters
-        ----------
-        name : str
-            One job of a name at a time.
-        task, item, patience
-            As in `coilarray.viz.studio.job.Job`.
-        on_message, on_end : callable
-            Called on the page.
-        """
+        """Start a `Job`; False where one of that name still runs. `on_message` and `on_end` are called on the page."""
         if name in self._jobs:
             return False
 
@@ -200,26 +186,47 @@ class Page:
             with self.state:
                 on_end(outcome)
 
-        def told(message: Any) -> None:
+        def message(value: Any) -> None:
             with self.state:
-                on_message(message)
+                on_message(value)
 
-        self._jobs[name] = Job(task, item, self._on_loop(told), self._on_loop(ended), patience=patience)
+        self._jobs[name] = Job(task, item, self._on_loop(message), self._on_loop(ended), patience=patience)
         return True
 
+    def start_bar(
+        self,
+        name: str,
+        text: str,
+        task: Task,
+        item: Any,
+        done: Callable[[Any], None],
+        failed: Callable[[str], None],
+        cancelled: Callable[[], None] = lambda: None,
+    ) -> bool:
+        """Start a job with a progress bar; exactly one of the last three functions is called at its end."""
+
+        def progress(message: tuple[int, int] | None = None) -> None:
+            part = None if message is None or not message[1] else round(100 * message[0] / message[1], 1)
+            self.state.job = {"name": name, "text": text, "part": part, "running": True}
+
+        def ended(outcome: Outcome) -> None:
+            self.state.job = _NO_JOB
+            if outcome.kind == "done":
+                done(outcome.result)
+            elif outcome.kind == "failed":
+                failed(outcome.problem)
+            else:
+                cancelled()
+
+        started = self.start_job(name, task, item, on_message=progress, on_end=ended)
+        if started:
+            progress()
+        return started
+
     def stop_job(self, name: str) -> None:
-        """Tell a job to end."""
+        """Ask a job to end."""
         if name in self._jobs:
             self._jobs[name].stop()
-
-    def show_progress(self, name: str, text: str, message: tuple[int, int] | None = None) -> None:
-        """Show how far the job with a bar is; None for no number yet."""
-        part = None if message is None or not message[1] else round(100 * message[0] / message[1], 1)
-        self.state.job = {"name": name, "text": text, "part": part, "running": True}
-
-    def end_progress(self) -> None:
-        """Take the bar away."""
-        self.state.job = _no_job()
 
     def _cancel(self) -> None:
         self.stop_job(self.state.job["name"])
@@ -234,6 +241,16 @@ class Page:
 
         return call
 
+    def _build_layout(self) -> None:
+        from trame.ui.vuetify3 import VAppLayout
 
-def _no_job() -> Mapping[str, Any]:
-    return {"name": "", "text": "", "part": None, "running": False}
+        text = _template("page")
+        for name in _PARTS:
+            text = text.replace(f"<!-- {name} -->", _template(name))
+        with VAppLayout(self.server) as layout:
+            layout.root.add_child(text.replace("<!-- view -->", self.scene.html))
+        self.state.trame__template_error = _template("gone")  # shown when the connection is lost
+
+
+def _template(name: str) -> str:
+    return resources.files("coilarray.viz.studio").joinpath("html", f"{name}.html").read_text(encoding="utf-8")

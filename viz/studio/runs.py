@@ -1,9 +1,9 @@
-"""Runs of ``coilarray optimize``, read from their study while they go on or later; nothing is written."""
+"""Runs of ``coilarray optimize``, read from their study during the search or later; nothing is written."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,20 +20,20 @@ _MOST_SHOWN = 200
 
 @dataclass(frozen=True, eq=False)
 class RunPoint:
-    """One point that a search tried and that can be.
+    """One point of a search with a possible board.
 
     Parameters
     ----------
     name : str
-        Kind and place, as in "search 12".
+        Kind and number, as in "search 12".
     quantities : dict of str to float
-        By name, in the unit of the name.
+        Quantities by name, in the unit in the name.
     entries : dict of str to object
-        Entries of the design that were varied.
+        Values of the varied entries of the design.
     scores : tuple of float
-        One for each objective.
+        Score for each objective.
     feasible : bool
-        Whether it keeps every bound.
+        True where it keeps every bound.
     """
 
     name: str
@@ -45,18 +45,18 @@ class RunPoint:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """One study: a design and a goal.
+    """One study of a design and a goal.
 
     Parameters
     ----------
     name : str
-        Of the study; begins with that of the design.
+        Name of the study; it begins with that of the design.
     maximized : tuple of bool
-        For each objective.
+        True for each objective that is maximized.
     points : tuple of RunPoint
-        That can be, in the order in which they were written.
+        Points with a possible board, in the order in which they were written.
     tried : int
-        How many points there are, those that cannot be included.
+        Number of all points.
     """
 
     name: str
@@ -67,12 +67,11 @@ class Run:
     @property
     def quantities(self) -> tuple[str, ...]:
         """Names of all quantities, those of the objectives first."""
-        names = dict.fromkeys(name for point in self.points for name in point.quantities)
-        return tuple(names)
+        return tuple(dict.fromkeys(name for point in self.points for name in point.quantities))
 
     @property
     def objectives(self) -> tuple[str, ...]:
-        """Names of the quantities that are the scores, where that can be told; else "score 1" and so on."""
+        """Names of the quantities that equal the scores at all points; "score 1" and so on where there is none."""
         return tuple(self._objective(k) for k in range(len(self.maximized)))
 
     def _objective(self, k: int) -> str:
@@ -90,7 +89,7 @@ class Run:
 
     @property
     def front(self) -> tuple[int, ...]:
-        """Positions in `points` of those that keep all bounds and that no other one beats in all objectives."""
+        """Indices of the points that keep all bounds and that no other one beats in all objectives."""
         signs = [-1 if maximized else 1 for maximized in self.maximized]
         costs = {
             k: tuple(s * score for s, score in zip(signs, point.scores, strict=True))
@@ -98,7 +97,7 @@ class Run:
             if point.feasible
         }
         best: list[int] = []
-        # sorted by all costs, a point is beaten by none that comes after it
+        # sorted by all costs, no later point beats an earlier one
         for k in sorted(costs, key=lambda k: costs[k]):
             if not any(all(a <= b for a, b in zip(costs[other], costs[k], strict=True)) for other in best):
                 best.append(k)
@@ -106,7 +105,7 @@ class Run:
 
 
 def run_folders(folder: Path) -> list[str]:
-    """Return the folders in a folder, itself included, that hold a study: as names, "." for itself."""
+    """Return the names of the folders in a folder that contain a study, "." for the folder itself."""
     try:
         below = sorted(path for path in folder.iterdir() if path.is_dir())
         return [path.name if path != folder else "." for path in (folder, *below) if (path / FILE).is_file()]
@@ -115,23 +114,14 @@ def run_folders(folder: Path) -> list[str]:
 
 
 def read_runs(folder: Path) -> tuple[Run, ...]:
-    """Read all studies of a folder of results.
-
-    Parameters
-    ----------
-    folder : Path
-        With a ``study.db``.
-
-    Returns
-    -------
-    tuple of Run
+    """Read all studies of a folder with a ``study.db``.
 
     Raises
     ------
     OutputError
-        No study there, or a file that is none.
+        If there is no study, or the file is not one.
     MissingDependencyError
-        No Optuna.
+        If Optuna is not installed.
     """
     path = folder / FILE
     if not path.is_file():
@@ -139,9 +129,8 @@ def read_runs(folder: Path) -> tuple[Run, ...]:
     try:
         import optuna
     except ImportError:
-        raise MissingDependencyError(
-            "runs of an optimisation need Optuna: pip install 'coilarray[optimize]'."
-        ) from None
+        text = "runs of an optimisation need Optuna: pip install 'coilarray[optimize]'."
+        raise MissingDependencyError(text) from None
     from optuna.storages import RDBStorage
 
     with quiet():
@@ -153,29 +142,20 @@ def read_runs(folder: Path) -> tuple[Run, ...]:
             finally:
                 storage.remove_session()
                 storage.engine.dispose()
-        except Exception:  # Optuna lets through what SQLAlchemy raises, and says little with it
+        except Exception:  # Optuna passes on the errors of SQLAlchemy, which have no useful text
             raise OutputError(f"cannot read {path}: it is no study of an optimisation.") from None
 
 
 def front_rows(run: Run) -> list[dict[str, Any]]:
     """Return a row for each point of the front: its name, entries and quantities as texts."""
-    rows = []
-    for k in run.front[:_MOST_SHOWN]:
-        point = run.points[k]
-        rows.append(
-            {
-                "name": point.name,
-                "entries": ", ".join(f"{key} = {_text(value)}" for key, value in point.entries.items()),
-                "quantities": ", ".join(f"{key} = {_text(value)}" for key, value in point.quantities.items()),
-            }
-        )
-    return rows
+    points = [run.points[k] for k in run.front[:_MOST_SHOWN]]
+    return [{"name": p.name, "entries": _list(p.entries), "quantities": _list(p.quantities)} for p in points]
 
 
 def _address(path: Path) -> str:
-    """Address of a database that is only read: SQLite then waits for no search that writes it.
+    """Return a read-only address of a database, with which SQLite does not wait for a search that writes it.
 
-    Without a journal beside it no search is running, and then not even the files of one are made.
+    Without a journal beside it no search is running; it is then opened as immutable, which creates no files.
     """
     journal = path.with_name(f"{path.name}-wal").exists()
     return f"sqlite:///file:{path.resolve()}?{'mode=ro' if journal else 'immutable=1'}&uri=true"
@@ -191,10 +171,10 @@ def _run(study: Study) -> Run:
 
 
 def _point(trial: FrozenTrial) -> RunPoint:
-    told = trial.user_attrs.get("point", {})
+    known = trial.user_attrs.get("point", {})
     violations: Sequence[float] = tuple(trial.constraints.values())
     return RunPoint(
-        f"{told.get('kind', 'trial')} {told.get('place', trial.number)}",
+        f"{known.get('kind', 'trial')} {known.get('place', trial.number)}",
         dict(trial.user_attrs.get("quantities", {})),
         {key: _value(value) for key, value in trial.params.items()},
         tuple(trial.values),
@@ -203,7 +183,7 @@ def _point(trial: FrozenTrial) -> RunPoint:
 
 
 def _value(parameter: object) -> Any:
-    """Return the entry that a parameter stands for: choices are kept as JSON."""
+    """Return the value of a parameter; choices are stored as JSON."""
     if not isinstance(parameter, str):
         return parameter
     try:
@@ -212,5 +192,6 @@ def _value(parameter: object) -> Any:
         return parameter
 
 
-def _text(value: object) -> str:
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
+def _list(values: Mapping[str, object]) -> str:
+    texts = {key: f"{value:.6g}" if isinstance(value, float) else str(value) for key, value in values.items()}
+    return ", ".join(f"{key} = {text}" for key, text in texts.items())

@@ -1,4 +1,4 @@
-"""The tab of optimisation runs: their points as they come, the Pareto front, and any of them taken over."""
+"""Tab of optimisation runs: their points as they arrive, the Pareto front, and any point as the new design."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from coilarray.errors import CoilarrayError
 from coilarray.studies.optimize.study_file import FILE
+from coilarray.viz.studio.panel import Panel
 from coilarray.viz.studio.runs import Run, front_rows, read_runs, run_folders
 
 if TYPE_CHECKING:
@@ -21,31 +22,21 @@ _DPI = 110
 _EVERY = 3.0  # s
 
 
-class RunsPanel:
-    """Runs in the folders beside the designs.
-
-    Parameters
-    ----------
-    page : Page
-        Whose.
-    """
+class RunsPanel(Panel):
+    """Panel with the runs in the folders beside the designs."""
 
     def __init__(self, page: Page) -> None:
-        self._page = page
         self._runs: tuple[Run, ...] = ()
-        self._name = ""  # of the folder that is read; the page's own word for it may be any
+        self._name = ""  # of the folder that is read; the state of the page may contain any text
         self._stamp: tuple[int, ...] = ()
         self._watching: asyncio.Task[None] | None = None
-        page.state.update(
-            {
-                "run_folders": [], "run_folder": "", "run_names": [], "run_name": "", "run_axes": [], "run_x": "",
-                "run_y": "", "run_picture": "", "run_told": "", "run_front": [], "runs_problem": "",
-            }
-        )  # fmt: skip
-        page.trigger("look_for_runs", self._look)
-        page.trigger("read_runs", self._read)
-        page.trigger("show_run", self._show)
-        page.trigger("take_point", self._take)
+        values = {
+            "run_folders": [], "run_folder": "", "run_names": [], "run_name": "", "run_axes": [], "run_x": "",
+            "run_y": "", "run_picture": "", "run_summary": "", "run_front": [], "runs_problem": "",
+        }  # fmt: skip
+        super().__init__(
+            page, values, look_for_runs=self._look, read_runs=self._read, show_run=self._show, take_point=self._take
+        )
 
     def _look(self) -> None:
         state = self._page.state
@@ -55,7 +46,7 @@ class RunsPanel:
         )  # fmt: skip
 
     async def _read(self, name: str) -> None:
-        """Read a run's folder; again where the search goes on."""
+        """Read a folder of runs, and again while its search goes on."""
         state = self._page.state
         if name not in run_folders(self._page.setup.shelf.folder):
             return
@@ -78,14 +69,14 @@ class RunsPanel:
             self._watching = asyncio.create_task(self._follow())
 
     async def _follow(self) -> None:
-        """Read a run again as its search goes on, while it is looked at."""
+        """Read the runs again as their search goes on, while their tab is open."""
         while self._page.state.tab == "runs":
             await asyncio.sleep(_EVERY)
             if _stamp(self._page.setup.shelf.folder / self._name) != self._stamp:
                 await self._read(self._name)
 
     def close(self) -> None:
-        """Follow no run any more."""
+        """Stop reading runs."""
         if self._watching is not None:
             self._watching.cancel()
 
@@ -102,11 +93,11 @@ class RunsPanel:
         with state:
             state.run_name, state.run_axes, state.run_x, state.run_y = run.name, axes, first, second
             state.run_picture = picture
-            state.run_told = f"{run.tried} points tried, {kept} keep all bounds, {len(run.front)} on the front"
+            state.run_summary = f"{run.tried} points tried, {kept} keep all bounds, {len(run.front)} on the front"
             state.run_front = front_rows(run)
 
     def _take(self, name: str) -> None:
-        """Give the design the entries of a point."""
+        """Set the entries of the design to those of a point."""
         run = next((one for one in self._runs if one.name == self._page.state.run_name), None)
         point = None if run is None else next((one for one in run.points if one.name == name), None)
         if point is None:
@@ -118,7 +109,7 @@ class RunsPanel:
 
 
 def _stamp(folder: Path) -> tuple[int, ...]:
-    """When the study in a folder was last written, with its journal."""
+    """Return the times of the last changes of the study in a folder and of its journal."""
     times = []
     for name in (FILE, f"{FILE}-wal"):
         try:
@@ -129,7 +120,7 @@ def _stamp(folder: Path) -> tuple[int, ...]:
 
 
 def _picture(run: Run, x: str, y: str) -> str:
-    """Draw the points over two quantities as an image that stands in the page itself."""
+    """Draw the points over two quantities as an image in a data URL."""
     from coilarray.viz.plots.optimize import plot_front
 
     values: Any = list(zip(run.values(x), run.values(y), strict=True))

@@ -1,68 +1,59 @@
-"""The picture in three dimensions: which scene belongs to the present tab, and switches for its groups."""
+"""Panel with the picture in three dimensions: the scene of the current tab, and switches for its groups."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, get_args
+from typing import TYPE_CHECKING, Any, get_args
 
 from coilarray.design.model import Design
-from coilarray.viz.scenes import Scene, Side
+from coilarray.viz.scenes.board import scene_of_lifted_board
+from coilarray.viz.scenes.camera import Side
+from coilarray.viz.scenes.draw import bar_of
+from coilarray.viz.scenes.scene import Scene
 from coilarray.viz.studio.calculator import Step
-from coilarray.viz.studio.legend import legend_of
-from coilarray.viz.studio.scene_making import BoardParts, board_parts, plain_scene
+from coilarray.viz.studio.panel import Panel
+from coilarray.viz.studio.scene_making import BoardParts, board_parts
 from coilarray.viz.studio.view import SceneView
 
 if TYPE_CHECKING:
     from coilarray.viz.studio.page import Page
 
-_PATIENCE = 1.5  # s that a scene may be late while a slider moves
+_PATIENCE = 1.5  # s; longest delay of a scene while a slider moves
+_STOPS = 24  # colours of a bar
 
 
-class ScenePanel:
-    """The view and what it shows.
-
-    Parameters
-    ----------
-    page : Page
-        Whose.
-    """
+class ScenePanel(Panel):
+    """Panel with the view and its scene."""
 
     def __init__(self, page: Page) -> None:
-        self._page = page
         self._parts: BoardParts | None = None
         problem = page.setup.rendering_problem
         self._view = None if problem else SceneView(page.server, self._at_rest)
-        page.state.update(
-            {
-                "scene_problem": problem or "",
-                "scene_rests": False,
-                "scene_sides": list(get_args(Side)),
-                "hidden_groups": [],
-                "legend": legend_of(Scene()),
-            }
-        )
-        page.trigger("look_from", self._look_from)
-        page.trigger("toggle_group", self._toggle)
+        values = {
+            "scene_problem": problem or "", "scene_rests": False, "scene_sides": list(get_args(Side)),
+            "hidden_groups": [], "legend": _legend(Scene()),
+        }  # fmt: skip
+        super().__init__(page, values, look_from=self._look_from, toggle_group=self._toggle)
 
     @property
     def html(self) -> str:
-        """The view as the page has it; empty where nothing can be rendered."""
+        """HTML of the view; empty where nothing can be rendered."""
         return "" if self._view is None else str(self._view.widget.html)
 
     def steps(self) -> list[Step]:
-        """Return the step that makes the scene of the present tab; none where nothing can be rendered."""
+        """Return the step that computes the scene of the current tab; none where nothing can be rendered."""
         if self._view is None:
             return []
         design, tab = self._page.work.design, str(self._page.state.tab)
         return [Step("scene", lambda: self._scene(design, tab), self._show, self._fail, patience=_PATIENCE)]
 
     def close(self) -> None:
-        """Let go of the window."""
+        """Release the window."""
         if self._view is not None:
             self._view.close()
 
     def _scene(self, design: Design, tab: str) -> Scene:
-        """Make a scene, in a thread."""
+        """Compute a scene, in a thread."""
         makers: dict[str, Callable[[Design, BoardParts], Scene | None]] = {
             "switches": self._page.switches.scene,
             "touch": self._page.touch.scene,
@@ -73,15 +64,14 @@ class ScenePanel:
             if self._parts is None or self._parts.design is not design:
                 self._parts = board_parts(design)
             scene = makers[tab](design, self._parts)
-        return plain_scene(design) if scene is None else scene
+        return scene_of_lifted_board(design.array, design.sheets) if scene is None else scene
 
     def _show(self, scene: Scene) -> None:
         if self._view is None:
             return
         state = self._page.state
         with state:
-            state.legend = legend_of(scene)
-            state.scene_problem = ""
+            state.legend, state.scene_problem = _legend(scene), ""
         self._view.show(scene)
 
     def _fail(self, problem: str) -> None:
@@ -102,3 +92,16 @@ class ScenePanel:
         state.hidden_groups = sorted(hidden)
         if self._view is not None:
             self._view.hide(hidden)
+
+
+def _legend(scene: Scene) -> dict[str, Any]:
+    """Return groups with their colours, bars with title, colours and numbers, and notes, as plain values."""
+    bars = [bar_of(scale, _STOPS) for scale in scene.scales]
+    return {
+        "groups": [{"name": name, "colour": colour} for name, colour in scene.groups.items()],
+        "bars": [
+            {"title": title, "colours": f"linear-gradient(to right, {', '.join(colours)})", "ticks": ticks}
+            for title, colours, ticks in bars
+        ],
+        "notes": list(scene.notes),
+    }

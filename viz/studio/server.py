@@ -1,4 +1,4 @@
-"""The studio's web server: who may come in, one session for each page, and an end that leaves nothing behind."""
+"""Web server of the studio: access control, one session for each page, and an end without leftovers."""
 
 from __future__ import annotations
 
@@ -31,19 +31,19 @@ if TYPE_CHECKING:
     from coilarray.viz.studio.page import Page
 
 LOOPBACK = "127.0.0.1"
-"""Where the studio listens unless it is told otherwise: for this computer alone."""
+"""Default host of the studio, for this computer alone."""
 
 _OWN_HOSTS = ("127.0.0.1", "localhost", "[::1]")
 _LARGEST_MESSAGE = 10_000_000  # bytes from the page
-_HEARTBEAT = 20.0  # s after which a page that does not answer is gone
-_UNUSED = 60.0  # s that a session waits for its page to connect
-_GOING_AWAY = 1001  # of RFC 6455
-_GOODBYE = 2.0  # s that requests have to end
+_HEARTBEAT = 20.0  # s without an answer after which a page counts as closed
+_UNUSED = 60.0  # s; longest time for a page to connect to its session
+_GOING_AWAY = 1001  # code of RFC 6455
+_GOODBYE = 2.0  # s; time for requests to end
 _THREADS = 2
 _MOST_PAGES = 12
 _TOO_MANY = f"the studio serves at most {_MOST_PAGES} pages at once"
-_MOST_TABS = 200  # whose design is kept for a reload
-# what a page of trame's client is connected to says which scripts it runs, so that may be the studio alone
+_MOST_TABS = 200  # number of tabs whose design is kept for a reload
+# the connection of trame's client decides which scripts run, so that only the studio is allowed
 _POLICY = (
     "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; style-src 'self' 'unsafe-inline'; "
     "img-src 'self' data: blob:; font-src 'self' data:; worker-src 'self' blob:; frame-ancestors 'none'; "
@@ -55,8 +55,8 @@ _HEADERS = {
     "Referrer-Policy": "no-referrer",
     "Cache-Control": "no-cache",
 }
-# a tab keeps its name through a reload, and another tab has another one; of the address only the token is for us:
-# trame's client would take from it whom to connect to
+# a tab keeps its name through a reload, and every tab has its own; all of the address but the token is removed, because
+# trame's client would take its connection from it
 _TAB = """<script>{
 const token = new URLSearchParams(location.search).get("token");
 history.replaceState(null, "", location.pathname + (token === null ? "" : "?token=" + encodeURIComponent(token)));
@@ -68,16 +68,16 @@ document.documentElement.dataset.sessionManagerUrl = "open/" + sessionStorage.st
 
 @dataclass(frozen=True)
 class Address:
-    """Where the studio is served.
+    """Address of the studio.
 
     Parameters
     ----------
     host : str
-        Name or number that it listens on.
+        Name or IP address on which it listens.
     port : int
-        0 takes a free one.
+        TCP port; 0 takes a free one.
     token : str
-        That every browser must give; empty for none, which is right for this computer alone.
+        Token that every browser must send; empty for none, which is only right for this computer alone.
     """
 
     host: str
@@ -86,7 +86,7 @@ class Address:
 
 
 def check_studio() -> None:
-    """Refuse where a library of the studio is missing, before anything is computed: MissingDependencyError."""
+    """Raise MissingDependencyError where a library of the studio is not installed."""
     for module, package in (
         ("trame.app", "trame"),
         ("trame.ui.vuetify3", "trame-vuetify"),
@@ -97,18 +97,12 @@ def check_studio() -> None:
 
 
 def new_token() -> str:
-    """Return a token that nobody guesses."""
+    """Return a random token."""
     return secrets.token_urlsafe(24)
 
 
 def bind(address: Address) -> socket.socket:
-    """Take the port, before anything is computed.
-
-    Raises
-    ------
-    OutputError
-        A port that is in use or not allowed, or a host that is none of this computer's: one line.
-    """
+    """Bind the port; OutputError where it is in use or not allowed, or the host is not one of this computer."""
     if not 0 <= address.port <= 65535:
         raise OutputError(f"--port must be 0 to 65535; got {address.port}.")
     try:
@@ -146,31 +140,31 @@ def serve(
     linger: float,
     ready: Callable[[str], None],
 ) -> None:
-    """Serve the studio until it is stopped, or until the last page has been closed for a while.
+    """Serve the studio until it is stopped, or until all pages have been closed for a while.
 
     Parameters
     ----------
     work : Work
-        Design that a new page begins with.
+        First design of a new page.
     shelf : Shelf
-        Where designs are.
+        Folder of the designs.
     services : Services
-        What comes from outside.
+        Functions from outside of `coilarray.viz`.
     address : Address
-        Where it listens.
+        Address on which it listens.
     listening : socket
-        From `bind`.
+        Result of `bind`.
     linger : float
-        Seconds without a page, after there was one, that it goes on; 0 goes on until it is stopped.
+        Time in s that it goes on after the last page was closed; 0 goes on until it is stopped.
     ready : callable
-        Called with the address of the page once it can be opened.
+        Called with the URL of the page once it can be opened.
     """
     os.environ.setdefault("TRAME_ARGS", "")  # trame would read our command line as its own
     asyncio.run(_Studio(work, shelf, services, address, linger).run(listening, ready))
 
 
 class _Studio:
-    """Sessions and routes; made for one `run`."""
+    """Sessions and routes of one `run`."""
 
     def __init__(self, work: Work, shelf: Shelf, services: Services, address: Address, linger: float) -> None:
         self._work, self._shelf, self._services = work, shelf, services
@@ -228,7 +222,7 @@ class _Studio:
     # ------------------------------------------------------------------------ who may come in
 
     async def _guard(self, request: web.Request, handler: Callable[..., Any]) -> web.StreamResponse:
-        """Refuse other names of this computer, other pages' scripts, and whoever lacks the token."""
+        """Refuse other host names, scripts of other pages, and requests without the token."""
         from aiohttp import web
 
         problem = self._refusal(request)
@@ -269,7 +263,7 @@ class _Studio:
         return web.Response(text=text.replace("<head>", f"<head>{_TAB}", 1), content_type="text/html")
 
     async def _loading(self, _: web.Request) -> web.Response:
-        """Return what the page shows until its session is there."""
+        """Return the text of the page until its session begins."""
         from aiohttp import web
 
         return web.Response(text='<p style="font-family: sans-serif; padding: 2em">coilarray studio …</p>')
@@ -280,7 +274,7 @@ class _Studio:
         return web.Response(status=204)
 
     async def _open(self, request: web.Request) -> web.Response:
-        """Make a session for a page that has been loaded, with the design that its tab had."""
+        """Begin a session for a loaded page, with the last design of its tab."""
         from aiohttp import web
 
         from coilarray.viz.studio.page import Page, Setup
@@ -299,7 +293,7 @@ class _Studio:
         return web.json_response({"sessionURL": f"ws://USE_HOST/ws/{page.key}", "secret": page.secret})
 
     def _work_of(self, tab: str) -> Work:
-        """Return what a tab worked on; when it is loaded again, its page may not yet have gone."""
+        """Return the last design of a tab; after a reload its old page may still be open."""
         still = [self._pages[key].work for key, other in self._of_page.items() if other == tab and key in self._pages]
         return still[-1] if still else self._tabs.get(tab, self._work)
 
@@ -337,7 +331,7 @@ class _Studio:
         return socket_
 
     async def _file(self, request: web.Request) -> web.StreamResponse:
-        """Serve a report that a page has written into the folder of the designs."""
+        """Serve a report that a page wrote into the folder of the designs."""
         return _file_of(self._shelf.folder, request.match_info["path"], (".html",))
 
     async def _asset(self, request: web.Request) -> web.StreamResponse:
@@ -358,12 +352,12 @@ class _Studio:
         return f"http://{shown}:{self._port}/{token}"
 
     def _expect(self, key: str) -> None:
-        """Give a session up whose page never connects."""
+        """Close a session whose page never connects."""
         loop = asyncio.get_running_loop()
         self._unused[key] = loop.call_later(_UNUSED, lambda: loop.create_task(self._close(key)))
 
     async def _close(self, key: str) -> None:
-        """End the session of a page that is gone; keep its design for when it is loaded again."""
+        """End the session of a closed page; its design is kept for a reload."""
         page = self._pages.pop(key, None)
         if page is None:
             return
@@ -392,7 +386,7 @@ class _Studio:
 
 
 def _headers(request: web.Request) -> dict[str, str]:
-    """Return what a browser must keep to; not every browser's 'self' holds for its own web sockets."""
+    """Return the security headers; in some browsers 'self' does not include web sockets."""
     host = request.headers.get("Host", "")
     sockets = f" ws://{host} wss://{host}" if _HOST.fullmatch(host) else ""
     return {**_HEADERS, "Content-Security-Policy": _POLICY + sockets}
@@ -405,12 +399,12 @@ def _client_folder() -> Path:
 
 
 def _folder(place: Any) -> str:
-    """Return the folder of what a module of trame serves: a path, or a path and how it is loaded."""
+    """Return the folder that a module of trame serves, from a path or a path with options."""
     return str(place[0]) if isinstance(place, list | tuple) else str(place)
 
 
 def _file_of(folder: Path, name: str, suffixes: tuple[str, ...] = ()) -> web.StreamResponse:
-    """Return a file below a folder, and none beside it."""
+    """Return a file below a folder; none outside of it."""
     from aiohttp import web
 
     try:

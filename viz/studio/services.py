@@ -1,7 +1,7 @@
-"""What the studio needs from outside of `coilarray.viz`: reports, kept response tables and boards.
+"""Functions that the studio needs from outside of `coilarray.viz`: reports, stored response tables and boards.
 
-Pictures know nothing of boards, and reports stand above pictures. So whoever starts the studio hands these in; all of
-them run in processes of their own and are therefore functions of a module, whose arguments are plain.
+`coilarray.viz` imports neither hardware nor reports, so the caller of the studio passes these functions. They run in
+processes of their own and are therefore functions of a module with plain arguments.
 """
 
 from __future__ import annotations
@@ -18,21 +18,21 @@ if TYPE_CHECKING:
     from coilarray.localize.inverse import Location
 
 Document = Mapping[str, Any]
-"""A design file as TOML reads it: `coilarray.design.model.build_design` makes the design of it."""
+"""Contents of a design file, from which `coilarray.design.model.build_design` makes the design."""
 
 
 @dataclass(frozen=True)
 class BoardRequest:
-    """What is asked of a board.
+    """Request for the readings of a board.
 
     Parameters
     ----------
     document : mapping of str to object
-        Of the design.
+        Document of the design.
     name : str
-        Of the design.
+        Name of the design.
     port : str
-        Of the board; ``"emulator"`` for none.
+        Port of the board; ``"emulator"`` for none.
     wiring : str or None
         File or name of the wiring of its switches.
     """
@@ -45,30 +45,30 @@ class BoardRequest:
 
 @dataclass(frozen=True, eq=False)
 class BoardFrame:
-    """What one scan of a board says.
+    """Readings of one scan of a board.
 
     Parameters
     ----------
     line : str
-        Who answers.
+        Description of the board.
     emulated : bool
-        Whether no real board is behind it.
+        True for an emulated board.
     sequence : int
-        Of the scan.
+        Number of the scan.
     delta : mapping of str to (float or None)
-        δ of every state; None where there is none.
+        δ of every state; None for a state without one.
     reasons : mapping of str to str
-        Why a state's reading is not good.
+        Reasons why the readings of states are not good.
     waiting : int
-        Scans that the baseline still needs.
+        Number of scans that the baseline still needs.
     location : Location or None
-        Where the indentation is.
+        Position of the indentation.
     problem : str
-        Why there is no location.
+        Reason why there is no location.
     rate : float or None
-        Scans per second.
+        Number of scans per second.
     lost : int
-        Scans that were missing.
+        Number of lost scans.
     """
 
     line: str
@@ -84,10 +84,10 @@ class BoardFrame:
 
 
 Tell = Callable[[Any], None]
-"""Sends a message from the process of a piece of work; raises `coilarray.viz.studio.job.Cancelled` after a stop."""
+"""Sends a message from the process of a job; raises `coilarray.viz.studio.job.Cancelled` after a stop."""
 
 Stopped = Callable[[], bool]
-"""Whether the work is to end."""
+"""Returns whether the job is to end."""
 
 WriteReport = Callable[[Document, str, Path, "Progress"], Path]
 """Writes the report of a design (document, name) into a folder; returns its page."""
@@ -96,11 +96,11 @@ ResponseTable = Callable[[Document, str, "Progress"], "xr.Dataset"]
 """Returns the response of a design (document, name) at the positions of `coilarray.localize.forward.table_grid`."""
 
 WatchBoard = Callable[[BoardRequest, Callable[[BoardFrame], None], Stopped], None]
-"""Opens a board and sends a frame for every scan until it is stopped; leaves the board at rest."""
+"""Opens a board, sends a frame for every scan until it is stopped, and leaves the board at rest."""
 
 
 def compute_table(document: Document, name: str, progress: Progress) -> xr.Dataset:
-    """Compute a response table, and keep it nowhere."""
+    """Compute a response table without storing it."""
     from coilarray.design.model import build_design
     from coilarray.localize.forward import table_for
 
@@ -109,20 +109,20 @@ def compute_table(document: Document, name: str, progress: Progress) -> xr.Datas
 
 @dataclass(frozen=True)
 class Services:
-    """What the studio can do besides.
+    """Functions that the caller of the studio provides.
 
     Parameters
     ----------
     response_table : callable
-        See `ResponseTable`.
+        A `ResponseTable`.
     write_report : callable, optional
-        See `WriteReport`; None takes the button away.
+        A `WriteReport`; without it there is no button for it.
     watch_board : callable, optional
-        See `WatchBoard`; None takes the tab away.
+        A `WatchBoard`; without it there is no tab for it.
     port : str
-        Of the board that is watched.
+        Port of the board that is watched.
     wiring : str, optional
-        Of its switches.
+        Wiring of its switches.
     """
 
     response_table: ResponseTable = compute_table

@@ -1,4 +1,4 @@
-"""The folder that a page reads designs from and writes them to, and nothing else of the disk."""
+"""Access of a page to the design files of one folder, and to nothing else on the disk."""
 
 from __future__ import annotations
 
@@ -17,18 +17,12 @@ _FILE = re.compile(r"[A-Za-z0-9_+][A-Za-z0-9_.+-]{0,120}\.toml")  # no name that
 
 @dataclass(frozen=True)
 class Shelf:
-    """Design files of one folder, and the bundled designs.
-
-    Parameters
-    ----------
-    folder : Path
-        Must exist.
-    """
+    """Design files of one folder, which must exist, and the bundled designs."""
 
     folder: Path
 
     def names(self) -> list[str]:
-        """Return what can be opened: files of the folder, then bundled designs."""
+        """Return the names of the files of the folder, then of the bundled designs."""
         try:
             files = sorted(path.name for path in self.folder.glob("*.toml") if _FILE.fullmatch(path.name))
         except OSError:
@@ -36,13 +30,7 @@ class Shelf:
         return [*files, *bundled.names()]
 
     def open(self, name: str) -> Work:
-        """Read a design.
-
-        Raises
-        ------
-        DesignError
-            A name that is not in `names`, or a file that is no design.
-        """
+        """Read a design; DesignError for an unknown name or an invalid file."""
         if name in bundled.names():
             return work_on(parse_design(bundled.read(name), name), name)
         path = self.path(name)
@@ -51,32 +39,21 @@ class Shelf:
         return work_on(load_design(path), name)
 
     def save(self, work: Work, name: str) -> Work:
-        """Write a design into the folder; the file appears, or is replaced, whole.
-
-        Returns
-        -------
-        Work
-            As it is kept now.
+        """Write a design into the folder in one step and return it with its new file.
 
         Raises
         ------
         OutputError
-            A name that is no file name, or a file that cannot be written.
+            If the name is not allowed, or the file cannot be written.
         """
         path = self.path(name)
         text = work.text()
-        parse_design(text, name)  # what is written can be read
+        parse_design(text, name)  # refuses a file that could not be read
         write_text(path, text)
         return work.saved_as(name)
 
     def would_lose(self, work: Work, name: str) -> bool:
-        """Whether saving a design under a name replaces a file that says something it was not read from.
-
-        Raises
-        ------
-        OutputError
-            A name that is no file name.
-        """
+        """Return whether saving a design replaces a file from which it was not read; OutputError as in `path`."""
         path = self.path(name)
         if not path.exists():
             return False
@@ -86,7 +63,7 @@ class Shelf:
             return True
 
     def path(self, name: str) -> Path:
-        """Return the path of a file of the folder; OutputError for what is not the name of one."""
+        """Return the path of a file of the folder; OutputError for a name that is not allowed."""
         if not _FILE.fullmatch(name):
             raise OutputError(
                 f"a design file must have a plain, short name that ends in .toml, as better.toml; got {name[:60]!r}."

@@ -1,4 +1,4 @@
-"""The tab of switches: measure, ground or open for each coil; what the converter sees and the field follow."""
+"""Tab of switches: measure, ground or open for each coil, the readings of the converter, and the field."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 from coilarray.circuit.network import StateResult
 from coilarray.design.model import Design
 from coilarray.errors import NetworkError
-from coilarray.viz.scenes import Scene
+from coilarray.viz.scenes.scene import Scene
+from coilarray.viz.studio.panel import Panel
 from coilarray.viz.studio.scene_making import BoardParts, switched_scene
 from coilarray.viz.studio.switching import SETTINGS, Setting, UnitFields, kept_settings, switched, unit_fields
 
@@ -17,29 +18,22 @@ if TYPE_CHECKING:
     from coilarray.viz.studio.page import Page
 
 
-class SwitchesPanel:
-    """States that are chosen by hand.
-
-    Parameters
-    ----------
-    page : Page
-        Whose.
-    """
+class SwitchesPanel(Panel):
+    """Panel with a state of the switches that is chosen by hand."""
 
     def __init__(self, page: Page) -> None:
-        self._page = page
         self._result: StateResult | None = None
         self._fields: tuple[Design, UnitFields] | None = None
-        page.state.update({"settings": {}, "switched": [], "currents": [], "switch_problem": ""})
-        page.trigger("switch", self._switch)
+        values = {"settings": {}, "switched": [], "currents": [], "switch_problem": ""}
+        super().__init__(page, values, switch=self._switch)
 
     def show(self, design: Design) -> None:
-        """Keep what was chosen for coils that are still there."""
+        """Show another design, with the same settings for coils that still exist."""
         self._page.state.settings = kept_settings(design.array.names, self._page.state.settings)
         self._result = None
 
     def solve(self) -> None:
-        """Solve the state with the present numbers, which takes some milliseconds."""
+        """Solve the state with the current numbers, which takes some milliseconds."""
         numbers, state = self._page.numbers.numbers, self._page.state
         if numbers is None:
             return
@@ -54,7 +48,7 @@ class SwitchesPanel:
                 state.currents = _currents(self._page.work.design, self._result)
 
     def scene(self, design: Design, board: BoardParts) -> Scene | None:
-        """Return the scene of the state; None where there is none to be shown. Computed in a thread."""
+        """Return the scene of the state, or None without a solution; runs in a thread."""
         result = self._result
         if result is None or len(result.currents) != len(design.array.names):
             return None
@@ -72,7 +66,7 @@ class SwitchesPanel:
 
 
 def _rows(result: StateResult) -> list[list[str]]:
-    """Label, number and unit of what the converter sees, with all digits of the number."""
+    """Return label, number, unit and all digits of the readings of the converter."""
     values = (
         ("L_eff", result.effective_inductance, 1e6, "µH", 3),
         ("R_eff", result.effective_resistance, 1.0, "Ω", 2),
@@ -87,7 +81,7 @@ def _rows(result: StateResult) -> list[list[str]]:
 
 
 def _currents(design: Design, result: StateResult) -> list[dict[str, Any]]:
-    """Amount and phase of every coil's current against that of the first measured one."""
+    """Return the magnitude and phase of every coil's current relative to that of the first measured coil."""
     rows = []
     for name, current in zip(design.array.names, result.currents.tolist(), strict=True):
         angle = math.degrees(cmath.phase(current)) if abs(current) > 1e-9 else 0.0

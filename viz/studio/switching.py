@@ -1,4 +1,4 @@
-"""Switch states chosen by hand: which coils are measured, grounded or open, what the converter sees, and the field."""
+"""Switch states chosen by hand: measured, grounded and open coils, the readings of the converter, and the field."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from coilarray.design.scan_states import ScanState
 from coilarray.electromagnetics.field import grid_points, magnetic_field
 from coilarray.electromagnetics.resistance import dc_resistance
 from coilarray.errors import NetworkError
-from coilarray.viz.datasets.field import AMOUNT, FIELD, field_grid, require_memory
+from coilarray.viz.datasets.field import flux_grid, require_memory
 from coilarray.viz.scenes.field_places import Span
 
 if TYPE_CHECKING:
@@ -24,25 +24,25 @@ if TYPE_CHECKING:
 FloatArray = npt.NDArray[np.float64]
 
 Setting = Literal["measure", "ground", "open"]
-"""What is done with a coil."""
+"""Connection of a coil."""
 
 SETTINGS: tuple[Setting, ...] = get_args(Setting)
 SPACING = 1e-3
-"""Of the points of the field's plane in m."""
+"""Default distance of the points on the plane of the field in m."""
 
 
 @dataclass(frozen=True, eq=False)
 class UnitFields:
-    """B of one ampere in every coil alone, on a level plane.
+    """B of one ampere in every coil alone, on a horizontal plane.
 
     Parameters
     ----------
     x, y : ndarray, shape (nx,), (ny,)
-        In m.
+        Coordinates of the points in m.
     height : float
-        Of the plane above the board in m.
+        Height of the plane above the board in m.
     fields : ndarray, shape (coils, nx, ny, 1, 3)
-        In T/A.
+        B per current in T/A.
     """
 
     x: FloatArray
@@ -51,43 +51,25 @@ class UnitFields:
     fields: FloatArray
 
     def plane(self, currents: npt.ArrayLike) -> pyvista.RectilinearGrid:
-        """Return the field of some currents.
-
-        Parameters
-        ----------
-        currents : array_like, shape (coils,)
-            In A.
-
-        Returns
-        -------
-        pyvista.RectilinearGrid
-            In mm, with the point arrays ``"B (T)"`` and ``"|B| (T)"``, as `coilarray.viz.datasets.flux_density`.
-        """
+        """Return the field of currents in A, shape (coils,), as `coilarray.viz.flux_density` does."""
         B = np.tensordot(np.asarray(currents, dtype=np.float64), self.fields, axes=1)
-        grid = field_grid(self.x, self.y, [self.height], B)
-        grid.point_data[AMOUNT] = np.linalg.norm(grid.point_data[FIELD], axis=1)
-        return grid
+        return flux_grid(self.x, self.y, [self.height], B)
 
 
 def first_settings(names: Sequence[str]) -> dict[str, Setting]:
-    """Return what the switches begin with: the middle coil is measured, all others are grounded."""
+    """Return the first settings: the middle coil is measured, all others are grounded."""
     middle = (len(names) - 1) // 2
     return {name: "measure" if k == middle else "ground" for k, name in enumerate(names)}
 
 
 def kept_settings(names: Sequence[str], settings: Mapping[str, Setting]) -> dict[str, Setting]:
-    """Return settings for other coils: what was said of those that are still there."""
+    """Return settings for other coils, unchanged for those that still exist."""
     kept: dict[str, Setting] = {name: settings.get(name, "ground") for name in names}
     return kept if "measure" in kept.values() else first_settings(names)
 
 
 def state_of(settings: Mapping[str, Setting]) -> ScanState:
-    """Return the state of the multiplexer; several measured coils are in series.
-
-    Raises
-    ------
-    NetworkError
-        No coil is measured.
+    """Return the state of the multiplexer, with several measured coils in series; NetworkError where there is none.
 
     Examples
     --------
@@ -111,18 +93,14 @@ def switched(design: Design, inductance: FloatArray, settings: Mapping[str, Sett
     design : Design
         Its switches and tank count, its windings' own capacitance does not.
     inductance : ndarray, shape (n, n)
-        In H.
+        Inductance matrix in H.
     settings : mapping of str to {"measure", "ground", "open"}
-        Of every coil.
-
-    Returns
-    -------
-    StateResult
+        Connection of every coil.
 
     Raises
     ------
     NetworkError
-        No measured coil, or a state without a resonance.
+        If there is no measured coil, or the state has no resonance.
     """
     n = len(design.array.names)
     resistance = np.diag(dc_resistance(design.array.conductors(), design.circuit.resistivity))
@@ -134,20 +112,7 @@ def switched(design: Design, inductance: FloatArray, settings: Mapping[str, Sett
 
 
 def unit_fields(design: Design, spacing: float = SPACING) -> UnitFields:
-    """Compute B of every coil on the plane at the design's field height; any currents then take no time.
-
-    Parameters
-    ----------
-    design : Design
-        The board.
-    spacing : float
-        Of the points in m, at most.
-
-    Raises
-    ------
-    GeometryError
-        Too many points.
-    """
+    """Compute B of every coil on the plane at the design's field height; GeometryError for too many points."""
     x_min, y_min, x_max, y_max = design.array.bounds
     x, y = Span(x_min, x_max, spacing), Span(y_min, y_max, spacing)
     conductors = design.array.conductors()

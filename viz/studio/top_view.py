@@ -1,4 +1,4 @@
-"""The board from above in millimetres, as a page draws it: y upwards on the board, downwards on the screen."""
+"""Drawing of the board from above in mm for a page: y points upwards on the board, downwards on the screen."""
 
 from __future__ import annotations
 
@@ -9,32 +9,32 @@ from typing import Any
 
 import numpy as np
 from scipy.spatial.distance import pdist
-from scipy.special import chdtri
 
 from coilarray.design.model import Design
 from coilarray.localize.inverse import Location
+from coilarray.viz.datasets.overlays import semi_axis_factor
 from coilarray.viz.palette import COILS, INK, cycled
-from coilarray.viz.scenes.scene import symmetric
+from coilarray.viz.scenes.overlays import CONFIDENCE, colours_of_delta
+from coilarray.viz.scenes.touch import first_states
 from coilarray.viz.studio.touch import Touched
 
-_RIM = 0.02  # of the board's width, around it
-_DIGITS = 3  # µm
-_LETTER = 0.035  # height of the names' letters in widths of the drawing, at most
-_LETTER_OF_PITCH = 0.22  # of the distance of neighbours: names of six letters then do not meet
-_LEAST = 0.35  # mm, semi-axis of an ellipse that is seen
-_CONFIDENCE = 0.95
+_RIM = 0.02  # width of the rim over that of the board
+_DIGITS = 3  # of lengths in mm
+_LETTER = 0.035  # largest height of letters over the width of the drawing
+_LETTER_OF_PITCH = 0.22  # and over the distance of neighbours, with which names of six letters do not overlap
+_LEAST = 0.35  # least semi-axis of an ellipse in mm
 
 
 @dataclass(frozen=True)
 class TopView:
-    """Where things are on a drawing of the board.
+    """Coordinates of a drawing of the board.
 
     Parameters
     ----------
     left, top, width, height : float
-        Of the drawing in mm; y counts downwards from that of the board turned round.
+        Rectangle of the drawing in mm; its y is minus that of the board.
     origin : tuple of float
-        Of the response map on the board in m.
+        Origin of the response map on the board in m.
     """
 
     left: float
@@ -44,7 +44,7 @@ class TopView:
     origin: tuple[float, float]
 
     def place(self, across: float, down: float) -> tuple[float, float]:
-        """Return x and y in m from the map's origin, of a point that is told in parts of the drawing.
+        """Return x and y in m from the map's origin of a point given as shares of the drawing's sides.
 
         Examples
         --------
@@ -56,12 +56,12 @@ class TopView:
         return x, y
 
     def point(self, x: float, y: float) -> tuple[float, float]:
-        """Return a place in m from the map's origin as a point of the drawing in mm; the reverse of `place`."""
+        """Return the point of the drawing in mm for a place in m from the map's origin."""
         return _mm(x + self.origin[0]), -_mm(y + self.origin[1])
 
 
 def top_view(design: Design) -> TopView:
-    """Return the drawing that holds a board."""
+    """Return the coordinates of a drawing of a board."""
     x_min, y_min, x_max, y_max = (edge * 1e3 for edge in design.array.bounds)
     rim = _RIM * (x_max - x_min)
     origin = (0.0, 0.0) if design.indentation is None else design.indentation.origin_point
@@ -69,7 +69,7 @@ def top_view(design: Design) -> TopView:
 
 
 def board_drawing(design: Design, view: TopView) -> dict[str, Any]:
-    """Return edge and coils of a board as plain values for the page, in mm."""
+    """Return the edge and coils of a board in mm, as plain values for the page."""
     x_min, y_min, x_max, y_max = (edge * 1e3 for edge in design.array.bounds)
     colours = cycled(COILS, design.array.names)
     coils = []
@@ -91,13 +91,13 @@ def board_drawing(design: Design, view: TopView) -> dict[str, Any]:
 
 
 def _letter(design: Design, view: TopView) -> float:
-    """Height of the names' letters in mm."""
+    """Return the height of the names' letters in mm."""
     nearest = float(pdist(design.array.centres).min(initial=math.inf)) * 1e3
     return min(_LETTER * view.width, _LETTER_OF_PITCH * nearest)
 
 
 def touch_drawing(design: Design, view: TopView, touch: Touched) -> dict[str, Any]:
-    """Return the marks of a touch: indenter, the paper's ellipses, what was located, and the colours of the coils."""
+    """Return the marks of a touch: indenter, the paper's ellipses, located positions, and colours of the coils."""
     colours = cycled(COILS, design.array.names)
     x, y = view.point(*touch.at)
     radius = 0.0 if design.indentation is None else design.indentation.indenter.radius_at(touch.depth) * 1e3
@@ -121,7 +121,7 @@ def touch_drawing(design: Design, view: TopView, touch: Touched) -> dict[str, An
 
 
 def pins(view: TopView, location: Location) -> list[dict[str, Any]]:
-    """Return positions that fit a reading, each with its 95 % ellipse, the best first."""
+    """Return the possible positions of a location, each with its 95 % ellipse, the best one first."""
     marks = []
     for k, mode in enumerate(location.modes):
         x, y = view.point(mode.x, mode.y)
@@ -129,9 +129,9 @@ def pins(view: TopView, location: Location) -> list[dict[str, Any]]:
         covariance = mode.covariance[:2, :2]
         if np.isfinite(covariance).all():
             values, vectors = np.linalg.eigh(covariance)
-            half = np.sqrt(np.maximum(values, 0.0) * float(chdtri(2, 1 - _CONFIDENCE))) * 1e3
-            reach = 2 * max(view.width, view.height)
-            mark["ry"], mark["rx"] = (float(min(max(axis, _LEAST), reach)) for axis in half)
+            half = semi_axis_factor(CONFIDENCE) * np.sqrt(np.maximum(values, 0.0)) * 1e3
+            longest = 2 * max(view.width, view.height)
+            mark["ry"], mark["rx"] = (float(min(max(axis, _LEAST), longest)) for axis in half)
             mark["turn"] = -math.degrees(math.atan2(vectors[1, 1], vectors[0, 1]))
         marks.append(mark)
     return marks
@@ -140,16 +140,14 @@ def pins(view: TopView, location: Location) -> list[dict[str, Any]]:
 def delta_fills(design: Design, delta: Mapping[str, float | None]) -> dict[str, str]:
     """Return a colour for each coil by its δ, symmetric about zero."""
     by_coil = delta_by_coil(design, delta)
-    values = [math.nan if value is None else value for value in by_coil.values()]
-    red_green_blue = symmetric("delta", "δ", "", values).colours_of(values)
+    colours = colours_of_delta([math.nan if value is None else value for value in by_coil.values()])
+    red_green_blue = colours.scale.colours_of(colours.values)
     return {name: f"rgb({r}, {g}, {b})" for name, (r, g, b) in zip(by_coil, red_green_blue.tolist(), strict=True)}
 
 
 def delta_by_coil(design: Design, delta: Mapping[str, float | None]) -> dict[str, float | None]:
-    """Return δ of the first state that measures each coil; None where none does."""
-    states: dict[str, str] = {}
-    for state, coil in coil_of_state(design).items():
-        states.setdefault(coil, state)
+    """Return δ of the first state that measures each coil; None for a coil without one."""
+    states = first_states(design)
     return {name: delta.get(states.get(name, "")) for name in design.array.names}
 
 
@@ -159,7 +157,7 @@ def coil_of_state(design: Design) -> dict[str, str]:
 
 
 def delta_bars(delta: Iterable[tuple[str, float | None]], least: float = 1e-4) -> list[dict[str, Any]]:
-    """Return a bar for each δ: its text in 10⁻⁶ and its length in percent of half the width, of either sign."""
+    """Return a bar for each δ: its text in 10⁻⁶ and its signed length in per cent of half the width."""
     pairs = list(delta)
     largest = max([least, *(abs(value) for _, value in pairs if value is not None)])
     bars = []

@@ -1,10 +1,11 @@
-"""What the sensor reads where the indenter presses, and where that puts it."""
+"""Readings of the sensor at a place of the indenter, the position located from them, and both in words."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import zip_longest
 
 import numpy as np
 import xarray as xr
@@ -14,28 +15,21 @@ from coilarray.errors import LocalizeError
 from coilarray.localize.ellipse import Ellipse, fit_ellipses
 from coilarray.localize.ellipse_model import EllipseModel, EllipsePosition, ellipse_model, locate_x
 from coilarray.localize.forward import ForwardModel, forward_model
-from coilarray.localize.inverse import Location, locate
+from coilarray.localize.inverse import Location, Mode, locate
 from coilarray.response.setup import indentation_of
+from coilarray.viz.scenes.touch import off_middle
 
 NOISE = 1e-5
-"""Standard deviation of δ that a position is told with."""
+"""Standard deviation of δ that is assumed for a location."""
 
-_STEP = 1e-3  # m between the points of a map that ellipses are fitted to
-_REFINEMENT = 5  # of it; 20, the default, moves x0 by less than 0.1 mm and takes ten times as long
-_LEAST_DELTA = 3 * NOISE  # below it a coil's ellipse is noise
+_STEP = 1e-3  # m between the points of a map to which ellipses are fitted
+_REFINEMENT = 5  # of that map; 20, the default, moves x0 by less than 0.1 mm and takes ten times as long
+_LEAST_DELTA = 3 * NOISE  # a smaller δ gives no ellipse, only noise
 
 
 @dataclass(frozen=True, eq=False)
 class Sensor:
-    """A design that can be pressed, with its response.
-
-    Parameters
-    ----------
-    design : Design
-        With an indentation.
-    model : ForwardModel
-        Of its response.
-    """
+    """A design with an indentation, and the model of its response."""
 
     design: Design
     model: ForwardModel
@@ -48,24 +42,24 @@ class Sensor:
 
 @dataclass(frozen=True, eq=False)
 class Touched:
-    """One place of the indenter, and what is read there.
+    """One place of the indenter with its readings.
 
     Parameters
     ----------
     at : tuple of float
         x and y in m from the map's origin.
     depth : float
-        In m.
+        Depth in m.
     delta : mapping of str to float
         δ of every state.
     location : Location
-        From these δ, without noise in them.
+        Position located from these δ, which have no noise.
     ellipses : mapping of str to Ellipse
-        Of the paper's model, by state, where it has one for the δ.
+        Ellipses of the paper's model by state, where it has one for the δ.
     crossing : EllipsePosition or None
-        Where the paper's model puts the indenter.
+        Position of the indenter by the paper's model.
     problem : str
-        Why there are no ellipses or no crossing; empty where there are.
+        Reason why there are no ellipses or no crossing; empty where there are.
     """
 
     at: tuple[float, float]
@@ -78,14 +72,14 @@ class Touched:
 
 
 def sensor_of(design: Design, table: xr.Dataset) -> Sensor:
-    """Put a design and its response table together.
+    """Join a design and its response table.
 
     Raises
     ------
     LocalizeError
-        A table of another design, or none.
+        If the table is of another design, or invalid.
     ElastomerError
-        A design without an indentation.
+        If the design has no indentation.
     """
     indentation_of(design)
     if table.attrs.get("design_hash") != design.digest:
@@ -94,24 +88,12 @@ def sensor_of(design: Design, table: xr.Dataset) -> Sensor:
 
 
 def first_place(sensor: Sensor) -> tuple[float, float, float]:
-    """Return where the indenter begins: x, y and depth in m, off the middle of the map, where a position is told."""
-    setup = sensor.setup
-    x, y = (np.array(axis) for axis in (setup.x, setup.y))
-    return float(x.mean() + np.ptp(x) / 8), float(y.mean() + np.ptp(y) / 4), max(setup.depths)
+    """Return the first x, y and depth of the indenter in m, off the middle of the map."""
+    return *off_middle(sensor.setup), max(sensor.setup.depths)
 
 
 def touched(sensor: Sensor, x: float, y: float, depth: float) -> Touched:
-    """Press somewhere; a place beyond the response is moved to its edge.
-
-    Parameters
-    ----------
-    sensor : Sensor
-        The board.
-    x, y : float
-        In m from the map's origin.
-    depth : float
-        In m.
-    """
+    """Press at a place in m from the map's origin, moved to the edge of the response where it is beyond."""
     low, high = sensor.model.lower, sensor.model.upper
     point = np.clip([x, y, depth], low, high)
     delta = sensor.model.delta(point)
@@ -143,7 +125,7 @@ def _by_ellipses(
 
 @lru_cache(maxsize=16)
 def _ellipse_model(model: ForwardModel, depth: float) -> EllipseModel | str:
-    """Fit the paper's model to the response at one depth, or say why that cannot be."""
+    """Fit the paper's model to the response at one depth, or return the reason why it is impossible."""
     x, y = (np.arange(axis[0], axis[-1] + _STEP / 2, _STEP) for axis in (model.x, model.y))
     x, y = (np.minimum(axis, last[-1]) for axis, last in ((x, model.x), (y, model.y)))
     points = np.empty((len(y), len(x), 3))
@@ -155,3 +137,31 @@ def _ellipse_model(model: ForwardModel, depth: float) -> EllipseModel | str:
         return ellipse_model(fit_ellipses(map_, refinement=_REFINEMENT, connected=False))
     except LocalizeError as error:
         return str(error)
+
+
+def location_lines(location: Location) -> list[str]:
+    """Return lines with the verdict and the possible positions of an indentation, the best one first.
+
+    Examples
+    --------
+    >>> location_lines(Location("nothing pressed", "nothing is pressed."))
+    ['nothing pressed: nothing is pressed.']
+    """
+    first = f"{location.verdict}: {location.reason}" if location.reason else location.verdict
+    return [first, *(f"{'located' if k == 0 else 'may also be'}: {_mode(m)}" for k, m in enumerate(location.modes))]
+
+
+def crossing_line(touch: Touched) -> str:
+    """Return a line with the position by the paper's ellipses, or the reason why there is none."""
+    if touch.crossing is None:
+        return f"ellipses: {touch.problem}"
+    x, y = touch.crossing.x * 1e3, touch.crossing.y * 1e3
+    first, second = touch.crossing.coils
+    return f"ellipses of {first} and {second} meet at x = {x:.2f}, y = ±{y:.2f} mm".replace("-", "−")
+
+
+def _mode(mode: Mode) -> str:
+    parts = []
+    for name, value, sigma in zip_longest(("x", "y", "depth"), (mode.x, mode.y, mode.depth), mode.known_deviations):
+        parts.append(f"{name} = {value * 1e3:.2f}{'' if sigma is None else f' ± {sigma * 1e3:.2g}'} mm")
+    return ", ".join(parts).replace("-", "−")

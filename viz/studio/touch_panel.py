@@ -1,4 +1,4 @@
-"""The tab of touching: drag the indenter over the board, and see δ, ellipses and the located position."""
+"""Tab of touching: drag the indenter over the board, and see δ, ellipses and the located position."""
 
 from __future__ import annotations
 
@@ -8,56 +8,52 @@ import xarray as xr
 
 from coilarray.design.model import Design
 from coilarray.errors import CoilarrayError, DesignError
-from coilarray.viz.scenes import Scene
+from coilarray.viz.scenes.scene import Scene
+from coilarray.viz.scenes.touch import dent_of_design
 from coilarray.viz.studio.entries import number_of
-from coilarray.viz.studio.job import Outcome, progress_of
-from coilarray.viz.studio.scene_making import BoardParts, dent_of_design, touched_scene
+from coilarray.viz.studio.job import progress_of
+from coilarray.viz.studio.panel import Panel
+from coilarray.viz.studio.scene_making import BoardParts, touched_scene
 from coilarray.viz.studio.services import Stopped, Tell
-from coilarray.viz.studio.told import told, told_by_ellipses
 from coilarray.viz.studio.top_view import TopView, board_drawing, delta_bars, top_view, touch_drawing
-from coilarray.viz.studio.touch import Sensor, Touched, first_place, sensor_of, touched
+from coilarray.viz.studio.touch import (
+    Sensor,
+    Touched,
+    crossing_line,
+    first_place,
+    location_lines,
+    sensor_of,
+    touched,
+)
 
 if TYPE_CHECKING:
     from coilarray.viz.studio.page import Page
 
-_TABLE = "table"
-_SHOWN = 1e-5  # m; places are shown to it, and one at the edge may be shown beyond it
+_SHOWN = 1e-5  # m; last digit of a place on the page: one at the edge may be rounded beyond it
 _NOTHING: dict[str, Any] = {
     "indenter": None, "ellipses": [], "crossing": [], "pins": [], "fills": {}
 }  # fmt: skip
 
 
-class TouchPanel:
-    """The indenter on the board.
-
-    Parameters
-    ----------
-    page : Page
-        Whose.
-    """
+class TouchPanel(Panel):
+    """Panel with the indenter on the board."""
 
     def __init__(self, page: Page) -> None:
-        self._page = page
         self._view: TopView = top_view(page.work.design)
         self._tables: dict[str, xr.Dataset] = {}
         self._sensor: Sensor | None = None
         self._touched: Touched | None = None
         self._dent: tuple[Design, float, xr.Dataset] | None = None
-        page.state.update(
-            {
-                "plan": board_drawing(page.work.design, self._view), "touch": _NOTHING, "bars": [], "located": [],
-                "touch_note": "", "touch_ready": False, "place": {"x": "", "y": "", "depth": ""}, "place_error": "",
-                "can_touch": page.work.design.indentation is not None,
-            }
-        )  # fmt: skip
+        values = {
+            "plan": board_drawing(page.work.design, self._view), "touch": _NOTHING, "bars": [], "located": [],
+            "touch_note": "", "touch_ready": False, "place": {"x": "", "y": "", "depth": ""}, "place_error": "",
+            "can_touch": page.work.design.indentation is not None, "dragging": False, "pressing": False,
+        }  # fmt: skip
         page.state.client_only("dragging", "pressing")
-        page.state.dragging = page.state.pressing = False
-        page.trigger("compute_table", self._compute)
-        page.trigger("press", self._press)
-        page.trigger("press_at", self._press_at)
+        super().__init__(page, values, compute_table=self._compute, press=self._press, press_at=self._press_at)
 
     def show(self, design: Design, *, anew: bool) -> None:
-        """Show the board of a design; its response is known where it was computed in this session."""
+        """Show the board of a design, and its response if it was computed in this session."""
         state = self._page.state
         self._view = top_view(design)
         state.plan = board_drawing(design, self._view)
@@ -76,7 +72,7 @@ class TouchPanel:
             state.touch_note = "The design has changed: its response is to be computed anew."
 
     def scene(self, design: Design, board: BoardParts) -> Scene | None:
-        """Return the scene of the touch; None where there is none. Computed in a thread."""
+        """Return the scene of the touch, or None where there is none; runs in a thread."""
         touch = self._touched
         if touch is None or self._sensor is None or self._sensor.design is not design or touch.depth <= 0:
             return None
@@ -88,29 +84,20 @@ class TouchPanel:
 
     def _compute(self) -> None:
         page = self._page
-        design, text = page.work.design, f"response of {page.work.design.name}"
+        design = page.work.design
 
-        def ended(outcome: Outcome) -> None:
-            page.end_progress()
-            if outcome.kind == "done":
-                self._tables[design.digest] = outcome.result
-                if page.work.design.digest == design.digest:
-                    self._take_table(page.work.design, outcome.result)
-                    page.redraw()
-            elif outcome.kind == "failed":
-                page.state.touch_note = outcome.problem
-            else:
-                page.state.touch_note = "Cancelled."
+        def done(table: xr.Dataset) -> None:
+            self._tables[design.digest] = table
+            if page.work.design.digest == design.digest:
+                self._take_table(page.work.design, table)
+                page.redraw()
 
-        if page.start_job(
-            _TABLE,
-            _compute_table,
-            (page.setup.services.response_table, design.document, design.name),
-            on_message=lambda message: page.show_progress(_TABLE, text, message),
-            on_end=ended,
-        ):
-            page.state.touch_note = ""
-            page.show_progress(_TABLE, text)
+        def note(text: str = "Cancelled.") -> None:
+            page.state.touch_note = text
+
+        item = (page.setup.services.response_table, design.document, design.name)
+        if page.start_bar("table", f"response of {design.name}", _compute_table, item, done, note, note):
+            note("")
 
     def _take_table(self, design: Design, table: xr.Dataset) -> None:
         try:
@@ -124,7 +111,7 @@ class TouchPanel:
     # ---------------------------------------------------------------- the indenter
 
     def _press(self, across: float, down: float) -> None:
-        """Press where the pointer is, in parts of the drawing."""
+        """Press at the pointer, its place as shares of the drawing's sides."""
         if self._sensor is not None and self._touched is not None:
             x, y = self._view.place(float(across), float(down))
             self._put(x, y, self._touched.depth)
@@ -149,7 +136,7 @@ class TouchPanel:
         touch = self._touched = touched(self._sensor, x, y, depth)
         state.touch = touch_drawing(design, self._view, touch)
         state.bars = delta_bars(touch.delta.items())
-        state.located = [*told(touch.location), told_by_ellipses(touch)]
+        state.located = [*location_lines(touch.location), crossing_line(touch)]
         state.place_error = ""
         (at_x, at_y), deep = touch.at, touch.depth
         place = {"x": f"{at_x * 1e3:.2f}", "y": f"{at_y * 1e3:.2f}", "depth": f"{deep * 1e3:.2f}"}
@@ -157,7 +144,7 @@ class TouchPanel:
 
 
 def _place(sensor: Sensor, texts: tuple[str, str, str]) -> list[float]:
-    """Read x, y and depth in m that were typed in mm; DesignError for no number, or one beyond the response."""
+    """Return x, y and depth in m from texts in mm; DesignError for no number, or one beyond the response."""
     numbers = []
     limits = zip(sensor.model.lower.tolist(), sensor.model.upper.tolist(), strict=True)
     for name, text, (low, high) in zip(("x", "y", "depth"), texts, limits, strict=True):

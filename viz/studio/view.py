@@ -1,4 +1,4 @@
-"""The picture in three dimensions: drawn here, sent to the page as images, turned there with the mouse."""
+"""View of a scene: drawn here, sent to the page as images, and turned there with the mouse."""
 
 from __future__ import annotations
 
@@ -9,34 +9,34 @@ from typing import Any, cast
 
 import numpy as np
 
-from coilarray.viz.scenes import Scene, Text, draw_parts
 from coilarray.viz.scenes.camera import Side, aim, direction
-from coilarray.viz.scenes.draw import set_camera, text_name
+from coilarray.viz.scenes.draw import draw_parts, set_camera, text_name
+from coilarray.viz.scenes.scene import Scene, Text
 
 SIZE = (900, 560)
-"""Of the picture in pixels, until the page says its own."""
+"""Width and height of the picture in pixels before the page sends its own."""
 
-_SMOOTH_AFTER = 0.5  # s at rest after which edges are smoothed
-_ENCODING = 0.01  # s from one look at whether a picture is encoded to the next
-_LOOKS = 200  # before it is left to trame; a page that is not seen gets no pictures
-_SAMPLES = 8  # of a pixel in a smooth picture, which takes three times as long
-_SAME = 1e-6  # of a camera's numbers
-_LARGEST = (5120, 5120)  # pixels across and up, more than the part of a screen that is for it
-_RESIZED = 0.03  # of a side, above which texts are drawn anew
+_SMOOTH_AFTER = 0.5  # s without a change before edges are smoothed
+_ENCODING = 0.01  # s between two tests whether a picture is encoded
+_LOOKS = 200  # largest number of these tests: a hidden page gets no pictures
+_SAMPLES = 8  # samples per pixel of a smooth picture, which takes three times as long
+_SAME = 1e-6  # tolerance of the camera's numbers
+_LARGEST = (5120, 5120)  # largest width and height in pixels
+_RESIZED = 0.03  # relative change of a side above which texts are drawn again
 _NARROW = 1.2  # width over height below which letters and lines become smaller
-_LEAST_LETTER = 9.0  # pixels; smaller ones cannot be read
-_HEIGHT = 900.0  # pixels of the picture that heights of letters are given for
+_LEAST_LETTER = 9.0  # least legible height of letters in pixels
+_HEIGHT = 900.0  # height in pixels of the picture for which letters are given
 
 
 class SceneView:
-    """One scene at a time in one view of a page.
+    """View of one scene at a time on a page.
 
     Parameters
     ----------
     server : trame Server
-        Of the page.
+        Server of the page.
     at_rest : callable
-        Called with True when a smooth picture has been sent, with False when it is no longer right.
+        Called with True when a smooth picture was sent, with False when it is out of date.
     """
 
     def __init__(self, server: Any, at_rest: Callable[[bool], None]) -> None:
@@ -55,21 +55,15 @@ class SceneView:
         self._smoothing: asyncio.TimerHandle | None = None
         self._sending: asyncio.TimerHandle | None = None
         self._resizing: asyncio.TimerHandle | None = None
-        self.widget = vtk.VtkRemoteView(
-            self._window,
-            ref="scene",
-            trame_server=server,
-            interactive_ratio=1,
-            interactive_quality=70,
-            still_quality=92,
-        )
+        quality = {"interactive_ratio": 1, "interactive_quality": 70, "still_quality": 92}
+        self.widget = vtk.VtkRemoteView(self._window, ref="scene", trame_server=server, **quality)
         style = self._plotter.iren.interactor.GetInteractorStyle()
         style.AddObserver("StartInteractionEvent", lambda *_: self._rough())
         style.AddObserver("EndInteractionEvent", lambda *_: self._smooth_soon())
         self._window.AddObserver("WindowResizeEvent", lambda *_: self._resized())
 
     def show(self, scene: Scene) -> None:
-        """Draw a scene in place of the one before; a camera that was turned by hand stays where it is."""
+        """Draw another scene; a camera that the user has turned stays where it is."""
         turned = self._scene is not None and not self._is_aimed()
         camera = self._camera()
         self._scene = scene
@@ -79,7 +73,7 @@ class SceneView:
         self._push()
 
     def look_from(self, side: Side) -> None:
-        """Turn the camera to a side, and aim it at everything."""
+        """Turn the camera to a side, and aim it at the whole scene."""
         self._side = side
         if self._scene is not None:
             self._aim()
@@ -92,11 +86,11 @@ class SceneView:
         self._push()
 
     def close(self) -> None:
-        """Let go of the window."""
+        """Release the window."""
         for timer in (self._smoothing, self._sending, self._resizing):
             if timer is not None:
                 timer.cancel()
-        # trame would make the window anew for an image on its way, and keeps what it observes for ever
+        # trame would create the window again for a pending image, and never removes its observers
         view = self.widget.module.id(self._window)
         self._server.protocol_call("viewport.image.push.enabled", view, False)
         while "result" in self._server.protocol_call("viewport.image.push.observer.remove", view):
@@ -137,7 +131,7 @@ class SceneView:
         self._smooth_soon()
 
     def _rough(self) -> None:
-        """One sample a pixel until the picture is at rest."""
+        """Use one sample per pixel until the picture is at rest."""
         for timer in (self._smoothing, self._sending):
             if timer is not None:
                 timer.cancel()
@@ -159,7 +153,7 @@ class SceneView:
         self._send_encoded(smooth, _LOOKS)
 
     def _send_encoded(self, smooth: bool, looks: int) -> None:
-        """Look again soon for a picture on its way; trame sends the one before, and looks half a second later."""
+        """Test again soon for a pending picture; trame itself sends the previous one and waits half a second."""
         if self._sending is not None:
             self._sending.cancel()
         protocol = self._server.protocol  # there is none before the page talks
@@ -174,9 +168,9 @@ class SceneView:
         self._send_encoded(smooth, looks - 1)
 
     def _resized(self) -> None:
-        """Letters and lines are made for a height: make them anew when the page has settled on one."""
+        """Draw letters and lines for another height once the size of the page is constant."""
         width, height = (min(side, most) for side, most in zip(self._size, _LARGEST, strict=True))
-        if (width, height) != self._size:  # the page may ask for any; nothing of such a size has been made yet
+        if (width, height) != self._size:  # the page may ask for any size
             self._window.SetSize(width, height)
         if self._resizing is not None:
             self._resizing.cancel()
@@ -208,7 +202,7 @@ class SceneView:
 
 
 def _fitted(scene: Scene, size: tuple[int, int]) -> Scene:
-    """Make letters and lines, which count in heights of the picture, fit a narrow one; the page tells the notes."""
+    """Return a scene whose letters and lines fit a narrow picture, without its notes, which the page shows."""
     part = _part(size)
     parts = tuple(replace(one, line_width=one.line_width * part) for one in scene.parts)
     texts = tuple(replace(text, height=_letters(text, size)) for text in scene.texts)
@@ -216,7 +210,7 @@ def _fitted(scene: Scene, size: tuple[int, int]) -> Scene:
 
 
 def _letters(text: Text, size: tuple[int, int]) -> float:
-    """Height of a text's letters in pixels of a picture 900 pixels high, so that they can be read in this one."""
+    """Return the height of a text's letters in pixels of a picture 900 pixels high, legible in this one."""
     return max(text.height * _part(size), _LEAST_LETTER * _HEIGHT / size[1])
 
 

@@ -1,4 +1,4 @@
-"""The design that a page works on: a value; every change makes a new one, or is refused and changes nothing."""
+"""Design of a page as a value: every change returns a new one or is refused."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from coilarray.errors import DesignError
 from coilarray.viz.studio.entries import number_of
 
 MOST_COILS = 64
-"""Coils that are followed while a slider moves."""
+"""Largest number of coils of a design in the studio."""
 
 MOST_SEGMENTS = 400_000
-"""Straight pieces of all windings together."""
+"""Largest number of straight segments of all windings together."""
 
 
 @dataclass(frozen=True, eq=False)
 class Work:
-    """A design, and the file that it is from.
+    """A design and its file.
 
     Parameters
     ----------
     design : Design
-        As it is now.
+        Current design.
     file : str
-        Name of its file, or of the bundled design.
+        Name of its file or bundled design.
     kept : mapping of str to object
         Document of the design as it was read or last saved.
     """
@@ -40,27 +40,16 @@ class Work:
 
     @property
     def changed(self) -> bool:
-        """Whether it differs from what the file says."""
+        """True where it differs from its file."""
         return self.design.document != self.kept
 
     def with_entry(self, key: str, text: str) -> Work:
-        """Set one entry to what was typed in.
-
-        Parameters
-        ----------
-        key : str
-            Dotted.
-        text : str
-            A number in the unit of the key.
-
-        Returns
-        -------
-        Work
+        """Set the entry of a dotted key to a typed number in its unit.
 
         Raises
         ------
         DesignError
-            No number, or a value with which there is no such board: one line without the name of the design.
+            If the text is not a number, or no board is possible with it: one line without the name of the design.
 
         Examples
         --------
@@ -75,13 +64,7 @@ class Work:
         return self.with_entries({key: number_of(key, text)})
 
     def with_entries(self, changes: Mapping[str, Any]) -> Work:
-        """Set several entries at once, to values as `coilarray.design.vary.vary` takes them.
-
-        Raises
-        ------
-        DesignError
-            As `with_entry`.
-        """
+        """Set several entries at once, to values as for `coilarray.design.vary.vary`; errors as in `with_entry`."""
         _require_few_coils(self.design.values, changes)
         document = vary_document(self.design.document, changes)
         assumed = {
@@ -100,28 +83,22 @@ class Work:
         return replace(self, design=design)
 
     def saved_as(self, file: str) -> Work:
-        """Return it as what a file now says."""
+        """Return it after it was saved to a file."""
         return replace(self, file=file, kept=self.design.document)
 
     def text(self) -> str:
-        """Return the design file; comments of the file that was read are not in it."""
+        """Return the design file, without comments."""
         return tomli_w.dumps(dict(self.design.document))
 
 
 def work_on(design: Design, file: str) -> Work:
-    """Begin with a design as it was read.
-
-    Raises
-    ------
-    DesignError
-        A design that is too large to be followed while a slider moves.
-    """
+    """Return a design as it was read; DesignError where it is too large for the studio."""
     require_small(design)
     return Work(design, file, design.document)
 
 
 def require_small(design: Design) -> None:
-    """Refuse a design that no page could follow: DesignError."""
+    """Raise DesignError for a design that is too large for the studio."""
     count = len(design.array.names)
     if count > MOST_COILS:
         raise DesignError(f"the studio follows at most {MOST_COILS} coils; the array has {count}.")
@@ -131,7 +108,7 @@ def require_small(design: Design) -> None:
 
 
 def _require_few_coils(values: Mapping[str, object], changes: Mapping[str, Any]) -> None:
-    """Refuse a large lattice before it is made."""
+    """Refuse a large lattice before it is built."""
     columns, rows = ({**values, **changes}.get(f"array.{name}", 1) for name in ("columns", "rows"))
     if isinstance(columns, int | float) and isinstance(rows, int | float) and columns * rows > MOST_COILS:
         key = next(iter(changes))
@@ -141,5 +118,5 @@ def _require_few_coils(values: Mapping[str, object], changes: Mapping[str, Any])
 
 
 def _is_part(key: str, name: str) -> bool:
-    """Whether two keys are one, or one leads to the other."""
+    """Return whether two dotted keys are equal or one contains the other."""
     return name == key or name.startswith(f"{key}.") or key.startswith(f"{name}.")

@@ -1,0 +1,284 @@
+"""Scenes of what is laid over a board: fields, coupling, passive currents, a response, and a located indentation."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from coilarray.viz.datasets.field import AMOUNT, field_arrows, field_lines, field_surfaces
+from coilarray.viz.datasets.overlays import (
+    COUPLING,
+    DELTA,
+    arc_tubes,
+    at_depth,
+    coupling_arcs,
+    draped_outlines,
+    position_pin,
+    response_surface,
+    semi_axis_factor,
+    uncertainty_ellipse,
+)
+from coilarray.viz.datasets.triangles import polylines, surface_of
+from coilarray.viz.palette import INDIGO, INK, ORANGE, WINE
+from coilarray.viz.scenes.board import Box, CoilColours, cut_upright
+from coilarray.viz.scenes.scene import Part, Scale, Scene, Text, symmetric
+
+if TYPE_CHECKING:
+    import pyvista
+    import xarray as xr
+
+    from coilarray.localize.inverse import Location, Mode
+
+CURRENT = "current in phase (A/A)"
+"""Name of the cell array of currents, per ampere of the measured coil."""
+
+CONFIDENCE = 0.95
+"""Probability that the drawn ellipse of a position contains the true one."""
+
+_DECADES = 2.0  # range of |B| that the colours resolve, in powers of ten
+_ARROWS = 34  # number of arrows along the longest side of a plane
+_SEE_THROUGH, _VEIL = 0.8, 0.3  # opacities of a plane and of a surface
+_TUBE = 0.0012  # radius of a line over the diagonal of its box
+_LEAST, _LABELLED = 0.03, 0.1  # least |k| of an arc, and of one with a number, over the largest |k|
+_WIDEST = 0.03  # radius of the widest arc over the distance of the nearest coils
+_RELIEF = 0.06  # height of a response over the map's longer side
+_OVER, _ABOVE = 1e-3, 0.1e-3  # m of the response above the board, and of the outlines above the response
+_SEEN, _CROSS = 0.04, 0.018  # least semi-axis of an ellipse and half length of a cross, over the board's length
+
+
+def scale_of_field(planes: Sequence[pyvista.DataSet], decades: float = _DECADES) -> Scale:
+    """Return one logarithmic scale of |B| for all pictures of a field, up to its largest magnitude.
+
+    Parameters
+    ----------
+    planes : sequence of pyvista.DataSet
+        Meshes with the point array ``"|B| (T)"``.
+    decades : float
+        Range of the scale in powers of ten.
+    """
+    largest = max((float(np.asarray(plane.point_data[AMOUNT]).max(initial=0.0)) for plane in planes), default=0.0)
+    high = largest if largest > 0 else 1.0
+    return Scale(AMOUNT, "magnitude of B", "T", high / 10**decades, high, logarithmic=True)
+
+
+def scene_of_slices(slices: Sequence[pyvista.RectilinearGrid], scale: Scale) -> Scene:
+    """Return planes coloured by |B| with arrows along B, empty where |B| is below the scale.
+
+    Parameters
+    ----------
+    slices : sequence of pyvista.RectilinearGrid
+        Planes as `coilarray.viz.flux_density` makes them.
+    scale : Scale
+        Result of `scale_of_field`.
+    """
+    parts = []
+    for k, plane in enumerate(slices):
+        low, high = np.reshape(plane.bounds, (3, 2)).T
+        spacing = float((high - low).max()) / _ARROWS * 1e-3
+        surface = surface_of(plane).clip_scalar(scalars=AMOUNT, value=scale.low, invert=False)
+        colour = scale.typical_colour(surface.point_data[AMOUNT])
+        parts.append(Part(f"plane {k}", surface, "B on planes", colour, scale, opacity=_SEE_THROUGH, lit=False))
+        arrows = surface_of(field_arrows(plane, spacing).threshold(scale.low, scalars=AMOUNT))
+        parts.append(Part(f"arrows {k}", arrows, "B as arrows", INK, ambient=0.4))
+    return Scene(tuple(parts), notes=("Arrows: length as the root of the magnitude.",) if parts else ())
+
+
+def scene_of_lines(grid: pyvista.RectilinearGrid, seeds: npt.ArrayLike, scale: Scale) -> Scene:
+    """Return field lines of B in a box `grid` through points `seeds`, shape (n, 3) in m, as thin tubes."""
+    lines = field_lines(grid, seeds)
+    if not lines.n_cells:
+        return Scene()
+    tubes = lines.tube(radius=_TUBE * float(grid.length), n_sides=8)
+    colour = scale.typical_colour(lines.point_data[AMOUNT])
+    return Scene((Part("field lines", tubes, "lines of B", colour, scale, ambient=0.5, diffuse=0.6),))
+
+
+def scene_of_surfaces(grid: pyvista.RectilinearGrid, levels: Sequence[float], scale: Scale) -> Scene:
+    """Return translucent surfaces in a box `grid` on which |B| has the given values in T."""
+    surfaces = field_surfaces(grid, levels)
+    if not surfaces.n_cells:
+        return Scene()
+    colour = scale.typical_colour(levels)
+    return Scene((Part("field surfaces", surfaces, "surfaces of equal B", colour, scale, opacity=_VEIL, ambient=0.4),))
+
+
+def scene_of_coupling(coupling: xr.Dataset) -> Scene:
+    """Return arcs between all pairs of coils, as thick as |k| is large and coloured by k, the strong ones with numbers.
+
+    Parameters
+    ----------
+    coupling : xarray.Dataset
+        Result of `coilarray.circuit.coupling.couple_design`: ``coupling`` (coil, other) and the centres ``x``, ``y`` in
+        m.
+    """
+    centres = np.column_stack((coupling.x.values, coupling.y.values))
+    k = coupling.coupling.values
+    apart = ~np.eye(len(k), dtype=bool)
+    pairs = np.abs(k[apart])
+    if not pairs.size or pairs.max() == 0:
+        return Scene(notes=("There is one coil, which couples with none.",) if not pairs.size else ())
+    strongest = float(pairs.max())
+    arcs = coupling_arcs(centres, k, least=_LEAST * strongest)
+    nearest = float(np.linalg.norm(centres[:, None] - centres, axis=-1)[apart].min()) * 1e3
+    tubes = arc_tubes(arcs, _WIDEST * nearest)
+    scale = symmetric(COUPLING, "coupling k", "", pairs)
+    texts = []
+    for n, value in enumerate(arcs.cell_data[COUPLING].tolist()):
+        if abs(value) >= _LABELLED * strongest:
+            points = np.asarray(arcs.get_cell(n).points)
+            x, y, z = points[len(points) // 2].tolist()
+            texts.append(Text(f"{value:+.3f}".replace("-", "−"), (x, y, z + 0.2 * nearest), 16.0, group="coupling"))
+    left_out = arcs.n_lines < len(k) * (len(k) - 1) // 2
+    notes = (f"Arcs: coupling k; between ±{_LEAST * strongest:.1g} it is left out.",) if left_out else ()
+    colour = scale.typical_colour(arcs.cell_data[COUPLING])
+    part = Part("coupling", tubes, "coupling", colour, scale, ambient=0.35, diffuse=0.7)
+    return Scene((part,), tuple(texts), notes)
+
+
+def colours_of_currents(currents: npt.ArrayLike, active: int) -> CoilColours:
+    """Colour the passive coils by the part of their current in phase with that of the measured coil.
+
+    Parameters
+    ----------
+    currents : array_like of complex, shape (coils,)
+        Currents in A per A of the measured coil.
+    active : int
+        Index of the measured coil; its colour is orange.
+    """
+    values = np.asarray(currents, dtype=np.complex128).real.copy()
+    values[active] = np.nan
+    scale = symmetric(CURRENT, "current in phase", "A/A", values)
+    return CoilColours(values, replace(scale, missing=ORANGE))
+
+
+def colours_of_delta(values: npt.ArrayLike) -> CoilColours:
+    """Colour the coils by δ, shape (coils,), symmetric about zero; NaN for a coil without a value."""
+    numbers = np.asarray(values, dtype=np.float64)
+    return CoilColours(numbers, symmetric(DELTA, "δ", "", numbers))
+
+
+def scene_of_response(
+    response: xr.Dataset,
+    state: str,
+    depth: int = -1,
+    *,
+    origin: tuple[float, float] = (0.0, 0.0),
+    outlines: Sequence[npt.ArrayLike] = (),
+) -> Scene:
+    """Return δ of one state draped over the board, higher where it is larger, with the outlines of the coils on it.
+
+    Parameters
+    ----------
+    response, state, depth, origin
+        As in `coilarray.viz.response_surface`.
+    outlines : sequence of array_like, shape (n, 2)
+        Outlines of the coils on the board in m.
+    """
+    relief = _RELIEF * float(max(np.ptp(response.x.values), np.ptp(response.y.values)))
+    surface = response_surface(response, state, depth, origin=origin, height=_OVER, relief=relief)
+    scale = symmetric(DELTA, f"δ of {state}", "", surface.point_data[DELTA])
+    group, colour = f"response of {state}", scale.typical_colour(surface.point_data[DELTA])
+    parts = [Part("response", surface, group, colour, scale, opacity=0.9, ambient=0.6, diffuse=0.45)]
+    lines = draped_outlines(response, state, outlines, depth, origin=origin, height=_OVER + _ABOVE, relief=relief)
+    if lines.n_cells:
+        parts.append(Part("outlines", lines, "outlines of the coils", INK, lit=False, line_width=2.0))
+    deep = float(at_depth(response, depth).depth) * 1e3
+    return Scene(tuple(parts), notes=(f"δ of {state} where the indenter is, {deep:g} mm deep.",))
+
+
+def scene_of_location(
+    location: Location,
+    *,
+    origin: tuple[float, float],
+    bounds: Box,
+    top: float,
+    truth: tuple[float, float] | None = None,
+) -> Scene:
+    """Return pins at the possible positions of an indentation, each with its 95 % ellipse of x and y.
+
+    Parameters
+    ----------
+    location : Location
+        Result of `coilarray.localize.inverse.locate`.
+    origin : tuple of float
+        Place of the map's origin on the board in m.
+    bounds : tuple of float
+        x_min, y_min, x_max, y_max of the board in m. An ellipse ends at the edge of the board, and is left out where it
+        is longer than the board. One that is too small to be seen is enlarged by the factor that the legend gives.
+    top : float
+        Height of the pins in m.
+    truth : tuple of float, optional
+        Real x and y of the indenter in m from the map's origin, marked by a cross.
+
+    Returns
+    -------
+    Scene
+        With notes that give position, standard deviations and verdict.
+    """
+    parts: list[Part] = []
+    length = max(bounds[2] - bounds[0], bounds[3] - bounds[1])
+    notes = [_summary(location)]
+    magnification = _magnification(location.modes, length)
+    label = "95 % ellipse" + ("" if magnification == 1 else f", drawn {magnification:g} × as large")
+    for k, mode in enumerate(location.modes):
+        at = (mode.x + origin[0], mode.y + origin[1])
+        group = "located" if k == 0 else "may also be"
+        parts.append(Part(f"pin {k}", position_pin(at, 0.0, top), group, INK, line_width=4.0, lit=False))
+        if not _is_finite(mode):
+            notes.append("No ellipse: to first order this reading does not depend on one direction.")
+            continue
+        if _semi_axis(mode) > length:
+            notes.append("No 95 % ellipse where it would be longer than the board.")
+            continue
+        if not mode.gaussian:
+            notes.append("The likelihood is not Gaussian: the ellipse is its shape near the position only.")
+        for name, height in (("", 0.0), (" above", top)):
+            covariance = mode.covariance[:2, :2]
+            ellipse = uncertainty_ellipse(at, covariance, CONFIDENCE, magnification=magnification, height=height)
+            on_board = cut_upright(ellipse, bounds)
+            if on_board.n_cells:
+                parts.append(Part(f"ellipse {k}{name}", on_board, label, WINE, line_width=4.0, lit=False))
+    if truth is not None:
+        (x, y), half = np.add(truth, origin).tolist(), _CROSS * length
+        ends = [[x - half, y, top], [x + half, y, top]], [[x, y - half, top], [x, y + half, top]]
+        cross = polylines([np.array(line) for line in ends])
+        parts.append(Part("truth", cross, "indenter", INDIGO, line_width=3.0, lit=False))
+    return Scene(tuple(parts), notes=tuple(dict.fromkeys(notes)))
+
+
+def _summary(location: Location) -> str:
+    """Return one line about a location."""
+    if not location.modes:
+        return f"{location.verdict}: {location.reason}"
+    best = location.best
+    numbers = zip(("x", "y", "depth"), (best.x, best.y, best.depth), best.deviations, strict=False)
+    text = ", ".join(
+        f"{name} = {round(value * 1e3, 2) + 0.0:.2f} ± {sigma * 1e3:.2g} mm" for name, value, sigma in numbers
+    )
+    others = len(location.modes) - 1
+    also = "" if not others else f"; {others} more position{' fits' if others == 1 else 's fit'}"
+    return f"{location.verdict}: {text} (standard deviations){also}".replace("-", "−")
+
+
+def _magnification(modes: Sequence[Mode], length: float) -> float:
+    """Return the least of 1, 2, 5, 10, 20, … by which the largest ellipse is visible on a board of this length."""
+    semi_axes = [_semi_axis(mode) for mode in modes if _is_finite(mode)]
+    wanted = _SEEN * length / max(semi_axes) if semi_axes else 0.0
+    if wanted <= 1:
+        return 1.0
+    decade = 10.0 ** math.floor(math.log10(wanted))
+    return next(step * decade for step in (1.0, 2.0, 5.0, 10.0) if step * decade >= wanted * (1 - 1e-12))
+
+
+def _semi_axis(mode: Mode) -> float:
+    """Return the longer semi-axis of an ellipse in m."""
+    return semi_axis_factor(CONFIDENCE) * math.sqrt(float(np.linalg.eigvalsh(mode.covariance[:2, :2])[-1]))
+
+
+def _is_finite(mode: Mode) -> bool:
+    return bool(np.isfinite(mode.covariance[:2, :2]).all())

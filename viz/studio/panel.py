@@ -1,0 +1,29 @@
+"""What all panels of a page share: values in its state and functions that it calls."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from coilarray.viz.studio.page import Page
+
+
+class Panel:
+    """One panel of a page.
+
+    Parameters
+    ----------
+    page : Page
+        Page that the panel belongs to.
+    values : mapping of str to object
+        First values of the panel in the state of the page.
+    **triggers : callable
+        Functions that the page calls, by their names.
+    """
+
+    def __init__(self, page: Page, values: Mapping[str, Any], **triggers: Callable[..., Any]) -> None:
+        self._page = page
+        page.state.update(values)
+        for name, function in triggers.items():
+            page.trigger(name, function)
