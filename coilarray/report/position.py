@@ -117,24 +117,22 @@ def map_positions(response: xr.Dataset) -> MapPositions:
 
 
 def map_position_table(positions: MapPositions) -> Table:
-    """One row for each place of the map: real and determined x, and the coils whose ellipses meet.
+    """Return one row for each place of the map: real and determined x, and the coils whose ellipses meet.
 
     Parameters
     ----------
     positions : MapPositions
+        Positions that `map_positions` found.
 
     Returns
     -------
     Table
-        In m; empty where the model has no position.
+        Lengths in m; empty where the model has no position.
     """
     columns = (
-        Column("x_m", "x (mm)", 1e3, 2),
-        Column("y_m", "y (mm)", 1e3, 2),
-        Column("determined_x_m", "determined x (mm)", 1e3, 3),
-        Column("error_m", "error (mm)", 1e3, 3),
-        Column("case", "case"),
-        Column("coils", "coils"),
+        *(Column(name, unit="m") for name in ("x", "y", "determined_x", "error")),
+        Column("case"),
+        Column("coils"),
     )
     rows: list[tuple[Value, ...]] = []
     for x, y in positions.readings:

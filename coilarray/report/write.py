@@ -6,10 +6,8 @@ import json
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
 from pathlib import Path
 
-import jinja2
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
@@ -28,6 +26,7 @@ from coilarray.geometry import check_rules
 from coilarray.localize.ellipse_model import SEMIAXIS_ADDITION
 from coilarray.localize.published import published_model
 from coilarray.report import circuit_tables, figures, indentation_tables, localize_tables, tables
+from coilarray.report.page import now, render_page
 from coilarray.report.position import MapPositions, map_position_table, map_positions
 from coilarray.response.map import response_map
 from coilarray.viz import rendering_problem
@@ -157,7 +156,7 @@ def write_report(design: Design, where: str | Path = ".", progress: Progress | N
         *([] if response is None else [indentation_tables.response_table(response)]),
         *([] if positions is None else _position_tables(positions, compare)),
     ]
-    made = {**provenance(design), "date": datetime.now(UTC).isoformat(timespec="seconds")}
+    made = {**provenance(design), "date": now()}
     data: dict[str, object] = {
         "schema": 1,
         "provenance": made,
@@ -353,17 +352,11 @@ def _page(
     pictures: list[figures.Picture],
     made: dict[str, str],
 ) -> str:
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("coilarray.report", "."),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     by_name = {table.name: table for table in all_tables}
     profile = design.values.get("fab.profile")
     rows = tuple(row for row in by_name["design"].rows if str(row[0]).startswith(_ENTERING))
-    return environment.get_template("page.html.j2").render(
+    return render_page(
+        "page.html.j2",
         design=design,
         data=data,
         tables=by_name,

@@ -187,7 +187,7 @@ def test_the_share_of_the_magnetic_sheets(made, page):
     beside = ~np.eye(6, dtype=bool)
     np.testing.assert_array_equal([float(row["sheet_inductance_H"]) for row in pairs], by_sheets[beside])
     np.testing.assert_allclose([float(row["bare_coupling"]) for row in pairs], bare[beside], rtol=1e-12)
-    share = np.array([float(row["sheet_inductance_H"]) / float(row["inductance_H"]) for row in coils])
+    share = np.array([float(row["sheet_inductance_H"]) / float(row["open_inductance_H"]) for row in coils])
     text = f"make {100 * share.min():.2f} to {100 * share.max():.2f}\u00a0% of L"
     assert text in " ".join("".join(page.text).split(" "))
     assert made.data["sheet_share"] == {"least": pytest.approx(share.min()), "most": pytest.approx(share.max())}
@@ -287,7 +287,7 @@ def test_single_coil_report(tmp_path):
         made = write_report(load_design("gast_fem"), tmp_path)
     (row,) = table(made, "coils")
     # nothing couples: terminated and open are the same
-    assert float(row["effective_inductance_H"]) == float(row["inductance_H"])
+    assert float(row["effective_inductance_H"]) == float(row["open_inductance_H"])
     assert table(made, "pairs") == []
     text = made.page.read_text(encoding="utf-8")
     assert "Coupling coefficient" not in text
@@ -375,9 +375,10 @@ def test_progress_reaches_its_total(tmp_path):
 
 
 def test_column_text():
-    assert Column("a_m", "a (mm)", 1e3, 2).text(-0.0123) == "−12.30"
-    assert Column("a", "a").text("x") == "x"
-    assert Column("a", "a").text(True) == "yes"
+    column = Column("a", unit="m")
+    assert (column.key, column.header) == ("a_m", "a (mm)")
+    assert column.texts([-0.0123, "x", True, "", 7e-9]) == ["−12.300", "x", "yes", "", "0.000"]
+    assert (Column("line_force", unit="N/m").key, Column("a", "b").header) == ("line_force_N_per_m", "b")
 
 
 @pytest.mark.skipif(shutil.which("chromium") is None, reason="Chromium is not installed")
