@@ -8,8 +8,17 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from coilarray.cli.maps import check_file
-from coilarray.cli.shared import AllowViolations, AsJson, DesignArgument, open_design, print_json
+from coilarray.cli.shared import (
+    AllowViolations,
+    AsJson,
+    DesignArgument,
+    Force,
+    check_file,
+    design_record,
+    open_design,
+    out_option,
+    print_result,
+)
 from coilarray.errors import OutputError, RuleViolationError
 
 if TYPE_CHECKING:
@@ -35,19 +44,19 @@ def export(
     to: Annotated[Format, typer.Option("--to", help="Format to write.")],
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", help="File to write, for kicad a folder; named after the design by default."),
+        out_option("File to write, for kicad a folder; named after the design by default."),
     ] = None,
     no_sheets: Annotated[
         bool, typer.Option("--no-sheets", help="Leave the elastomer out of step, stl and glb.")
     ] = False,
-    force: Annotated[bool, typer.Option("--force", help="Replace files that exist.")] = False,
+    force: Force = False,
     as_json: AsJson = False,
     allow_violations: AllowViolations = False,
 ) -> None:
     """Write a board for fabrication or for another program.
 
-    kicad: a project with board and footprints. gerber: a zip of Gerber X2 and Excellon files for a board house; both
-    are read back before they take their place, and every coil must be whole and apart from the others. dxf, svg:
+    kicad: a project with board and footprints. gerber: a zip of Gerber X2 and Excellon files for a board house. Both
+    are read back before they replace anything, and every coil must be in one piece and apart from the others. dxf, svg:
     drawings in mm. step, stl: solids in mm. glb: a scene for viewers.
 
     Example: coilarray export gast2020 --to gerber --out board.zip
@@ -68,18 +77,14 @@ def export(
 
     written = _write(opened, target, to, check, with_sheets=not no_sheets)
     sizes = [path.stat().st_size for path in written]
-    if as_json:
-        files = [{"path": str(path), "bytes": size} for path, size in zip(written, sizes, strict=True)]
-        print_json(
-            {"design": opened.name, "design_hash": opened.digest, "format": to, "files": files, "net_faults": faults}
-        )
-        return
-    for path, size in zip(written, sizes, strict=True):
-        typer.echo(f"wrote {path} ({_readable(size)})")
-    for fault in faults:
-        typer.echo(f"warning: {fault}")
+    lines = [f"wrote {path} ({_readable(size)})" for path, size in zip(written, sizes, strict=True)]
+    lines += [f"warning: {fault}" for fault in faults]
     if to in ("kicad", "gerber") and not faults:
-        typer.echo(f"net check of the copper as written: {len(opened.array.names)} coils, each whole and by itself")
+        lines.append(f"net check of the copper as written: {len(opened.array.names)} coils, each whole and by itself")
+    files = [{"path": str(path), "bytes": size} for path, size in zip(written, sizes, strict=True)]
+    print_result(
+        {**design_record(opened), "format": to, "files": files, "net_faults": faults}, as_json=as_json, lines=lines
+    )
 
 
 def _default_name(name: str, to: Format) -> str:

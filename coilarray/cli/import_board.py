@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from coilarray.cli.shared import AsJson, print_json, print_table
+from coilarray.cli.shared import AsJson, Force, check_file, out_option, print_result, print_table
 from coilarray.errors import BoardError, OutputError
 
 if TYPE_CHECKING:
@@ -31,8 +31,8 @@ def import_board(
         str | None,
         typer.Option("--stackup", metavar="DESIGN", help="Design whose [stackup] to take for the board's."),
     ] = None,
-    out: Annotated[Path, typer.Option("--out", "-o", help="Design file to write.")] = Path("design.toml"),
-    force: Annotated[bool, typer.Option("--force", help="Replace a file that exists.")] = False,
+    out: Annotated[Path, out_option("Design file to write.")] = Path("design.toml"),
+    force: Force = False,
     as_json: AsJson = False,
 ) -> None:
     """Make a design file of the coils of an existing board.
@@ -41,7 +41,6 @@ def import_board(
 
     Example: coilarray import board.kicad_pcb --nets coil1,coil2 --out board.toml
     """
-    from coilarray.cli.maps import check_file
     from coilarray.compute.files import write_text
     from coilarray.design.model import parse_design
     from coilarray.design.write import design_text
@@ -60,32 +59,26 @@ def import_board(
     parse_design(text, origin=str(board))  # what no design can be is refused here, not by the next command
     write_text(out, text)
     records = _records(tracing, traced)
-    if as_json:
-        print_json(
-            {
-                "board": str(board),
-                "design": str(out),
-                "coils": records,
-                "left_out": tracing.left_out,
-                "assumed": traced.assumed,
-                "notes": [*traced.notes, _NO_FAB],
-            }
+    notes = [*traced.notes, _NO_FAB]
+    if not as_json:
+        print_table(
+            ("coil", "net", "shape", "layers", "turns", "length", "trace width", "vias", "x", "y"),
+            [_cells(record) for record in records],
+            title=f"coils of {board.name}; lengths in mm, turns anticlockwise positive",
         )
-        return
-    print_table(
-        ("coil", "net", "shape", "layers", "turns", "length", "trace width", "vias", "x", "y"),
-        [_cells(record) for record in records],
-        title=f"coils of {board.name}; lengths in mm, turns anticlockwise positive",
-    )
-    if tracing.left_out:
-        typer.echo("\nnets with tracks that are no coils")
-        for net, reason in tracing.left_out.items():
-            typer.echo(f"  {net}: {reason}")
-    for key, reason in traced.assumed.items():
-        typer.echo(f"assumed: {key}: {reason}")
-    for note in (*traced.notes, _NO_FAB):
-        typer.echo(f"note: {note}")
-    typer.echo(f"wrote {out}; next: coilarray check {out}")
+    lines = ["\nnets with tracks that are no coils"] if tracing.left_out else []
+    lines += [f"  {net}: {reason}" for net, reason in tracing.left_out.items()]
+    lines += [f"assumed: {key}: {reason}" for key, reason in traced.assumed.items()]
+    lines += [*(f"note: {note}" for note in notes), f"wrote {out}; next: coilarray check {out}"]
+    data = {
+        "board": str(board),
+        "design": str(out),
+        "coils": records,
+        "left_out": tracing.left_out,
+        "assumed": traced.assumed,
+        "notes": notes,
+    }
+    print_result(data, as_json=as_json, lines=lines)
 
 
 def _read(board: Path, stackup: str | None) -> BoardCopper:

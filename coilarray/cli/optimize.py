@@ -10,8 +10,19 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from coilarray.cli.shared import print_json, print_table
-from coilarray.errors import ClusterError, GoalError
+from coilarray.cli.shared import (
+    Cache,
+    Cluster,
+    Workers,
+    check_workers,
+    open_pool,
+    out_option,
+    print_json,
+    print_result,
+    print_table,
+    resumable,
+)
+from coilarray.errors import GoalError
 
 if TYPE_CHECKING:
     from coilarray.design.model import Design
@@ -27,29 +38,25 @@ def optimize(
     goal: Annotated[
         str | None, typer.Argument(metavar="GOAL", help="Goal file (TOML) or name of a bundled goal.")
     ] = None,
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the results and of the study.")] = Path(
-        "optimization"
-    ),
-    trials: Annotated[int | None, typer.Option("--trials", help="Points to try; the goal's by default.")] = None,
-    workers: Annotated[int | None, typer.Option("--workers", help="Local processes; one a core by default.")] = None,
-    cluster: Annotated[
-        str | None, typer.Option("--cluster", metavar="tcp://HOST:PORT", help="Dask scheduler whose workers to use.")
+    out: Annotated[Path, out_option("Folder for the results and the study.")] = Path("optimization"),
+    trials: Annotated[
+        int | None, typer.Option("--trials", help="Number of points to try; the goal's by default.")
     ] = None,
-    cache: Annotated[
-        Path | None, typer.Option("--cache", metavar="DIR", help="Folder of points once computed.")
-    ] = None,
+    workers: Workers = None,
+    cluster: Cluster = None,
+    cache: Cache = None,
     list_quantities: Annotated[
-        bool, typer.Option("--list-quantities", help="Name what a goal may speak of and leave.")
+        bool, typer.Option("--list-quantities", help="Print the quantities that a goal may use, and exit.")
     ] = False,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print the result as JSON in the units of its names, and nothing else.")
     ] = False,
 ) -> None:
-    """Change a design until it is best by a goal.
+    """Change a design until it is the best by a goal.
 
-    The goal names entries of the design that may change, quantities to make small or large, and bounds to keep. Every
-    point is kept in the folder as soon as it is known: the same command takes a run up that was stopped or killed, and
-    a larger --trials goes on. Writes trials.csv, result.json, report.html and the best designs as files.
+    The goal names entries of the design that may change, quantities to minimise or maximise, and bounds to keep. Every
+    point is stored in the folder as soon as it is computed: the same command resumes a run that was stopped, and one
+    with a larger --trials continues it. Writes trials.csv, result.json, report.html and the best designs as files.
 
     Example: coilarray optimize gast2020 worst_k --trials 100 --out better
     """
@@ -58,10 +65,7 @@ def optimize(
         return
     if design is None or goal is None:
         raise GoalError("a design and a goal must be given, as in: coilarray optimize gast2020 worst_k.")
-    if workers is not None and cluster is not None:
-        raise ClusterError("--workers is for processes of this machine; it cannot be given with --cluster.")
-    from coilarray.compute.workers import default_count
-    from coilarray.compute.workers import workers as open_workers
+    check_workers(workers, cluster)
     from coilarray.design.model import load_design
     from coilarray.report.optimization import write_optimization_report
     from coilarray.studies.cache import open_cache
@@ -79,22 +83,12 @@ def optimize(
     found = points_found(out, opened, wanted)
     if found:
         typer.echo(f"coilarray: going on with {found} points of an earlier run in {out}", err=True)
-    try:
-        with (
-            open_workers(default_count() if workers is None else workers, cluster) as pool,
-            _progress(wanted) as show,
-        ):
-
-            def told(done: int, total: int, best: Trial | None) -> None:
-                nonlocal found
-                found = max(found, done)
-                show(done, total, best)
-
-            result = optimize_design(opened, wanted, out, pool, kept, told)
-    except (KeyboardInterrupt, ClusterError):
-        if found:
-            typer.echo(f"coilarray: {found} points are kept in {out}; the same command goes on from there", err=True)
-        raise
+    with (
+        resumable(lambda done: f"{done} points are kept in {out}", found) as counting,
+        open_pool(workers, cluster) as pool,
+        _progress(wanted) as show,
+    ):
+        result = optimize_design(opened, wanted, out, pool, kept, counting(show))
     if result.goal.search.trials > wanted.search.trials:
         typer.echo(
             f"coilarray: an earlier run in {out} tried {result.goal.search.trials} points of the search; "
@@ -102,12 +96,9 @@ def optimize(
             err=True,
         )
     files = (*write_optimization(result, out), write_optimization_report(result, out))
-    if as_json:
-        print_json({**result_data(result), "files": [str(path) for path in files]})
-        return
-    _print_result(result)
-    for path in files:
-        typer.echo(f"wrote {path}")
+    if not as_json:
+        _print_result(result)
+    print_result({**result_data(result), "files": [str(path) for path in files]}, as_json=as_json, files=files)
 
 
 def _with_trials(goal: Goal, trials: int | None) -> Goal:

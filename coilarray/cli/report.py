@@ -13,6 +13,7 @@ from coilarray.cli.shared import (
     AsJson,
     DesignArgument,
     open_design,
+    out_option,
     print_json,
     print_table,
     progress_bar,
@@ -26,13 +27,13 @@ if TYPE_CHECKING:
 
 def report(
     design: DesignArgument = None,
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for report.html and report/.")] = Path(),
+    out: Annotated[Path, out_option("Folder for report.html and the folder report.")] = Path(),
     as_json: AsJson = False,
     allow_violations: AllowViolations = False,
 ) -> None:
     """Write the coupling report of a design.
 
-    Makes report.html and the folder report with its numbers as CSV, JSON and netCDF.
+    Writes report.html and the folder report, which has its numbers as CSV, JSON and netCDF.
 
     Example: coilarray report gast2020 --out results
     """
@@ -40,7 +41,7 @@ def report(
 
     opened = open_design(design, allow_violations=allow_violations)
     with progress_bar(f"report of {opened.name}") as progress:
-        made = write_report(opened, out, progress)
+        made = write_report(opened, out, progress=progress)
     if made.rendering_problem is not None:
         typer.echo(f"coilarray: note: {made.rendering_problem}", err=True)
     if as_json:

@@ -11,7 +11,11 @@ from coilarray.report.tables import Column, Table, Value, cell, dataset_table
 
 def winding_table(scan: xr.Dataset) -> Table:
     """Return one row for each coil: what its winding adds to the inductance and the direct-current resistance."""
-    frequency = (), scan.attrs["ac_resistance_frequency_Hz"], {"units": "Hz", "long_name": "frequency of R"}
+    frequency = (
+        (),
+        scan.attrs["ac_resistance_frequency_Hz"],
+        {"units": "Hz", "long_name": "frequency of the AC resistance"},
+    )
     names = (
         "coil", "ac_resistance_frequency", "ac_resistance", "resistance_model", "winding_capacitance",
         "self_resonance", "bare_winding_capacitance", "elastomer_delta", "dent_delta_bound",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -70,7 +71,7 @@ class Report:
     rendering_problem: str | None
 
 
-def write_report(design: Design, where: str | Path = ".", progress: Progress | None = None) -> Report:
+def write_report(design: Design, where: str | Path = ".", *, progress: Progress | None = None) -> Report:
     """Compute the coupling of a design and write its report.
 
     Parameters
@@ -104,7 +105,13 @@ def write_report(design: Design, where: str | Path = ".", progress: Progress | N
     folder = Path(where)
     data_folder = folder / "report"
     make_folder(folder)  # a folder that cannot be written is known before the work begins
-    steps = _Steps(progress, 8)
+    done = itertools.count(1)
+
+    def step() -> None:
+        """Report that one of the eight steps is done."""
+        if progress is not None:
+            progress(next(done), 8)
+
     # NumPy, SciPy and kernels on threads of their own, while pictures are drawn here
     with ThreadPoolExecutor(max_workers=5) as beside:
         probe = beside.submit(rendering_problem)  # starts a process that takes seconds
@@ -118,21 +125,21 @@ def write_report(design: Design, where: str | Path = ".", progress: Progress | N
         circuit = beside.submit(_circuit, design, inductance)
         responding = beside.submit(_respond, design, inductance)
         coupling = coupled.result()
-        steps.next()
+        step()
         active = design.array.names[(len(design.array.names) - 1) // 2]
         line, plane = _fields(design, coupling, active)
-        steps.next()
+        step()
         margins = check_rules(design.array, design.rules)
-        steps.next()
+        step()
         pictures = [
             *figures.copper_pictures(design),
             *(figures.coupling_pictures(coupling) if len(design.array.names) > 1 else []),
             *figures.field_pictures(design, active, line, plane),
         ]
-        steps.next()
+        step()
         problem = probe.result()
         pictures.append(figures.board_picture(design))
-        steps.next()
+        step()
         indentation, indentation_problem = pressing.result()
         response, response_problem = responding.result()
         pictures += _pressed_pictures(design, indentation, response, active)
@@ -141,10 +148,10 @@ def write_report(design: Design, where: str | Path = ".", progress: Progress | N
         if response is not None and positions is not None:
             known = published_model() if compare else None
             pictures += figures.position_pictures(design, response, positions, known)
-        steps.next()
+        step()
         scan, sweep, circuit_problem = circuit.result()
     pictures += [] if sweep is None else figures.sweep_pictures(sweep)
-    steps.next()
+    step()
     all_tables = [
         tables.coil_table(design, coupling),
         tables.pair_table(coupling),
@@ -198,7 +205,7 @@ def write_report(design: Design, where: str | Path = ".", progress: Progress | N
         if dataset is not None:
             save_dataset(dataset, data_folder / f"{name}.nc")
     write_text(folder / "report.html", page)
-    steps.next()
+    step()
     return Report(folder / "report.html", data_folder, coupling, data, problem)
 
 
@@ -301,18 +308,6 @@ def _circuit_tables(scan: xr.Dataset | None, sweep: xr.Dataset | None) -> list[t
         circuit_tables.drive_table(scan),
         circuit_tables.sweep_table(sweep),
     ]
-
-
-class _Steps:
-    """Counts the steps of the report for a progress bar."""
-
-    def __init__(self, progress: Progress | None, total: int) -> None:
-        self._progress, self._total, self._done = progress, total, 0
-
-    def next(self) -> None:
-        self._done += 1
-        if self._progress is not None:
-            self._progress(self._done, self._total)
 
 
 def _fields(design: Design, coupling: xr.Dataset, active: str) -> tuple[dict[str, xr.Dataset], dict[str, xr.Dataset]]:

@@ -370,7 +370,7 @@ def test_progress_reaches_its_total(tmp_path):
         patch.setattr("coilarray.report.write.rendering_problem", lambda: "none here")
         patch.setattr("coilarray.report.figures.rendering_problem", lambda: "none here")
         patch.setattr("coilarray.report.write._circuit", lambda *_: (None, None, "left out of this test"))
-        write_report(load_design("starter"), tmp_path, lambda done, total: seen.append((done, total)))
+        write_report(load_design("starter"), tmp_path, progress=lambda done, total: seen.append((done, total)))
     assert [done for done, _ in seen] == list(range(1, seen[-1][1] + 1))
 
 
