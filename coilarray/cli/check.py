@@ -7,18 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from coilarray.cli.shared import (
-    PICTURES,
-    AllowViolations,
-    AsJson,
-    DesignArgument,
-    check_file,
-    design_record,
-    draw,
-    out_option,
-    print_result,
-    print_table,
-)
+from coilarray.cli import shared
 from coilarray.errors import DesignError
 
 if TYPE_CHECKING:
@@ -30,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def check(
-    design: DesignArgument = None,
+    design: shared.DesignArgument = None,
     every: Annotated[
         bool, typer.Option("--all", help="Print every margin, not only the worst of each rule on each layer.")
     ] = False,
@@ -42,9 +31,9 @@ def check(
     picture: Annotated[
         Path | None, typer.Option("--picture", help="Also draw the worst places: .png, .svg or .pdf.")
     ] = None,
-    out: Annotated[Path | None, out_option("Also write every margin: .csv.")] = None,
-    as_json: AsJson = False,
-    allow_violations: AllowViolations = False,
+    out: Annotated[Path | None, shared.out_option("Also write every margin: .csv.")] = None,
+    as_json: shared.AsJson = False,
+    allow_violations: shared.AllowViolations = False,
 ) -> None:
     """Check a design against its fabrication rules.
 
@@ -53,8 +42,8 @@ def check(
 
     Example: coilarray check gast2020 --fab oshpark-4-layer --picture worst.png
     """
-    check_file("--picture", picture, PICTURES)
-    check_file("--out", out, (".csv",))
+    shared.check_file("--picture", picture, shared.PICTURES)
+    shared.check_file("--out", out, (".csv",))
     from coilarray.compute.files import write_text
     from coilarray.design import fabs
     from coilarray.design.fab_limits import load_profile
@@ -77,12 +66,12 @@ def check(
     if picture is not None:
         from coilarray.viz.plots.check import check_figure
 
-        draw(picture, lambda: check_figure(opened.array, shown))
+        shared.draw(picture, lambda: check_figure(opened.array, shown))
     if not as_json:
         _print_margins(rules_table(shown), profile.title if profile else "the design")
     source = None if profile is None else _source(profile)
-    print_result(
-        {**design_record(opened), "fab": source, "rules": rules_table(margins).records()},
+    shared.print_result(
+        {**shared.design_record(opened), "fab": source, "rules": rules_table(margins).records()},
         as_json=as_json,
         lines=[f"… and {len(margins) - len(shown)} more (--all)"] if len(shown) < len(margins) else (),
         files=(out, picture),
@@ -118,12 +107,14 @@ def _print_profiles(profiles: Sequence[FabProfile]) -> None:
         [profile.name, profile.title, *(f"{profile.limits.get(key, '')}" for key in keys), profile.read.isoformat()]
         for profile in profiles
     ]
-    print_table(("profile", "board house", "trace", "gap", "drill", "layers", "read"), rows, title="lengths in mm")
+    shared.print_table(
+        ("profile", "board house", "trace", "gap", "drill", "layers", "read"), rows, title="lengths in mm"
+    )
 
 
 def _print_margins(table: Table, whose: str) -> None:
     cells = [[str(k + 1), *row] for k, row in enumerate(table.cells())]
-    print_table(
+    shared.print_table(
         ("no.", *table.headers[:-1]),
         [row[:-1] for row in cells],
         title=f"margins to the limits of {whose}, the worst first",

@@ -8,17 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from coilarray.cli.shared import (
-    AllowViolations,
-    AsJson,
-    DesignArgument,
-    Force,
-    check_file,
-    design_record,
-    open_design,
-    out_option,
-    print_result,
-)
+from coilarray.cli import shared
 from coilarray.errors import OutputError, RuleViolationError
 
 if TYPE_CHECKING:
@@ -39,19 +29,19 @@ _SUFFIXES: dict[str, tuple[str, ...]] = {
 
 
 def export(
-    design: DesignArgument = None,
+    design: shared.DesignArgument = None,
     *,
     to: Annotated[Format, typer.Option("--to", help="Format to write.")],
     out: Annotated[
         Path | None,
-        out_option("File to write, for kicad a folder; named after the design by default."),
+        shared.out_option("File to write, for kicad a folder; named after the design by default."),
     ] = None,
     no_sheets: Annotated[
         bool, typer.Option("--no-sheets", help="Leave the elastomer out of step, stl and glb.")
     ] = False,
-    force: Force = False,
-    as_json: AsJson = False,
-    allow_violations: AllowViolations = False,
+    force: shared.Force = False,
+    as_json: shared.AsJson = False,
+    allow_violations: shared.AllowViolations = False,
 ) -> None:
     """Write a board for fabrication or for another program.
 
@@ -63,7 +53,7 @@ def export(
     """
     if out is not None:
         _check(out, to, force=force)
-    opened = open_design(design, allow_violations=allow_violations)
+    opened = shared.open_design(design, allow_violations=allow_violations)
     target = Path(_default_name(opened.name, to)) if out is None else out
     if out is None:
         _check(target, to, force=force)
@@ -82,8 +72,10 @@ def export(
     if to in ("kicad", "gerber") and not faults:
         lines.append(f"net check of the copper as written: {len(opened.array.names)} coils, each whole and by itself")
     files = [{"path": str(path), "bytes": size} for path, size in zip(written, sizes, strict=True)]
-    print_result(
-        {**design_record(opened), "format": to, "files": files, "net_faults": faults}, as_json=as_json, lines=lines
+    shared.print_result(
+        {**shared.design_record(opened), "format": to, "files": files, "net_faults": faults},
+        as_json=as_json,
+        lines=lines,
     )
 
 
@@ -106,7 +98,7 @@ def _check(target: Path, to: Format, *, force: bool) -> None:
         if to == "kicad":
             _check_project_folder(target)
         else:
-            check_file("--out", target, _SUFFIXES[to])
+            shared.check_file("--out", target, _SUFFIXES[to])
         folder = target if target.is_dir() else target.parent
         if not os.access(folder, os.W_OK | os.X_OK):
             raise OutputError(f"cannot write {target}: nothing may be written in the folder {folder}.")

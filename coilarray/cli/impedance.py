@@ -7,37 +7,23 @@ from typing import Annotated
 
 import typer
 
-from coilarray.cli.shared import (
-    PICTURES,
-    AllowViolations,
-    AsJson,
-    DesignArgument,
-    check_file,
-    design_record,
-    draw,
-    open_design,
-    out_option,
-    plot_option,
-    print_result,
-    progress_bar,
-    write_numbers,
-)
+from coilarray.cli import shared
 from coilarray.errors import GeometryError
 
 _MOST_POINTS = 10_000
 
 
 def impedance(
-    design: DesignArgument = None,
+    design: shared.DesignArgument = None,
     from_mhz: Annotated[float, typer.Option("--from-MHz", help="Lowest frequency of the sweep.")] = 0.1,
     to_mhz: Annotated[float, typer.Option("--to-MHz", help="Highest frequency of the sweep.")] = 10.0,
     points: Annotated[
         int, typer.Option("--points", help="Number of frequencies, evenly spaced on a logarithmic scale.")
     ] = 50,
-    out: Annotated[Path | None, out_option("Also write the sweep: .nc or .csv.")] = None,
-    plot: Annotated[Path | None, plot_option("the apparent inductance over frequency")] = None,
-    as_json: AsJson = False,
-    allow_violations: AllowViolations = False,
+    out: Annotated[Path | None, shared.out_option("Also write the sweep: .nc or .csv.")] = None,
+    plot: Annotated[Path | None, shared.plot_option("the apparent inductance over frequency")] = None,
+    as_json: shared.AsJson = False,
+    allow_violations: shared.AllowViolations = False,
 ) -> None:
     """Solve the circuit: resonance of every state, and impedance over frequency.
 
@@ -49,8 +35,8 @@ def impedance(
         raise GeometryError(f"--from-MHz must be at least 1e-06 and below --to-MHz; got {from_mhz:g} and {to_mhz:g}.")
     if not 2 <= points <= _MOST_POINTS:
         raise GeometryError(f"--points must be 2 to {_MOST_POINTS}; got {points}.")
-    check_file("--out", out, (".nc", ".csv"))
-    check_file("--plot", plot, PICTURES)
+    shared.check_file("--out", out, (".nc", ".csv"))
+    shared.check_file("--plot", plot, shared.PICTURES)
     import numpy as np
 
     from coilarray.circuit.impedance import close_channels, design_network, scan_design, sweep_design
@@ -63,22 +49,22 @@ def impedance(
         winding_table,
     )
 
-    opened = open_design(design, allow_violations=allow_violations)
+    opened = shared.open_design(design, allow_violations=allow_violations)
     network = design_network(opened)
-    with progress_bar("states") as progress:
+    with shared.progress_bar("states") as progress:
         scan = scan_design(opened, progress=progress, prepared=network)
-    with progress_bar(f"impedance at {points} frequencies") as progress:
+    with shared.progress_bar(f"impedance at {points} frequencies") as progress:
         frequencies = np.geomspace(from_mhz * 1e6, to_mhz * 1e6, points)
         sweep = sweep_design(opened, frequencies, progress=progress, prepared=network)
-    write_numbers(out, sweep, sweep_table(sweep).csv)
+    shared.write_numbers(out, sweep, sweep_table(sweep).csv)
     if plot is not None:
         from coilarray.viz import plot_frequency_sweep
 
-        draw(plot, lambda: plot_frequency_sweep(sweep))
+        shared.draw(plot, lambda: plot_frequency_sweep(sweep))
     states, windings, drives, limits = state_table(scan), winding_table(scan), drive_table(scan), limit_table(scan)
     close = close_channels(scan.state.values.tolist(), scan.frequency.values)
     data = {
-        **design_record(opened),
+        **shared.design_record(opened),
         "states": states.records(),
         "windings": windings.records(),
         "state_currents": state_current_table(scan).records(),
@@ -99,4 +85,4 @@ def impedance(
             f"warning: {len(close)} pairs of states are closer than 3 % in frequency (closest {a} and {b}, "
             f"{distance * 100:.2g} %): harmless one after another, not at the same time"
         )
-    print_result(data, as_json=as_json, tables=(states, windings, drives), lines=lines, files=(out, plot))
+    shared.print_result(data, as_json=as_json, tables=(states, windings, drives), lines=lines, files=(out, plot))

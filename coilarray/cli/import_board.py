@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from coilarray.cli.shared import AsJson, Force, check_file, out_option, print_result, print_table
+from coilarray.cli import shared
 from coilarray.errors import BoardError, OutputError
 
 if TYPE_CHECKING:
@@ -31,9 +31,9 @@ def import_board(
         str | None,
         typer.Option("--stackup", metavar="DESIGN", help="Design whose [stackup] to take for the board's."),
     ] = None,
-    out: Annotated[Path, out_option("Design file to write.")] = Path("design.toml"),
-    force: Force = False,
-    as_json: AsJson = False,
+    out: Annotated[Path, shared.out_option("Design file to write.")] = Path("design.toml"),
+    force: shared.Force = False,
+    as_json: shared.AsJson = False,
 ) -> None:
     """Make a design file of the coils of an existing board.
 
@@ -46,7 +46,7 @@ def import_board(
     from coilarray.design.write import design_text
     from coilarray.geometry.readers import trace_coils, traced_array
 
-    check_file("--out", out, (".toml",))
+    shared.check_file("--out", out, (".toml",))
     if out.exists() and not force:
         raise OutputError(f"{out} exists; --force replaces it.")
     copper = _read(board, stackup)
@@ -61,7 +61,7 @@ def import_board(
     records = _records(tracing, traced)
     notes = [*traced.notes, _NO_FAB]
     if not as_json:
-        print_table(
+        shared.print_table(
             ("coil", "net", "shape", "layers", "turns", "length", "trace width", "vias", "x", "y"),
             [_cells(record) for record in records],
             title=f"coils of {board.name}; lengths in mm, turns anticlockwise positive",
@@ -78,7 +78,7 @@ def import_board(
         "assumed": traced.assumed,
         "notes": notes,
     }
-    print_result(data, as_json=as_json, lines=lines)
+    shared.print_result(data, as_json=as_json, lines=lines)
 
 
 def _read(board: Path, stackup: str | None) -> BoardCopper:

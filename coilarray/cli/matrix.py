@@ -8,18 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from coilarray.cli.shared import (
-    AllowViolations,
-    AsJson,
-    DesignArgument,
-    design_record,
-    open_design,
-    out_option,
-    print_result,
-    print_table,
-    progress_bar,
-    write_numbers,
-)
+from coilarray.cli import shared
 from coilarray.errors import OutputError
 
 if TYPE_CHECKING:
@@ -28,13 +17,15 @@ if TYPE_CHECKING:
 
 
 def matrix(
-    design: DesignArgument = None,
+    design: shared.DesignArgument = None,
     out: Annotated[
         Path | None,
-        out_option("Also write the network: .nc (all), .csv (pairs), .cir or .sub (SPICE), .sNp or .inp (FastHenry)."),
+        shared.out_option(
+            "Also write the network: .nc (all), .csv (pairs), .cir or .sub (SPICE), .sNp or .inp (FastHenry)."
+        ),
     ] = None,
-    as_json: AsJson = False,
-    allow_violations: AllowViolations = False,
+    as_json: shared.AsJson = False,
+    allow_violations: shared.AllowViolations = False,
 ) -> None:
     """Print the inductance and coupling matrices.
 
@@ -47,12 +38,12 @@ def matrix(
     from coilarray.compute.files import write_text
     from coilarray.report.tables import coil_table, pair_table
 
-    opened = open_design(design, allow_violations=allow_violations)
-    with progress_bar("inductance matrix") as progress:
+    opened = shared.open_design(design, allow_violations=allow_violations)
+    with shared.progress_bar("inductance matrix") as progress:
         coupling = couple_design(opened, progress=progress)
     suffix = "" if out is None else out.suffix.lower()
     if suffix in ("", ".nc", ".csv"):
-        write_numbers(out, coupling, pair_table(coupling).csv)
+        shared.write_numbers(out, coupling, pair_table(coupling).csv)
     elif out is not None and suffix == ".inp":
         write_text(out, fasthenry_input(opened.array, [float(coupling.frequency.mean())], title=opened.name))
     elif out is not None:
@@ -63,16 +54,16 @@ def matrix(
         typer.echo()
         _print("k", names, coupling.coupling.values, 5)
     data = {
-        **design_record(opened),
+        **shared.design_record(opened),
         "names": coupling.coil.values.tolist(),
         "inductance_H": coupling.inductance.values.tolist(),
         "coupling": coupling.coupling.values.tolist(),
         "coils": coil_table(opened, coupling).records(),
         "pairs": pair_table(coupling).records(),
     }
-    print_result(data, as_json=as_json, files=[out])
+    shared.print_result(data, as_json=as_json, files=[out])
 
 
 def _print(title: str, names: list[str], values: npt.NDArray[np.float64], digits: int) -> None:
     rows = [[name, *(f"{value:.{digits}f}" for value in row)] for name, row in zip(names, values.tolist(), strict=True)]
-    print_table(("", *names), rows, title)
+    shared.print_table(("", *names), rows, title)

@@ -10,18 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from coilarray.cli.shared import (
-    Cache,
-    Cluster,
-    Workers,
-    check_workers,
-    open_pool,
-    out_option,
-    print_json,
-    print_result,
-    print_table,
-    resumable,
-)
+from coilarray.cli import shared
 from coilarray.errors import GoalError
 
 if TYPE_CHECKING:
@@ -38,13 +27,13 @@ def optimize(
     goal: Annotated[
         str | None, typer.Argument(metavar="GOAL", help="Goal file (TOML) or name of a bundled goal.")
     ] = None,
-    out: Annotated[Path, out_option("Folder for the results and the study.")] = Path("optimization"),
+    out: Annotated[Path, shared.out_option("Folder for the results and the study.")] = Path("optimization"),
     trials: Annotated[
         int | None, typer.Option("--trials", help="Number of points to try; the goal's by default.")
     ] = None,
-    workers: Workers = None,
-    cluster: Cluster = None,
-    cache: Cache = None,
+    workers: shared.Workers = None,
+    cluster: shared.Cluster = None,
+    cache: shared.Cache = None,
     list_quantities: Annotated[
         bool, typer.Option("--list-quantities", help="Print the quantities that a goal may use, and exit.")
     ] = False,
@@ -65,7 +54,7 @@ def optimize(
         return
     if design is None or goal is None:
         raise GoalError("a design and a goal must be given, as in: coilarray optimize gast2020 worst_k.")
-    check_workers(workers, cluster)
+    shared.check_workers(workers, cluster)
     from coilarray.design.model import load_design
     from coilarray.report.optimization import write_optimization_report
     from coilarray.studies.cache import open_cache
@@ -84,8 +73,8 @@ def optimize(
     if found:
         typer.echo(f"coilarray: going on with {found} points of an earlier run in {out}", err=True)
     with (
-        resumable(lambda done: f"{done} points are kept in {out}", found) as counting,
-        open_pool(workers, cluster) as pool,
+        shared.resumable(lambda done: f"{done} points are kept in {out}", found) as counting,
+        shared.open_pool(workers, cluster) as pool,
         _progress(wanted) as show,
     ):
         result = optimize_design(opened, wanted, out, pool, kept, counting(show))
@@ -98,7 +87,7 @@ def optimize(
     files = (*write_optimization(result, out), write_optimization_report(result, out))
     if not as_json:
         _print_result(result)
-    print_result({**result_data(result), "files": [str(path) for path in files]}, as_json=as_json, files=files)
+    shared.print_result({**result_data(result), "files": [str(path) for path in files]}, as_json=as_json, files=files)
 
 
 def _with_trials(goal: Goal, trials: int | None) -> Goal:
@@ -124,9 +113,9 @@ def _print_quantities(*, as_json: bool) -> None:
     ]
     headers = ("quantity", "unit", "options", "needs", "what it is")
     if as_json:
-        print_json([dict(zip(headers, row, strict=True)) for row in rows])
+        shared.print_json([dict(zip(headers, row, strict=True)) for row in rows])
     else:
-        print_table(headers, rows)
+        shared.print_table(headers, rows)
 
 
 def _print_result(result: Optimization) -> None:
@@ -149,7 +138,7 @@ def _print_result(result: Optimization) -> None:
     ] + [
         [axis.entry, *(_text(result.values(trial)[axis.entry]) for trial in shown)] for axis in result.axes
     ]  # fmt: skip
-    print_table(("", "as it was", *(one.label for one in chosen)), rows, title=tried)
+    shared.print_table(("", "as it was", *(one.label for one in chosen)), rows, title=tried)
     broken = [one.label for one in chosen if not _keeps_rules(one.design)]
     if broken:
         typer.echo(f"{', '.join(broken)} break fabrication rules (coilarray check); fab_margin_mm can be a constraint")

@@ -181,23 +181,7 @@ def print_result(
     lines: Sequence[str] = (),
     files: Sequence[Path | None] = (),
 ) -> None:
-    """Print the result of a command.
-
-    Parameters
-    ----------
-    data : mapping
-        What is printed as JSON, alone, with `as_json`.
-    as_json : bool
-        Whether to print JSON instead of all that follows.
-    tables : sequence of Table
-        Tables to print, each followed by an empty line where there are several.
-    titles : bool
-        Whether to print the titles of the tables.
-    lines : sequence of str
-        Sentences that follow the tables.
-    files : sequence of Path or None
-        Files that were written; None is left out.
-    """
+    """Print the result of a command: `data` as JSON and nothing else, or tables, sentences and the files written."""
     if as_json:
         print_json(data)
         return
@@ -293,19 +277,9 @@ def check_workers(workers: int | None, cluster: str | None) -> None:
 def resumable(
     kept: Callable[[int], str], done: int = 0
 ) -> Iterator[Callable[[Callable[..., None]], Callable[..., None]]]:
-    """Say on standard error what is kept when the work in the block is interrupted.
+    """Say on standard error what is kept when the work in the block is interrupted, by the number of finished tasks.
 
-    Parameters
-    ----------
-    kept : callable
-        Called with the number of finished tasks; returns the sentence.
-    done : int
-        Number of tasks that were finished before; without any, nothing is said.
-
-    Yields
-    ------
-    callable
-        Makes of a progress function one that also counts.
+    The block gets a function that makes of a progress function one that also counts.
     """
 
     def counting(show: Callable[..., None]) -> Callable[..., None]:

@@ -8,34 +8,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from coilarray.cli.shared import (
-    PICTURES,
-    Accuracy,
-    AsJson,
-    Cache,
-    Cluster,
-    DesignArgument,
-    Workers,
-    check_file,
-    check_workers,
-    design_record,
-    draw,
-    open_pool,
-    out_option,
-    plot_option,
-    print_result,
-    print_table,
-    progress_bar,
-    resumable,
-    write_numbers,
-)
+from coilarray.cli import shared
 
 if TYPE_CHECKING:
     import xarray as xr
 
 
 def sweep(
-    design: DesignArgument = None,
+    design: shared.DesignArgument = None,
     vary: Annotated[
         list[str] | None,
         typer.Option("--vary", help="KEY=START:STOP:COUNT or KEY=A,B,…, an entry of the design file; repeat for more."),
@@ -51,13 +31,13 @@ def sweep(
         ),
     ] = None,
     seed: Annotated[int, typer.Option("--seed", help="Seed of the samples.")] = 0,
-    accuracy: Accuracy = "full",
-    workers: Workers = None,
-    cluster: Cluster = None,
-    cache: Cache = None,
-    out: Annotated[Path, out_option("File to write: .nc (netCDF) or .csv.")] = Path("sweep.nc"),
-    plot: Annotated[Path | None, plot_option("the quantities")] = None,
-    as_json: AsJson = False,
+    accuracy: shared.Accuracy = "full",
+    workers: shared.Workers = None,
+    cluster: shared.Cluster = None,
+    cache: shared.Cache = None,
+    out: Annotated[Path, shared.out_option("File to write: .nc (netCDF) or .csv.")] = Path("sweep.nc"),
+    plot: Annotated[Path | None, shared.plot_option("the quantities")] = None,
+    as_json: shared.AsJson = False,
 ) -> None:
     """Compute quantities of a design over a grid of its entries, or over samples.
 
@@ -67,9 +47,9 @@ def sweep(
 
     Example: coilarray sweep gast2020 --vary array.pitch_mm=12:15:7 --quantity worst_k --out sweep.nc --plot sweep.png
     """
-    check_file("--out", out, (".nc", ".csv"))
-    check_file("--plot", plot, PICTURES)
-    check_workers(workers, cluster)
+    shared.check_file("--out", out, (".nc", ".csv"))
+    shared.check_file("--plot", plot, shared.PICTURES)
+    shared.check_workers(workers, cluster)
     from coilarray.design.model import load_design
     from coilarray.studies.cache import open_cache
     from coilarray.studies.sweep import parse_axis, plan_sweep, run_sweep
@@ -79,20 +59,20 @@ def sweep(
     kept = open_cache(cache)
     points = len(plan.points)
     with (
-        resumable(lambda done: f"{done} of {points} points are kept in {kept.folder}") as counting,
-        open_pool(workers, cluster, points) as pool,
-        progress_bar(f"{points} points") as show,
+        shared.resumable(lambda done: f"{done} of {points} points are kept in {kept.folder}") as counting,
+        shared.open_pool(workers, cluster, points) as pool,
+        shared.progress_bar(f"{points} points") as show,
     ):
         result = run_sweep(plan, pool, kept, progress=counting(show))
-    write_numbers(out, result, lambda: result.to_dataframe().to_csv(lineterminator="\n"))
+    shared.write_numbers(out, result, lambda: result.to_dataframe().to_csv(lineterminator="\n"))
     if plot is not None:
         from coilarray.viz.plots.sweep_grid import sweep_figure
 
-        draw(plot, lambda: sweep_figure(result))
+        shared.draw(plot, lambda: sweep_figure(result))
     reasons = [reason for reason in result.reason.values.ravel().tolist() if reason]
     data = {
         "file": str(out),
-        **design_record(opened),
+        **shared.design_record(opened),
         "sampling": plan.sampling,
         "accuracy": plan.accuracy,
         "points": _records(result),
@@ -100,11 +80,11 @@ def sweep(
     lines = []
     if not as_json:
         rows = [_extremes(result, one.key, one.quantity.unit) for one in plan.requests]
-        print_table(("quantity", "unit", "smallest", "where", "largest", "where"), rows)
+        shared.print_table(("quantity", "unit", "smallest", "where", "largest", "where"), rows)
         if reasons:
             lines.append(f"{len(reasons)} of {points} points have no result; the first: {reasons[0]}")
         lines.append(f"wrote {out}: {points} points over {', '.join(map(str, result.reason.dims))}")
-    print_result(data, as_json=as_json, lines=lines, files=[plot])
+    shared.print_result(data, as_json=as_json, lines=lines, files=[plot])
 
 
 def _records(result: xr.Dataset) -> list[dict[str, Any]]:

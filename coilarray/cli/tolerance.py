@@ -8,29 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from coilarray.cli import shared
 from coilarray.cli.maps import depth_in_metres, kept_table
-from coilarray.cli.shared import (
-    PICTURES,
-    Accuracy,
-    AllowViolations,
-    AsJson,
-    Cache,
-    Cluster,
-    DesignArgument,
-    Workers,
-    check_file,
-    check_workers,
-    draw,
-    lengths,
-    open_design,
-    open_pool,
-    out_option,
-    plot_option,
-    print_result,
-    progress_bar,
-    resumable,
-    write_numbers,
-)
 from coilarray.errors import GoalError
 
 if TYPE_CHECKING:
@@ -45,7 +24,7 @@ _ERRORS_OFF = 3.0  # standard errors
 
 
 def tolerance(
-    design: DesignArgument = None,
+    design: shared.DesignArgument = None,
     tolerances: Annotated[
         Path | None,
         typer.Argument(metavar="TOLERANCE", help="Tolerance file (TOML); typical values of board houses by default."),
@@ -80,18 +59,20 @@ def tolerance(
     sampling: Annotated[
         Literal["sobol", "random"], typer.Option("--sampling", help="Draw evenly spread errors, or independent ones.")
     ] = "sobol",
-    accuracy: Accuracy = "screen",
-    workers: Workers = None,
-    cluster: Cluster = None,
-    cache: Cache = None,
-    out: Annotated[Path | None, out_option("Also write every number: .nc, .json, or the spread as .csv.")] = None,
-    plot: Annotated[Path | None, plot_option("shares and histograms")] = None,
+    accuracy: shared.Accuracy = "screen",
+    workers: shared.Workers = None,
+    cluster: shared.Cluster = None,
+    cache: shared.Cache = None,
+    out: Annotated[
+        Path | None, shared.out_option("Also write every number: .nc, .json, or the spread as .csv.")
+    ] = None,
+    plot: Annotated[Path | None, shared.plot_option("shares and histograms")] = None,
     template: Annotated[
         Path | None,
         typer.Option("--template", help="Write the typical values as a tolerance file to edit (.toml), and exit."),
     ] = None,
-    as_json: AsJson = False,
-    allow_violations: AllowViolations = False,
+    as_json: shared.AsJson = False,
+    allow_violations: shared.AllowViolations = False,
 ) -> None:
     """Predict how much fabricated boards differ, and which fabrication error contributes most.
 
@@ -104,11 +85,11 @@ def tolerance(
 
     Example: coilarray tolerance gast2020 fab.toml --x-mm 0,5 --y-mm 4 --table table.nc
     """
-    check_file("--out", out, (".nc", ".json", ".csv"))
-    check_file("--plot", plot, PICTURES)
-    check_file("--table", table, (".nc",))
-    check_file("--template", template, (".toml",))
-    check_workers(workers, cluster)
+    shared.check_file("--out", out, (".nc", ".json", ".csv"))
+    shared.check_file("--plot", plot, shared.PICTURES)
+    shared.check_file("--table", table, (".nc",))
+    shared.check_file("--template", template, (".toml",))
+    shared.check_workers(workers, cluster)
     from contextlib import ExitStack
     from dataclasses import replace
 
@@ -121,7 +102,7 @@ def tolerance(
         write_text(template, typical_text())
         typer.echo(f"wrote {template}")
         return
-    opened = open_design(design, allow_violations=allow_violations)
+    opened = shared.open_design(design, allow_violations=allow_violations)
     read = load_tolerances(tolerances)
     positions = _positions(opened, read.positions, x_mm, y_mm, depth_mm, noise)
     if positions is None and table is not None:
@@ -137,26 +118,26 @@ def tolerance(
     check_analysis(opened, wanted, **settings, with_table=table is not None and table.exists())
     kept = open_cache(cache)
     with (
-        resumable(lambda done: f"{done} boards are kept in {kept.folder}") as counting,
-        open_pool(workers, cluster) as pool,
+        shared.resumable(lambda done: f"{done} boards are kept in {kept.folder}") as counting,
+        shared.open_pool(workers, cluster) as pool,
         ExitStack() as bars,
     ):
         # long, so that it comes after all that may be refused; its bar ends before that of the boards begins
         known = None if positions is None else kept_table(opened, table)
-        show = counting(bars.enter_context(progress_bar("boards")))
+        show = counting(bars.enter_context(shared.progress_bar("boards")))
         result = analyse(opened, wanted, **settings, table=known, pool=pool, cache=kept, progress=show)
     if out is not None and out.suffix.lower() == ".json":
         samples_of = {"samples": sample_table(result).records()} if "value" in result else {}
         write_text(out, json.dumps({**_numbers(result), **samples_of}, indent=1, allow_nan=False) + "\n")
     else:
-        write_numbers(out, result, spread_table(result).csv)
+        shared.write_numbers(out, result, spread_table(result).csv)
     if plot is not None:
         from coilarray.viz.plots.tolerance import tolerance_figure
 
-        draw(plot, lambda: tolerance_figure(result))
+        shared.draw(plot, lambda: tolerance_figure(result))
     tables = (given_table(result), spread_table(result), yield_table(result))
     shown = [one.without_empty_columns() for one in tables if one.rows]
-    print_result(
+    shared.print_result(
         _numbers(result), as_json=as_json, tables=shown, titles=True, lines=_remarks(result), files=(out, plot)
     )
 
@@ -184,8 +165,8 @@ def _positions(
     depth = depth_in_metres(depth_mm)
     base = given or Positions((), (0.0,), design.indentation.depths[0])
     return Positions(
-        base.x if x_mm is None else tuple(lengths("--x-mm", x_mm)),
-        base.y if y_mm is None else tuple(lengths("--y-mm", y_mm)),
+        base.x if x_mm is None else tuple(shared.lengths("--x-mm", x_mm)),
+        base.y if y_mm is None else tuple(shared.lengths("--y-mm", y_mm)),
         base.depth if depth is None else depth,
         base.noise if noise is None else noise,
     )

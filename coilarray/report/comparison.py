@@ -1,4 +1,8 @@
-"""A comparison of a measured with a simulated response as tables and as a page."""
+"""A comparison of a measured with a simulated response as tables and as a page.
+
+Everything is made of the dataset that `coilarray.localize.comparison.compare_responses` returns. Cells are empty where
+a map does not determine the number.
+"""
 
 from __future__ import annotations
 
@@ -22,18 +26,7 @@ FloatArray = npt.NDArray[np.float64]
 
 
 def scale_table(comparison: xr.Dataset) -> Table:
-    """Return one row for each depth and state: scale and shift of the simulated map onto the measured one.
-
-    Parameters
-    ----------
-    comparison : xarray.Dataset
-        Comparison that `coilarray.localize.comparison.compare_responses` returns.
-
-    Returns
-    -------
-    Table
-        Shifts in m, each figure with its standard deviation; empty where the map does not determine it.
-    """
+    """Return one row for each depth and state: scale and shift of the simulated map onto the measured one."""
     shifts = {}
     for axis in ("x", "y"):
         for end in ("", "_std"):
@@ -44,18 +37,7 @@ def scale_table(comparison: xr.Dataset) -> Table:
 
 
 def remains_table(comparison: xr.Dataset) -> Table:
-    """Return one row for each depth and state: root mean square of what remains and correlation, before and after.
-
-    Parameters
-    ----------
-    comparison : xarray.Dataset
-        Comparison that `coilarray.localize.comparison.compare_responses` returns.
-
-    Returns
-    -------
-    Table
-        δ as pure numbers.
-    """
+    """Return one row for each depth and state: root mean square of what remains and correlation, before and after."""
     errors = ("noise", "rms_before", "rms_before_std", "rms_after", "rms_after_std")
     correlations = ("correlation_before", "correlation_before_std", "correlation_after", "correlation_after_std")
     five = DisplayUnit(digits=5)
@@ -64,19 +46,7 @@ def remains_table(comparison: xr.Dataset) -> Table:
 
 
 def ellipse_table(comparison: xr.Dataset) -> Table:
-    """One row for each depth, state and parameter of the ellipses: measured less simulated over the levels of both.
-
-    Parameters
-    ----------
-    comparison : xarray.Dataset
-        As in `scale_table`.
-
-    Returns
-    -------
-    Table
-        In m: mean and root mean square of the difference, and of its standard deviation; empty where one has no
-        ellipses, with the reason.
-    """
+    """Return one row for each depth, state and ellipse parameter: measured less simulated over the levels of both."""
     columns = (
         Column("depth", unit="m"),
         Column("state"),
@@ -102,18 +72,7 @@ def ellipse_table(comparison: xr.Dataset) -> Table:
 
 
 def curve_table(comparison: xr.Dataset) -> Table:
-    """One row for each depth, state and level of δ: x0, A and B of both, with their standard deviations.
-
-    Parameters
-    ----------
-    comparison : xarray.Dataset
-        As in `scale_table`.
-
-    Returns
-    -------
-    Table
-        In m; levels that neither has are left out.
-    """
+    """Return one row for each depth, state and level that one of both has: x0, A and B with standard deviations."""
     curves = {
         f"{name}_{source}{end}": comparison[f"{name}{end}"]
         .sel(source=source, drop=True)
@@ -128,18 +87,7 @@ def curve_table(comparison: xr.Dataset) -> Table:
 
 
 def inductance_table(comparison: xr.Dataset) -> Table | None:
-    """One row a state: L_0 of both; None where one does not tell it.
-
-    Parameters
-    ----------
-    comparison : xarray.Dataset
-        As in `scale_table`.
-
-    Returns
-    -------
-    Table or None
-        In H, and their ratio.
-    """
+    """One row a state: L_0 of both; None where one does not tell it."""
     if "base_inductance" not in comparison:
         return None
     measured, simulated = (comparison.base_inductance.sel(source=one, drop=True) for one in ("measured", "simulated"))
@@ -147,10 +95,8 @@ def inductance_table(comparison: xr.Dataset) -> Table | None:
         {
             "measured": measured.assign_attrs(long_name="L_0, measured"),
             "simulated": simulated.assign_attrs(long_name="L_0, simulated"),
-            "ratio": (
-                "state",
-                (measured / simulated.where(simulated != 0)).values,
-                {"long_name": "measured/simulated"},
+            "ratio": (measured / simulated.where(simulated != 0)).assign_attrs(
+                long_name="measured/simulated", units="1"
             ),
         }
     )
@@ -160,30 +106,13 @@ def inductance_table(comparison: xr.Dataset) -> Table | None:
 
 
 def comparison_tables(comparison: xr.Dataset) -> list[Table]:
-    """Every table of a comparison, the long one of all levels last."""
-    inductances = inductance_table(comparison)
-    return [
-        scale_table(comparison),
-        remains_table(comparison),
-        ellipse_table(comparison),
-        *([] if inductances is None else [inductances]),
-        curve_table(comparison),
-    ]
+    """Return every table of a comparison, the long one of all levels last."""
+    makers = (scale_table, remains_table, ellipse_table, inductance_table, curve_table)
+    return [table for table in (make(comparison) for make in makers) if table is not None]
 
 
 def comparison_notes(comparison: xr.Dataset) -> list[str]:
-    """Sentences about what was not compared and what the figures do not tell.
-
-    Parameters
-    ----------
-    comparison : xarray.Dataset
-        As in `scale_table`.
-
-    Returns
-    -------
-    list of str
-        Empty where there is nothing to say.
-    """
+    """Return sentences about what was not compared and what limits the figures; an empty list where nothing does."""
     said = comparison.attrs
     notes = []
     for side in comparison.source.values.tolist():
@@ -209,7 +138,7 @@ def comparison_notes(comparison: xr.Dataset) -> list[str]:
     if said["points_missing"]:
         notes.append(f"{said['points_missing']} readings of the grid are not measured yet.")
     if said["noise_from"] == "residuals":
-        notes.append("The measured response tells no noise: ± comes from the scatter of what remains.")
+        notes.append("The measured response has no noise figures: ± comes from the scatter of what remains.")
     if bool(comparison.at_limit.any()):
         notes.append(
             "A best shift is beyond the range that was searched: its figures are those at the end of the range."
@@ -227,18 +156,18 @@ def write_comparison_page(
     Parameters
     ----------
     comparison : xarray.Dataset
-        As in `scale_table`.
+        Comparison of the two responses.
     path : Path
-        Of the page; its folder must exist.
+        File of the page, in a folder that exists.
     names : tuple of str
-        What was measured and what was simulated, for people.
+        Names of the measured and of the simulated response on the page.
     outlines : sequence of ndarray, each of shape (m, 2)
         Corners of the coils in m from the map's origin.
 
     Raises
     ------
     OutputError
-        It cannot be written; an earlier page is left as it was.
+        The file cannot be written; an earlier page is left as it was.
     """
     page = render_page(
         "comparison.html.j2",

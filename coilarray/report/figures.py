@@ -61,11 +61,11 @@ class Picture:
     Parameters
     ----------
     name : str
-        Unique on the page.
+        Name of the picture, unique on the page.
     caption : str
-        What it shows, units included.
+        Description of what it shows, with units.
     uri : str
-        ``data:image/png;base64,…``.
+        The picture as ``data:image/png;base64,…``.
     """
 
     name: str
@@ -117,23 +117,22 @@ def field_pictures(
     """B_z above the board: along a line through the active coil, and on the plane, one for each entry."""
     across = _outline(design, active)[:, 0]
     height = f"{design.field_height * 1e3:g} mm above the board"
-    pictures = [
+    outlines = [_outline(design, name) for name in design.array.names]
+    return [
         draw(
             "field_line",
             f"B_z along x through {active}, {height}, in free space.",
             plot_field_lines(line, coil=(float(across.min()), float(across.max()))),
-        )
-    ]
-    outlines = [_outline(design, name) for name in design.array.names]
-    for k, (label, field) in enumerate(plane.items()):
-        pictures.append(
+        ),
+        *(
             draw(
                 f"field_map_{k}",
                 f"B_z of {active} {height}, in free space, per ampere: {label}.",
                 plot_field_map(field, outlines=outlines),
             )
-        )
-    return pictures
+            for k, (label, field) in enumerate(plane.items())
+        ),
+    ]
 
 
 def sweep_pictures(sweep: xr.Dataset) -> list[Picture]:

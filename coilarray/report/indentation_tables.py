@@ -40,18 +40,7 @@ def indentation_table(indentation: xr.Dataset) -> Table:
 
 
 def response_table(response: xr.Dataset) -> Table:
-    """Return one row for each depth and state: the largest δ of the map and where it is, and the lowest δ.
-
-    Parameters
-    ----------
-    response : xarray.Dataset
-        Response that `coilarray.response_map` returns.
-
-    Returns
-    -------
-    Table
-        δ as pure numbers; depth and position in m, from the map's origin.
-    """
+    """Return one row for each depth and state: the largest δ of the map and where it is, and the lowest δ."""
     columns = (
         Column("depth", unit="m"),
         Column("state"),

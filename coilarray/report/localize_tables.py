@@ -1,4 +1,7 @@
-"""The numbers of the localization as tables: ellipse models, causes of the distortion of x0, calibration, positions."""
+"""The numbers of the localization as tables: ellipse models, causes of the distortion of x0, calibration, positions.
+
+The tables of causes are made of the dataset that `coilarray.localize.distortion.distortion` returns.
+"""
 
 from __future__ import annotations
 
@@ -108,18 +111,7 @@ def fit_table(fits: xr.Dataset, model: EllipseModel, *, compare: bool = True) ->
 
 
 def cause_table(distortion: xr.Dataset) -> Table:
-    """Return one row for each cause: root mean square over δ of what x0 loses without it, for every coil.
-
-    Parameters
-    ----------
-    distortion : xarray.Dataset
-        Causes that `coilarray.localize.distortion.distortion` returns.
-
-    Returns
-    -------
-    Table
-        Root mean squares in m; empty where the map has no such level.
-    """
+    """Return one row for each cause: root mean square over δ of what x0 loses without it, for every coil."""
     states = {
         f"{state}_rms": distortion.rms.sel(state=state, drop=True).assign_attrs(long_name=f"{state}, rms")
         for state in distortion.state.values.tolist()
@@ -130,17 +122,8 @@ def cause_table(distortion: xr.Dataset) -> Table:
 def residual_table(distortion: xr.Dataset) -> Table:
     """Return one row for each coil: how far x0 moves in Table A1 and in the prediction, and what remains between them.
 
-    Parameters
-    ----------
-    distortion : xarray.Dataset
-        Causes that `coilarray.localize.distortion.distortion` returns; with ``calibrated_x0`` (calibration, state,
-        delta) those predictions are included.
-
-    Returns
-    -------
-    Table
-        Root mean squares over δ in m of published x0 − centre, predicted x0 − centre and predicted − published x0;
-        empty where there is nothing to compare.
+    Predictions of calibrated designs in ``calibrated_x0`` (calibration, state, delta) are included. Numbers are empty
+    where there is nothing to compare.
     """
     columns = (
         Column("coil"),
@@ -178,18 +161,7 @@ def residual_table(distortion: xr.Dataset) -> Table:
 
 
 def distortion_table(distortion: xr.Dataset) -> Table:
-    """Return one row for each coil and δ: x0, A and B as predicted and published, and every effect.
-
-    Parameters
-    ----------
-    distortion : xarray.Dataset
-        Causes that `coilarray.localize.distortion.distortion` returns.
-
-    Returns
-    -------
-    Table
-        Lengths in m; empty where a map has no such level.
-    """
+    """Return one row for each coil and δ: x0, A and B as predicted and published, and every effect."""
     series = {"centre": distortion.centre}
     for key in ("x0", "A", "B"):
         for neighbours in distortion.neighbours.values.tolist():
@@ -207,18 +179,10 @@ def distortion_table(distortion: xr.Dataset) -> Table:
 
 
 def calibration_table(results: Mapping[str, xr.Dataset]) -> Table:
-    """Return one row for each calibration and unknown.
+    """Return one row for each calibration and unknown: first guess, value and its 95 % interval.
 
-    Parameters
-    ----------
-    results : mapping of str to xarray.Dataset
-        `coilarray.localize.calibration.Calibration.result` by the name of the base.
-
-    Returns
-    -------
-    Table
-        First guess, value and its 95 % interval in SI, and whether the value is at a bound of its range, where the
-        interval means little.
+    The results of `coilarray.localize.calibration.calibrate` are given by the name of the base. Where a value is at a
+    bound of its range, its interval means little.
     """
     numbers = ("start", "value", "low", "high")
     names = ("base", "unknown", "unit", *numbers, "at_bound")

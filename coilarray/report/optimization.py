@@ -29,7 +29,7 @@ from coilarray.studies.optimize.write import design_names
 from coilarray.studies.quantities import QUANTITIES, Evaluation, request
 from coilarray.viz import boards_figure, plot_importance, plot_pareto, plot_search
 
-_CHEAP = ("geometry", "coupling", "circuit")  # costs of quantities that the page shows though nobody asked
+_CHEAP = ("geometry", "coupling", "circuit")  # costs of the quantities that the page shows in any case
 _MOST_REASONS = 5
 _MOST_BEST = 20
 _DIGITS = re.compile(r"\d+")
@@ -43,11 +43,11 @@ class Chosen:
     Parameters
     ----------
     label : str
-        Name of its file without the suffix.
+        Name of the design's file without the suffix.
     trial : Trial
-        Its point.
+        Point of the search that the design was made from.
     design : Design
-        Built from it.
+        The design itself.
     """
 
     label: str
@@ -61,26 +61,43 @@ def write_optimization_report(result: Optimization, folder: str | Path) -> Path:
     Parameters
     ----------
     result : Optimization
-        As `coilarray.studies.optimize.optimize_design` returns it.
+        Result of `coilarray.studies.optimize.optimize_design`.
     folder : str or Path
-        Made where it does not exist.
+        Folder of the page; it is made where it does not exist.
 
     Returns
     -------
     Path
-        Of the page.
+        File of the page.
 
     Raises
     ------
     OutputError
-        It cannot be written; an earlier page is left as it was.
+        The file cannot be written; an earlier page is left as it was.
     """
-    folder = Path(folder)
-    make_folder(folder)
+    path = Path(folder) / "report.html"
+    make_folder(path.parent)
     chosen = chosen_designs(result)
     parts = importance(result.goal, result.axes, result.trials)
-    path = folder / "report.html"
-    write_text(path, _page(result, chosen, parts))
+    page = render_page(
+        "optimization.html.j2",
+        result=result,
+        goal=result.goal,
+        chosen=chosen,
+        impossible=sum(bool(trial.reason) for trial in result.trials),
+        feasible=sum(trial.feasible for trial in result.trials),
+        searched=sum(trial.kind == "search" for trial in result.trials),
+        variables=variable_table(result, chosen),
+        quantities=quantity_table(result, chosen),
+        trials=trial_table(result),
+        reasons=reason_table(result),
+        convergence=_convergence_pictures(result),
+        importance=_importance_pictures(result, parts),
+        fronts=_front_pictures(result, chosen),
+        boards=_board_picture(result, chosen),
+        made={**provenance(result.design), "date": now()},
+    )
+    write_text(path, page)
     return path
 
 
@@ -104,7 +121,7 @@ def _ends_and_middle(result: Optimization) -> set[int]:
 
 
 def variable_table(result: Optimization, chosen: Sequence[Chosen]) -> Table:
-    """One row a variable: what it may be, what it was, what it is in each chosen design."""
+    """Return one row for each variable: its range, its value at the start and in each chosen design."""
     columns = (
         Column("entry"),
         Column("allowed", "may be"),
@@ -124,7 +141,7 @@ def variable_table(result: Optimization, chosen: Sequence[Chosen]) -> Table:
 
 
 def quantity_table(result: Optimization, chosen: Sequence[Chosen]) -> Table:
-    """One row a quantity, those of the goal first, then all that are cheap: before and after."""
+    """Return one row for each quantity, those of the goal first, then all that are cheap: before and after."""
     columns = (
         Column("quantity"),
         Column("unit"),
@@ -180,34 +197,13 @@ def trial_table(result: Optimization) -> Table:
 
 
 def reason_table(result: Optimization) -> Table:
-    """One row a reason why points could not be, the most frequent first."""
+    """Return one row for each reason why points give no design, the most frequent first."""
     reasons = [trial.reason for trial in result.trials if trial.reason]
     kinds = Counter(_DIGITS.sub("#", reason) for reason in reasons)  # numbers differ from point to point
     example = {_DIGITS.sub("#", reason): reason for reason in reversed(reasons)}
     columns = (Column("reason", "for example"), Column("points", unit="1"))
     rows = tuple((example[kind], count) for kind, count in kinds.most_common(_MOST_REASONS))
-    return Table("reasons", "Points that could not be", columns, rows)
-
-
-def _page(result: Optimization, chosen: Sequence[Chosen], parts: Sequence[Mapping[str, float]]) -> str:
-    return render_page(
-        "optimization.html.j2",
-        result=result,
-        goal=result.goal,
-        chosen=chosen,
-        impossible=sum(bool(trial.reason) for trial in result.trials),
-        feasible=sum(trial.feasible for trial in result.trials),
-        searched=sum(trial.kind == "search" for trial in result.trials),
-        variables=variable_table(result, chosen),
-        quantities=quantity_table(result, chosen),
-        trials=trial_table(result),
-        reasons=reason_table(result),
-        convergence=_convergence_pictures(result),
-        importance=_importance_pictures(result, parts),
-        fronts=_front_pictures(result, chosen),
-        boards=_board_picture(result, chosen),
-        made={**provenance(result.design), "date": now()},
-    )
+    return Table("reasons", "Points that give no design", columns, rows)
 
 
 def _convergence_pictures(result: Optimization) -> list[Picture]:
@@ -251,7 +247,7 @@ def _board_picture(result: Optimization, chosen: Sequence[Chosen]) -> Picture:
 
 
 def _wishes(result: Optimization) -> dict[str, str]:
-    """Return what the goal says of each quantity."""
+    """Return the goal's wish for each quantity."""
     wishes: dict[str, list[str]] = {key: [] for key in result.goal.quantities}
     for objective in result.goal.objectives:
         target = objective.target
@@ -262,7 +258,7 @@ def _wishes(result: Optimization) -> dict[str, str]:
 
 
 def _quantities(design: Design, trial: Trial, keys: Sequence[str]) -> dict[str, float]:
-    """Quantities of a design that its trial knows, and those that it has besides."""
+    """Quantities of a design: those that its trial has, and the others that can be computed."""
     known = dict(trial.quantities)
     evaluation = Evaluation(design)
     for key in keys:

@@ -25,20 +25,20 @@ Place = tuple[float, float]
 
 @dataclass(frozen=True, eq=False)
 class MapPositions:
-    """What the ellipse model of a map makes of the map's own readings.
+    """Positions that the ellipse model of a map gives for the map's own readings.
 
     Parameters
     ----------
     fits : xarray.Dataset
-        The ellipses, as `coilarray.localize.ellipse.fit_ellipses` returns them.
+        Ellipses that `coilarray.localize.ellipse.fit_ellipses` found.
     model : EllipseModel
-        Their polynomials, nothing added to A.
+        Polynomials of the ellipses, with nothing added to A.
     depth : float
-        Of the map in m.
+        Depth of the map in m.
     readings : mapping of Place to mapping of str to float
         δ of every coil at every place of the grid.
     found : mapping of Place to EllipsePosition
-        The places where the model has a position, with A longer by `SEMIAXIS_ADDITION` as in the paper.
+        Positions at the places where the model has one, with A longer by `SEMIAXIS_ADDITION` as in the paper.
     """
 
     fits: xr.Dataset
@@ -82,11 +82,12 @@ def map_positions(response: xr.Dataset) -> MapPositions:
     Parameters
     ----------
     response : xarray.Dataset
-        As `coilarray.response.map.response_map` returns it.
+        Response map, measured or of `coilarray.response_map`.
 
     Returns
     -------
     MapPositions
+        Ellipses, their polynomials, and the position at each place that has one.
 
     Raises
     ------
@@ -117,18 +118,7 @@ def map_positions(response: xr.Dataset) -> MapPositions:
 
 
 def map_position_table(positions: MapPositions) -> Table:
-    """Return one row for each place of the map: real and determined x, and the coils whose ellipses meet.
-
-    Parameters
-    ----------
-    positions : MapPositions
-        Positions that `map_positions` found.
-
-    Returns
-    -------
-    Table
-        Lengths in m; empty where the model has no position.
-    """
+    """Return one row for each place of the map: real and determined x, and the coils whose ellipses meet."""
     columns = (
         *(Column(name, unit="m") for name in ("x", "y", "determined_x", "error")),
         Column("case"),

@@ -39,16 +39,8 @@ def _significant(digits: int) -> DisplayUnit:
 def spread_table(result: xr.Dataset) -> Table:
     """Return one row for each output: nominal value, linearised and sampled spread, and what contributes most.
 
-    Parameters
-    ----------
-    result : xarray.Dataset
-        Analysis with or without drawn boards.
-
-    Returns
-    -------
-    Table
-        Values in the units of the outputs' names. ``step_change`` is how far the linearisation depends on its step, in
-        standard deviations. Without samples, or where the linearised spread is zero, their columns are empty.
+    Values are in the units of the outputs' names. ``step_change`` is how far the linearisation depends on its step, in
+    standard deviations. Without samples, or where the linearised spread is zero, their columns are empty.
     """
     sampled = ("sample_mean", "sample_deviation", "ratio", "ratio_error")
     columns: dict[str, object] = {name: np.nan for name in sampled if name not in result}
@@ -65,13 +57,7 @@ def spread_table(result: xr.Dataset) -> Table:
 
 
 def share_table(result: xr.Dataset) -> Table:
-    """Return one row for each output and contributor, the largest contributor of an output first.
-
-    Parameters
-    ----------
-    result : xarray.Dataset
-        Analysis with or without drawn boards.
-    """
+    """Return one row for each output and contributor, the largest contributor of an output first."""
     columns = (
         Column("output"),
         Column("contributor"),
@@ -87,25 +73,13 @@ def share_table(result: xr.Dataset) -> Table:
 
 
 def error_table(result: xr.Dataset) -> Table:
-    """Return one row for each contributor: its distribution, and why it is assumed where no one gave it.
-
-    Parameters
-    ----------
-    result : xarray.Dataset
-        Analysis with or without drawn boards.
-    """
+    """Return one row for each contributor: its distribution, and why it is assumed where no one gave it."""
     names = ("contributor", "distribution", "deviation", "unit", "assumed")
     return dataset_table("errors", "Errors", result, names, {"deviation": _significant(3)})
 
 
 def given_table(result: xr.Dataset) -> Table:
-    """Return one row for each table of the tolerance file: standard deviations of its parts, and why it is assumed.
-
-    Parameters
-    ----------
-    result : xarray.Dataset
-        Analysis with or without drawn boards.
-    """
+    """Return one row for each table of the tolerance file: standard deviations of its parts, and why it is assumed."""
     columns = (
         Column("table", "error"),
         Column("distribution"),
@@ -131,16 +105,8 @@ def given_table(result: xr.Dataset) -> Table:
 def yield_table(result: xr.Dataset) -> Table:
     """Return one row for each limit and one for all together: share of good boards; no row where no limit was set.
 
-    Parameters
-    ----------
-    result : xarray.Dataset
-        Analysis with or without drawn boards.
-
-    Returns
-    -------
-    Table
-        Of the linear model, in which every board can be made, and, with samples, of the drawn boards, of which one that
-        cannot be made is bad. Their interval is that of `coilarray.studies.tolerance.statistics.Yield`.
+    In the linear model every board can be made; among the drawn boards one that cannot be made is bad. The interval is
+    that of `coilarray.studies.tolerance.statistics.Yield`.
     """
     if "limit" not in result.dims:
         return Table("yield", "Yield", (), ())
@@ -150,13 +116,7 @@ def yield_table(result: xr.Dataset) -> Table:
 
 
 def sample_table(result: xr.Dataset) -> Table:
-    """Return one row for each drawn board: its errors, its outputs and, where it has none, the reason.
-
-    Parameters
-    ----------
-    result : xarray.Dataset
-        Analysis with drawn boards.
-    """
+    """Return one row for each drawn board: its errors, its outputs and, where it has none, the reason."""
     units = zip(result.contributor.values.tolist(), result.unit.values.tolist(), strict=True)
     columns = (
         *(Column(name if unit == "1" else f"{name} ({unit})") for name, unit in units),

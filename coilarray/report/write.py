@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -22,7 +23,7 @@ from coilarray.compute.threads import Progress
 from coilarray.design.fab_limits import load_profile
 from coilarray.design.model import Design
 from coilarray.elastomer.contact import indent
-from coilarray.errors import CoilarrayError, GeometryError, LocalizeError, NetworkError
+from coilarray.errors import CoilarrayError, GeometryError, NetworkError
 from coilarray.geometry import check_rules
 from coilarray.localize.ellipse_model import SEMIAXIS_ADDITION
 from coilarray.localize.published import published_model
@@ -33,6 +34,7 @@ from coilarray.response.map import response_map
 from coilarray.viz import rendering_problem
 
 FloatArray = npt.NDArray[np.float64]
+T = TypeVar("T")
 
 # The line resolves the flanks of the bell to 1/200 of the board, the plane shows about a pixel a sample
 _LINE_POINTS = 401
@@ -48,20 +50,20 @@ _ENTERING = ("elastomer.", "indenter.", "indentation.")  # keys of the design sh
 
 @dataclass(frozen=True, eq=False)
 class Report:
-    """What `write_report` made.
+    """Files and numbers of a report.
 
     Parameters
     ----------
     page : Path
-        The HTML page.
+        File of the HTML page.
     folder : Path
-        The folder of CSV, JSON and netCDF files.
+        Folder of the CSV, JSON and netCDF files.
     coupling : xarray.Dataset
-        As `coilarray.couple_design` returns it.
+        Result of `coilarray.couple_design`.
     data : dict
-        Everything in ``report.json``.
+        Content of ``report.json``.
     rendering_problem : str or None
-        Why the board's picture is a drawing, in one line; None where it is rendered.
+        Reason why the board's picture is a drawing, in one line; None where it is rendered.
     """
 
     page: Path
@@ -77,16 +79,17 @@ def write_report(design: Design, where: str | Path = ".", *, progress: Progress 
     Parameters
     ----------
     design : Design
-        As `coilarray.load_design` returns it.
+        Design of the board.
     where : str or Path
-        Folder for ``report.html`` and the folder ``report``; made where it does not exist. Files of an earlier
+        Folder for ``report.html`` and the folder ``report``; it is made where it does not exist. Files of an earlier
         report there are replaced.
     progress : callable, optional
-        Called with (done, total) as the work goes on.
+        Function that is called with (done, total) as the work goes on.
 
     Returns
     -------
     Report
+        The files that were written, and their numbers.
 
     Raises
     ------
@@ -100,7 +103,8 @@ def write_report(design: Design, where: str | Path = ".", *, progress: Progress 
     ``ldc1614_drive.csv``, ``sweep.csv``, ``indentation.csv``, ``response.csv``, ``ellipses.csv``,
     ``polynomials.csv`` and ``map_positions.csv``, all of them in ``report.json``; ``coupling.nc``, ``field.nc``,
     ``scan.nc``, ``impedance.nc``, ``indentation.nc``, ``response.nc`` and ``ellipses.nc`` hold the arrays.
-    What a design does not ask for is left out; what it asks for in vain too, and the page says why.
+    Parts that a design does not ask for are left out, and so are parts that cannot be computed, with the reason on the
+    page.
     """
     folder = Path(where)
     data_folder = folder / "report"
@@ -115,7 +119,7 @@ def write_report(design: Design, where: str | Path = ".", *, progress: Progress 
     # NumPy, SciPy and kernels on threads of their own, while pictures are drawn here
     with ThreadPoolExecutor(max_workers=5) as beside:
         probe = beside.submit(rendering_problem)  # starts a process that takes seconds
-        pressing = beside.submit(_press, design)
+        pressing = beside.submit(_or_reason, lambda: _press(design))
         coupled = beside.submit(couple_design, design)
 
         def inductance() -> FloatArray:
@@ -123,7 +127,10 @@ def write_report(design: Design, where: str | Path = ".", *, progress: Progress 
             return np.asarray(coupled.result().inductance)
 
         circuit = beside.submit(_circuit, design, inductance)
-        responding = beside.submit(_respond, design, inductance)
+        responding = beside.submit(
+            _or_reason,
+            lambda: None if design.indentation is None else response_map(design, inductance=inductance),
+        )
         coupling = coupled.result()
         step()
         active = design.array.names[(len(design.array.names) - 1) // 2]
@@ -143,7 +150,9 @@ def write_report(design: Design, where: str | Path = ".", *, progress: Progress 
         indentation, indentation_problem = pressing.result()
         response, response_problem = responding.result()
         pictures += _pressed_pictures(design, indentation, response, active)
-        positions, position_problem = _locate(response)
+        positions, position_problem = None, "there is no response map."
+        if response is not None:
+            positions, position_problem = _or_reason(lambda: map_positions(response))
         compare = design.name == _PUBLISHED
         if response is not None and positions is not None:
             known = published_model() if compare else None
@@ -226,36 +235,21 @@ def _sheet_share(coupling: xr.Dataset) -> dict[str, float]:
     return {"least": float(share.min()), "most": float(share.max())}
 
 
-def _press(design: Design) -> tuple[xr.Dataset | None, str]:
-    """Force curve and dents of the design's indentation; where that fails, nothing and the reason."""
+def _press(design: Design) -> xr.Dataset | None:
+    """Force curve and dents of the design's indentation; nothing where it has none."""
     setup = design.indentation
     if setup is None:
-        return None, ""
+        return None
+    depths = _curve(setup.depths)
+    indentation = indent(design.sheets, setup.indenter, depths, base=setup.base, radius=setup.sample_radius)
+    return indentation.assign_attrs(provenance(design))
+
+
+def _or_reason(compute: Callable[[], T]) -> tuple[T | None, str]:
+    """Return the result of a computation and an empty text; where it fails, nothing and the reason."""
     try:
-        depths = _curve(setup.depths)
-        indentation = indent(design.sheets, setup.indenter, depths, base=setup.base, radius=setup.sample_radius)
-        return indentation.assign_attrs(provenance(design)), ""
+        return compute(), ""
     except CoilarrayError as error:
-        return None, str(error)
-
-
-def _respond(design: Design, inductance: Callable[[], FloatArray]) -> tuple[xr.Dataset | None, str]:
-    """Response map of the design's indentation; where that fails, nothing and the reason."""
-    if design.indentation is None:
-        return None, ""
-    try:
-        return response_map(design, inductance=inductance), ""
-    except CoilarrayError as error:
-        return None, str(error)
-
-
-def _locate(response: xr.Dataset | None) -> tuple[MapPositions | None, str]:
-    """Positions that the ellipse model of a response map gives; where that fails, nothing and the reason."""
-    if response is None:
-        return None, "there is no response map."
-    try:
-        return map_positions(response), ""
-    except LocalizeError as error:
         return None, str(error)
 
 
@@ -268,7 +262,7 @@ def _position_tables(positions: MapPositions, compare: bool) -> list[tables.Tabl
 
 
 def _position_summary(positions: MapPositions) -> dict[str, object]:
-    """Return what the page says about the positions, in SI units."""
+    """Numbers of the page's paragraph about positions, in SI units."""
     return {
         "coils": list(positions.model.names),
         "depth_m": positions.depth,
