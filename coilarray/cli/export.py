@@ -33,8 +33,7 @@ def export(
     *,
     to: Annotated[Format, typer.Option("--to", help="Format to write.")],
     out: Annotated[
-        Path | None,
-        shared.out_option("File to write, for kicad a folder; named after the design by default."),
+        Path | None, shared.out_option("File to write, for kicad a folder; named after the design by default.")
     ] = None,
     no_sheets: Annotated[
         bool, typer.Option("--no-sheets", help="Leave the elastomer out of step, stl and glb.")

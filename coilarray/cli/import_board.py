@@ -28,8 +28,7 @@ def import_board(
         typer.Option("--nets", help="Names of the nets that are coils, as A,B; by default every net that winds."),
     ] = None,
     stackup: Annotated[
-        str | None,
-        typer.Option("--stackup", metavar="DESIGN", help="Design whose [stackup] to take for the board's."),
+        str | None, typer.Option("--stackup", metavar="DESIGN", help="Design whose [stackup] to take for the board's.")
     ] = None,
     out: Annotated[Path, shared.out_option("Design file to write.")] = Path("design.toml"),
     force: shared.Force = False,

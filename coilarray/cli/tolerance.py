@@ -38,8 +38,7 @@ def tolerance(
         ),
     ] = None,
     x_mm: Annotated[
-        str | None,
-        typer.Option("--x-mm", help="Positions of the indenter along x, as 0,5 or START:STOP:COUNT."),
+        str | None, typer.Option("--x-mm", help="Positions of the indenter along x, as 0,5 or START:STOP:COUNT.")
     ] = None,
     y_mm: Annotated[str | None, typer.Option("--y-mm", help="Positions of the indenter along y; 0 by default.")] = None,
     depth_mm: Annotated[

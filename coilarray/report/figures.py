@@ -103,11 +103,7 @@ def coupling_pictures(coupling: xr.Dataset) -> list[Picture]:
             "Inductance of each coil with all others open, and with the others as terminated.",
             plot_effective_inductance(coupling),
         ),
-        draw(
-            "currents",
-            "Current in each passive coil per ampere in the active one.",
-            plot_currents(coupling),
-        ),
+        draw("currents", "Current in each passive coil per ampere in the active one.", plot_currents(coupling)),
     ]
 
 

@@ -129,12 +129,7 @@ def variable_table(result: Optimization, chosen: Sequence[Chosen]) -> Table:
         *(Column(one.label) for one in chosen),
     )
     rows = tuple(
-        (
-            axis.entry,
-            _allowed(axis),
-            _shown(axis.start),
-            *(_shown(one.trial.changes[axis.entry]) for one in chosen),
-        )
+        (axis.entry, _allowed(axis), _shown(axis.start), *(_shown(one.trial.changes[axis.entry]) for one in chosen))
         for axis in result.axes
     )
     return Table("variables", "Variables", columns, rows)

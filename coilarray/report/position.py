@@ -10,13 +10,7 @@ import xarray as xr
 
 from coilarray.errors import LocalizeError
 from coilarray.localize.ellipse import Ellipse, fit_ellipses
-from coilarray.localize.ellipse_model import (
-    SEMIAXIS_ADDITION,
-    EllipseModel,
-    EllipsePosition,
-    ellipse_model,
-    locate_x,
-)
+from coilarray.localize.ellipse_model import SEMIAXIS_ADDITION, EllipseModel, EllipsePosition, ellipse_model, locate_x
 from coilarray.report.tables import Column, Table, Value
 
 Place = tuple[float, float]

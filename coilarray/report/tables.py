@@ -134,11 +134,7 @@ class Table:
 
 
 def dataset_table(
-    name: str,
-    title: str,
-    dataset: xr.Dataset,
-    variables: Sequence[str],
-    shown: Mapping[str, DisplayUnit] | None = None,
+    name: str, title: str, dataset: xr.Dataset, variables: Sequence[str], shown: Mapping[str, DisplayUnit] | None = None
 ) -> Table:
     """Make a table of the variables of a dataset, with their names and units.
 

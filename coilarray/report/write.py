@@ -128,8 +128,7 @@ def write_report(design: Design, where: str | Path = ".", *, progress: Progress 
 
         circuit = beside.submit(_circuit, design, inductance)
         responding = beside.submit(
-            _or_reason,
-            lambda: None if design.indentation is None else response_map(design, inductance=inductance),
+            _or_reason, lambda: None if design.indentation is None else response_map(design, inductance=inductance)
         )
         coupling = coupled.result()
         step()

@@ -17,12 +17,8 @@ from coilarray.design.fab_limits import load_profile
 from coilarray.geometry import check_rules
 from coilarray.report.tables import Column
 
+pytestmark = pytest.mark.usefixtures("own_folder")
 run, _ = runner("check")
-
-
-@pytest.fixture(autouse=True)
-def _in_a_folder_of_its_own(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
 
 
 def rows_of(out):
