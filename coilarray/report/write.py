@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -148,9 +148,11 @@ def write_report(design: Design, where: str | Path = ".", *, progress: Progress 
         step()
         indentation, indentation_problem = pressing.result()
         response, response_problem = responding.result()
-        pictures += _pressed_pictures(design, indentation, response, active)
         positions, position_problem = None, "there is no response map."
+        if design.indentation is not None and indentation is not None:
+            pictures += figures.indentation_pictures(design, design.indentation.indenter, indentation, active)
         if response is not None:
+            pictures += figures.response_pictures(design, response)
             positions, position_problem = _or_reason(lambda: map_positions(response))
         compare = design.name == _PUBLISHED
         if response is not None and positions is not None:
@@ -171,10 +173,9 @@ def write_report(design: Design, where: str | Path = ".", *, progress: Progress 
         *([] if response is None else [indentation_tables.response_table(response)]),
         *([] if positions is None else _position_tables(positions, compare)),
     ]
-    made = {**provenance(design), "date": now()}
     data: dict[str, object] = {
         "schema": 1,
-        "provenance": made,
+        "provenance": {**provenance(design), "date": now()},
         "title": design.title,
         "source": design.source,
         "capacitance_F": design.circuit.capacitance,
@@ -194,7 +195,7 @@ def write_report(design: Design, where: str | Path = ".", *, progress: Progress 
         **{table.name: table.records() for table in all_tables},
     }
     # everything that can fail on the numbers comes before the first file
-    page = _page(design, data, all_tables, pictures, made)
+    page = _page(design, data, all_tables, pictures)
     texts = {f"{table.name}.csv": table.csv() for table in all_tables}
     texts["report.json"] = json.dumps(data, indent=1, allow_nan=False) + "\n"
     make_folder(data_folder)
@@ -279,28 +280,14 @@ def _curve(depths: Sequence[float]) -> list[float]:
     return sorted([*depths, *between[apart].tolist()])
 
 
-def _pressed_pictures(
-    design: Design, indentation: xr.Dataset | None, response: xr.Dataset | None, coil: str
-) -> list[figures.Picture]:
-    pictures = []
-    if design.indentation is not None and indentation is not None:
-        pictures += figures.indentation_pictures(design, design.indentation.indenter, indentation, coil)
-    if response is not None:
-        pictures += figures.response_pictures(design, response)
-    return pictures
-
-
 def _circuit_tables(scan: xr.Dataset | None, sweep: xr.Dataset | None) -> list[tables.Table]:
     if scan is None or sweep is None:
         return []
-    return [
-        circuit_tables.winding_table(scan),
-        circuit_tables.state_table(scan),
-        circuit_tables.state_current_table(scan),
-        circuit_tables.limit_table(scan),
-        circuit_tables.drive_table(scan),
-        circuit_tables.sweep_table(sweep),
-    ]
+    of_scan = (
+        circuit_tables.winding_table, circuit_tables.state_table, circuit_tables.state_current_table,
+        circuit_tables.limit_table, circuit_tables.drive_table,
+    )  # fmt: skip
+    return [*(table(scan) for table in of_scan), circuit_tables.sweep_table(sweep)]
 
 
 def _fields(design: Design, coupling: xr.Dataset, active: str) -> tuple[dict[str, xr.Dataset], dict[str, xr.Dataset]]:
@@ -311,16 +298,14 @@ def _fields(design: Design, coupling: xr.Dataset, active: str) -> tuple[dict[str
     along = np.linspace(x_min, x_max, _LINE_POINTS)
     x = np.linspace(x_min, x_max, _samples(x_max - x_min))
     y = np.linspace(y_min, y_max, _samples(y_max - y_min))
-    z = design.field_height
-    line = {
-        label: operating_field(design, coupling, active, along, place.y, z, terminated=terminated)
-        for label, terminated in states.items()
-    }
-    plane = {
-        label: operating_field(design, coupling, active, x, y, z, terminated=terminated)
-        for label, terminated in states.items()
-    }
-    return line, plane
+
+    def both(x: npt.ArrayLike, y: npt.ArrayLike) -> dict[str, xr.Dataset]:
+        return {
+            label: operating_field(design, coupling, active, x, y, design.field_height, terminated=terminated)
+            for label, terminated in states.items()
+        }
+
+    return both(along, place.y), both(x, y)
 
 
 def _samples(extent: float) -> int:
@@ -334,11 +319,7 @@ def _both(plane: dict[str, xr.Dataset]) -> xr.Dataset:
 
 
 def _page(
-    design: Design,
-    data: dict[str, object],
-    all_tables: list[tables.Table],
-    pictures: list[figures.Picture],
-    made: dict[str, str],
+    design: Design, data: Mapping[str, object], all_tables: Sequence[tables.Table], pictures: Sequence[figures.Picture]
 ) -> str:
     by_name = {table.name: table for table in all_tables}
     profile = design.values.get("fab.profile")
@@ -353,5 +334,5 @@ def _page(
         pictures={picture.name: picture for picture in pictures},
         copper=[picture for picture in pictures if picture.name.startswith("copper_")],
         maps=[picture for picture in pictures if picture.name.startswith("field_map_")],
-        made=made,
+        made=data["provenance"],
     )
