@@ -55,7 +55,7 @@ def couple_design(design: Design, progress: Progress | None = None) -> xr.Datase
         circuit.short_resistance,
     )
     result["sheet_inductance"] = (
-        ("coil", "other"), by_sheets, {"units": "H", "long_name": "inductance due to the magnetic sheets"}
+        ("coil", "other"), by_sheets, {"units": "H", "long_name": "inductance due to the sheets"}
     )  # fmt: skip
     centres = design.array.centres
     result = result.assign_coords(

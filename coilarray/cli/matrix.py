@@ -4,16 +4,10 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-import typer
+from typing import Annotated
 
 from coilarray.cli import shared
 from coilarray.errors import OutputError
-
-if TYPE_CHECKING:
-    import numpy as np
-    import numpy.typing as npt
 
 
 def matrix(
@@ -35,6 +29,7 @@ def matrix(
         raise OutputError(f"--out must end in .nc, .csv, .cir, .sub, .sNp or .inp; got {out}.")
     from coilarray.circuit.coupling import couple_design
     from coilarray.circuit.exchange import export_network, fasthenry_input
+    from coilarray.compute.display_units import DisplayUnit, display_unit
     from coilarray.compute.files import write_text
     from coilarray.report.tables import coil_table, pair_table
 
@@ -50,9 +45,12 @@ def matrix(
         export_network(coupling, out)
     if not as_json:
         names = coupling.coil.values.tolist()
-        _print("L and M (µH)", names, coupling.inductance.values * 1e6, 4)
-        typer.echo()
-        _print("k", names, coupling.coupling.values, 5)
+        for title, matrix_of, unit in (
+            ("L and M", coupling.inductance, display_unit("H")),
+            ("\nk", coupling.coupling, DisplayUnit(digits=5)),
+        ):
+            rows = [[name, *unit.texts(row)] for name, row in zip(names, matrix_of.values.tolist(), strict=True)]
+            shared.print_table(("", *names), rows, unit.label(title))
     data = {
         **shared.design_record(opened),
         "names": coupling.coil.values.tolist(),
@@ -62,8 +60,3 @@ def matrix(
         "pairs": pair_table(coupling).records(),
     }
     shared.print_result(data, as_json=as_json, files=[out])
-
-
-def _print(title: str, names: list[str], values: npt.NDArray[np.float64], digits: int) -> None:
-    rows = [[name, *(f"{value:.{digits}f}" for value in row)] for name, row in zip(names, values.tolist(), strict=True)]
-    shared.print_table(("", *names), rows, title)

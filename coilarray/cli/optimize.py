@@ -171,11 +171,11 @@ def _progress(goal: Goal) -> Iterator[Told]:
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task("", total=None)
 
-        def told(done: int, total: int, best: Trial | None) -> None:
+        def progress(done: int, total: int, best: Trial | None) -> None:
             text = "" if best is None else f"best {goal.objectives[0].quantity} {_best(goal, best):.5g}"
             bar.update(task, completed=done, total=total, description=text)
 
-        yield told
+        yield progress
 
 
 def _best(goal: Goal, best: Trial) -> float:

@@ -75,8 +75,10 @@ def open_design(name: str | None, *, allow_violations: bool) -> Design:
 
     Raises
     ------
-    DesignError, RuleViolationError
-        As `coilarray.load_design` and `coilarray.geometry.require_rules`.
+    DesignError
+        The file is no design.
+    RuleViolationError
+        A rule is broken, and violations are not allowed.
     """
     from coilarray.design.model import load_design
     from coilarray.errors import RuleViolationError

@@ -87,7 +87,7 @@ def curve_table(comparison: xr.Dataset) -> Table:
 
 
 def inductance_table(comparison: xr.Dataset) -> Table | None:
-    """One row a state: L_0 of both; None where one does not tell it."""
+    """Return one row for each state: L_0 of both; None where one of them has none."""
     if "base_inductance" not in comparison:
         return None
     measured, simulated = (comparison.base_inductance.sel(source=one, drop=True) for one in ("measured", "simulated"))
