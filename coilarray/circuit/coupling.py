@@ -55,7 +55,7 @@ def couple_design(design: Design, progress: Progress | None = None) -> xr.Datase
         circuit.short_resistance,
     )
     result["sheet_inductance"] = (
-        ("coil", "other"), by_sheets, {"units": "H", "long_name": "part of the magnetic sheets in the inductance"}
+        ("coil", "other"), by_sheets, {"units": "H", "long_name": "inductance due to the sheets"}
     )  # fmt: skip
     centres = design.array.centres
     result = result.assign_coords(
@@ -161,17 +161,19 @@ def couple(
             "resistance": (single, R, {"units": "ohm", "long_name": "DC resistance"}),
             "open_inductance": (single, own, {"units": "H", "long_name": "inductance, all other coils open"}),
             "effective_inductance": (single, effective, {"units": "H", "long_name": "inductance as terminated"}),
-            "inductance_change": (single, effective / own - 1, {"units": "1", "long_name": "L_eff/L - 1"}),
-            "effective_resistance": (single, effective_resistance, {"units": "ohm", "long_name": "R as terminated"}),
-            "quality_factor": (single, quality, {"units": "1", "long_name": "Q from DC resistances"}),
+            "inductance_change": (single, effective / own - 1, {"units": "1", "long_name": "change by others"}),
+            "effective_resistance": (
+                single, effective_resistance, {"units": "ohm", "long_name": "resistance as terminated"}
+            ),
+            "quality_factor": (single, quality, {"units": "1", "long_name": "quality factor"}),
             "open_frequency": (
                 single, np.array([s.frequency for s in alone]), {"units": "Hz", "long_name": "resonance, others open"}
             ),
             "frequency": (single, frequency, {"units": "Hz", "long_name": "resonance as terminated"}),
-            "current_real": (pair, currents.real, {"units": "A/A", "long_name": "in-phase current of each coil"}),
-            "current_imag": (pair, currents.imag, {"units": "A/A", "long_name": "quadrature current of each coil"}),
+            "current_real": (pair, currents.real, {"units": "A/A", "long_name": "in-phase current"}),
+            "current_imag": (pair, currents.imag, {"units": "A/A", "long_name": "quadrature current"}),
             "contribution": (
-                pair, np.array([s.contributions for s in solved]), {"units": "H", "long_name": "part in L_eff - L"}
+                pair, np.array([s.contributions for s in solved]), {"units": "H", "long_name": "part in L_eff − L"}
             ),
             "termination": (single, np.array(states, dtype=object), {"long_name": "state while passive"}),
         },

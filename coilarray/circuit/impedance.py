@@ -123,11 +123,15 @@ def scan_design(design: Design, progress: Progress | None = None, prepared: Desi
     effect = prepared.elastomer
     coil = ("coil",)
     return scan_states(prepared, progress).assign(
-        bare_winding_capacitance=(coil, effect.without.values, {"units": "F", "long_name": "without elastomer"}),
-        elastomer_delta=(
-            coil, effect.apparent_delta.values, {"units": "1", "long_name": "feigned by the elastomer laid on"}
+        bare_winding_capacitance=(
+            coil, effect.without.values, {"units": "F", "long_name": "capacitance without elastomer"}
         ),
-        dent_delta_bound=(coil, effect.dent_bound.values, {"units": "1", "long_name": "most that a dent feigns"}),
+        elastomer_delta=(
+            coil, effect.apparent_delta.values, {"units": "1", "long_name": "apparent δ of the elastomer"}
+        ),
+        dent_delta_bound=(
+            coil, effect.dent_bound.values, {"units": "1", "long_name": "largest apparent δ of a dent"}
+        ),
     )  # fmt: skip
 
 
@@ -173,31 +177,53 @@ def scan_states(prepared: DesignNetwork, progress: Progress | None = None) -> xr
     nearest = int(np.abs(grid - middle).argmin())
     return xr.Dataset(
         {
-            "frequency": (states, [r.frequency for r in results], {"units": "Hz", "long_name": "resonance"}),
-            "effective_inductance": (states, [r.effective_inductance for r in results], {"units": "H"}),
-            "effective_resistance": (states, [r.effective_resistance for r in results], {"units": "ohm"}),
-            "quality_factor": (states, [r.quality_factor for r in results], {"units": "1"}),
+            "frequency": (states, [r.frequency for r in results], {"units": "Hz", "long_name": "resonance frequency"}),
+            "effective_inductance": (
+                states, [r.effective_inductance for r in results], {"units": "H", "long_name": "effective inductance"}
+            ),
+            "effective_resistance": (
+                states, [r.effective_resistance for r in results], {"units": "ohm", "long_name": "effective resistance"}
+            ),
+            "quality_factor": (
+                states, [r.quality_factor for r in results], {"units": "1", "long_name": "quality factor of the coil"}
+            ),
             "loaded_quality_factor": (
-                states, [loaded_quality(lossy, r) for r in results], {"units": "1", "long_name": "Q of the resonator"}
+                states,
+                [loaded_quality(lossy, r) for r in results],
+                {"units": "1", "long_name": "quality factor with the tank"},
             ),
             "state_self_resonance": (
-                states, [self_resonance_of(lossy, r) for r in results], {"units": "Hz", "long_name": "without the tank"}
+                states,
+                [self_resonance_of(lossy, r) for r in results],
+                {"units": "Hz", "long_name": "self-resonance without the tank"},
             ),
-            "parallel_resistance": (states, [r.parallel_resistance for r in results], {"units": "ohm"}),
+            "parallel_resistance": (
+                states, [r.parallel_resistance for r in results], {"units": "ohm", "long_name": "parallel resistance"}
+            ),
             "resistance_ratio": (
                 states,
                 [r.effective_resistance / d for r, d in zip(results, direct, strict=True)],
-                {"units": "1", "long_name": "effective resistance over the same with direct-current resistances"},
+                {"units": "1", "long_name": "effective resistance, AC over DC"},
             ),
-            "current_real": (pair, currents.real, {"units": "A/A"}),
-            "current_imag": (pair, currents.imag, {"units": "A/A"}),
-            "winding_capacitance": (coil, network.winding_capacitance, {"units": "F"}),
+            "current_real": (pair, currents.real, {"units": "A/A", "long_name": "in-phase current"}),
+            "current_imag": (pair, currents.imag, {"units": "A/A", "long_name": "quadrature current"}),
+            "winding_capacitance": (
+                coil, network.winding_capacitance, {"units": "F", "long_name": "capacitance of the winding"}
+            ),
             "self_resonance": (
-                coil, self_resonance(np.diag(network.inductance), network.winding_capacitance), {"units": "Hz"}
+                coil,
+                self_resonance(np.diag(network.inductance), network.winding_capacitance),
+                {"units": "Hz", "long_name": "self-resonance"},
             ),
-            "ac_resistance": (coil, np.diag(at_middle), {"units": "ohm", "long_name": "own AC resistance"}),
-            "resistance_model": (coil, ac.model.values[nearest].astype(object), {"long_name": "model of R"}),
-            "capacitance": (("coil", "other"), prepared.capacitance.capacitance.values, {"units": "F"}),
+            "ac_resistance": (coil, np.diag(at_middle), {"units": "ohm", "long_name": "AC resistance"}),
+            "resistance_model": (
+                coil, ac.model.values[nearest].astype(object), {"long_name": "model of the AC resistance"}
+            ),
+            "capacitance": (
+                ("coil", "other"),
+                prepared.capacitance.capacitance.values,
+                {"units": "F", "long_name": "capacitance matrix"},
+            ),
         },
         coords={
             "state": [state.name for state in plan], "coil": list(network.names), "other": list(network.names),
@@ -305,12 +331,19 @@ def sweep_design(
     dims = ("frequency", "state")
     return xr.Dataset(
         {
-            "impedance_real": (dims, Z.real, {"units": "ohm"}),
-            "impedance_imag": (dims, Z.imag, {"units": "ohm"}),
-            "apparent_inductance": (dims, Z.imag / (2 * np.pi * f[:, None]), {"units": "H"}),
-            "quality_factor": (dims, Z.imag / Z.real, {"units": "1"}),
+            "impedance_real": (dims, Z.real, {"units": "ohm", "long_name": "resistance, Re Z"}),
+            "impedance_imag": (dims, Z.imag, {"units": "ohm", "long_name": "reactance, Im Z"}),
+            "apparent_inductance": (
+                dims,
+                Z.imag / (2 * np.pi * f[:, None]),
+                {"units": "H", "long_name": "apparent inductance"},
+            ),
+            "quality_factor": (dims, Z.imag / Z.real, {"units": "1", "long_name": "quality factor"}),
         },
-        coords={"frequency": ("frequency", f, {"units": "Hz"}), "state": [state.name for state in plan]},
+        coords={
+            "frequency": ("frequency", f, {"units": "Hz", "long_name": "frequency"}),
+            "state": [state.name for state in plan],
+        },
         attrs=provenance(design),
     )
 

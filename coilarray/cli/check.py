@@ -7,33 +7,33 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from coilarray.cli.maps import check_file
-from coilarray.cli.shared import AllowViolations, AsJson, DesignArgument, print_json, print_table
+from coilarray.cli import shared
 from coilarray.errors import DesignError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from coilarray.design.fab_limits import FabProfile
-    from coilarray.geometry import CoilArray, Margin
+    from coilarray.geometry import Margin
     from coilarray.report.tables import Table
 
 
 def check(
-    design: DesignArgument = None,
+    design: shared.DesignArgument = None,
     every: Annotated[
-        bool, typer.Option("--all", help="Every margin, not only the worst of each rule on each layer.")
+        bool, typer.Option("--all", help="Print every margin, not only the worst of each rule on each layer.")
     ] = False,
     fab: Annotated[
-        str | None, typer.Option("--fab", metavar="NAME", help="Take the limits of this profile, not the design's.")
+        str | None,
+        typer.Option("--fab", metavar="NAME", help="Check against the limits of this profile instead of the design's."),
     ] = None,
-    list_fabs: Annotated[bool, typer.Option("--list-fabs", help="Name the bundled profiles and leave.")] = False,
+    list_fabs: Annotated[bool, typer.Option("--list-fabs", help="Print the bundled profiles and exit.")] = False,
     picture: Annotated[
         Path | None, typer.Option("--picture", help="Also draw the worst places: .png, .svg or .pdf.")
     ] = None,
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="Also write every margin: .csv.")] = None,
-    as_json: AsJson = False,
-    allow_violations: AllowViolations = False,
+    out: Annotated[Path | None, shared.out_option("Also write every margin: .csv.")] = None,
+    as_json: shared.AsJson = False,
+    allow_violations: shared.AllowViolations = False,
 ) -> None:
     """Check a design against its fabrication rules.
 
@@ -42,8 +42,8 @@ def check(
 
     Example: coilarray check gast2020 --fab oshpark-4-layer --picture worst.png
     """
-    check_file("--picture", picture, (".png", ".svg", ".pdf"))
-    check_file("--out", out, (".csv",))
+    shared.check_file("--picture", picture, shared.PICTURES)
+    shared.check_file("--out", out, (".csv",))
     from coilarray.compute.files import write_text
     from coilarray.design import fabs
     from coilarray.design.fab_limits import load_profile
@@ -64,23 +64,18 @@ def check(
     if out is not None:
         write_text(out, rules_table(margins).csv())
     if picture is not None:
-        _draw(picture, opened.array, shown)
-    if as_json:
-        print_json(
-            {
-                "design": opened.name,
-                "design_hash": opened.digest,
-                "fab": None if profile is None else _source(profile),
-                "rules": rules_table(margins).records(),
-            }
-        )
-    else:
+        from coilarray.viz.plots.check import check_figure
+
+        shared.draw(picture, lambda: check_figure(opened.array, shown))
+    if not as_json:
         _print_margins(rules_table(shown), profile.title if profile else "the design")
-        if len(shown) < len(margins):
-            typer.echo(f"… and {len(margins) - len(shown)} more (--all)")
-        for path in (out, picture):
-            if path is not None:
-                typer.echo(f"wrote {path}")
+    source = None if profile is None else _source(profile)
+    shared.print_result(
+        {**shared.design_record(opened), "fab": source, "rules": rules_table(margins).records()},
+        as_json=as_json,
+        lines=[f"… and {len(margins) - len(shown)} more (--all)"] if len(shown) < len(margins) else (),
+        files=(out, picture),
+    )
     if not allow_violations:
         require_kept(margins)
     if not as_json:
@@ -93,13 +88,6 @@ def _worst_of_each(margins: Sequence[Margin]) -> list[Margin]:
     for margin in margins:
         first.setdefault((margin.rule, margin.layer), margin)
     return list(first.values())
-
-
-def _draw(path: Path, array: CoilArray, margins: Sequence[Margin]) -> None:
-    from coilarray.compute.files import write_atomically
-    from coilarray.viz.plots.check import check_figure
-
-    write_atomically(path, check_figure(array, margins).savefig)
 
 
 def _source(profile: FabProfile) -> dict[str, object]:
@@ -119,13 +107,15 @@ def _print_profiles(profiles: Sequence[FabProfile]) -> None:
         [profile.name, profile.title, *(f"{profile.limits.get(key, '')}" for key in keys), profile.read.isoformat()]
         for profile in profiles
     ]
-    print_table(("profile", "board house", "trace", "gap", "drill", "layers", "read"), rows, title="lengths in mm")
+    shared.print_table(
+        ("profile", "board house", "trace", "gap", "drill", "layers", "read"), rows, title="lengths in mm"
+    )
 
 
 def _print_margins(table: Table, whose: str) -> None:
     cells = [[str(k + 1), *row] for k, row in enumerate(table.cells())]
-    print_table(
-        ("no.", *(column.header for column in table.columns[:-1])),
+    shared.print_table(
+        ("no.", *table.headers[:-1]),
         [row[:-1] for row in cells],
         title=f"margins to the limits of {whose}, the worst first",
         marked=[k for k, row in enumerate(cells) if row[-1] == "no"],

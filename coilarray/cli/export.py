@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from coilarray.cli.maps import check_file
-from coilarray.cli.shared import AllowViolations, AsJson, DesignArgument, open_design, print_json
+from coilarray.cli import shared
 from coilarray.errors import OutputError, RuleViolationError
 
 if TYPE_CHECKING:
@@ -30,31 +29,30 @@ _SUFFIXES: dict[str, tuple[str, ...]] = {
 
 
 def export(
-    design: DesignArgument = None,
+    design: shared.DesignArgument = None,
     *,
     to: Annotated[Format, typer.Option("--to", help="Format to write.")],
     out: Annotated[
-        Path | None,
-        typer.Option("--out", "-o", help="File to write, for kicad a folder; named after the design by default."),
+        Path | None, shared.out_option("File to write, for kicad a folder; named after the design by default.")
     ] = None,
     no_sheets: Annotated[
         bool, typer.Option("--no-sheets", help="Leave the elastomer out of step, stl and glb.")
     ] = False,
-    force: Annotated[bool, typer.Option("--force", help="Replace files that exist.")] = False,
-    as_json: AsJson = False,
-    allow_violations: AllowViolations = False,
+    force: shared.Force = False,
+    as_json: shared.AsJson = False,
+    allow_violations: shared.AllowViolations = False,
 ) -> None:
     """Write a board for fabrication or for another program.
 
-    kicad: a project with board and footprints. gerber: a zip of Gerber X2 and Excellon files for a board house; both
-    are read back before they take their place, and every coil must be whole and apart from the others. dxf, svg:
+    kicad: a project with board and footprints. gerber: a zip of Gerber X2 and Excellon files for a board house. Both
+    are read back before they replace anything, and every coil must be in one piece and apart from the others. dxf, svg:
     drawings in mm. step, stl: solids in mm. glb: a scene for viewers.
 
     Example: coilarray export gast2020 --to gerber --out board.zip
     """
     if out is not None:
         _check(out, to, force=force)
-    opened = open_design(design, allow_violations=allow_violations)
+    opened = shared.open_design(design, allow_violations=allow_violations)
     target = Path(_default_name(opened.name, to)) if out is None else out
     if out is None:
         _check(target, to, force=force)
@@ -68,18 +66,16 @@ def export(
 
     written = _write(opened, target, to, check, with_sheets=not no_sheets)
     sizes = [path.stat().st_size for path in written]
-    if as_json:
-        files = [{"path": str(path), "bytes": size} for path, size in zip(written, sizes, strict=True)]
-        print_json(
-            {"design": opened.name, "design_hash": opened.digest, "format": to, "files": files, "net_faults": faults}
-        )
-        return
-    for path, size in zip(written, sizes, strict=True):
-        typer.echo(f"wrote {path} ({_readable(size)})")
-    for fault in faults:
-        typer.echo(f"warning: {fault}")
+    lines = [f"wrote {path} ({_readable(size)})" for path, size in zip(written, sizes, strict=True)]
+    lines += [f"warning: {fault}" for fault in faults]
     if to in ("kicad", "gerber") and not faults:
-        typer.echo(f"net check of the copper as written: {len(opened.array.names)} coils, each whole and by itself")
+        lines.append(f"net check of the copper as written: {len(opened.array.names)} coils, each whole and by itself")
+    files = [{"path": str(path), "bytes": size} for path, size in zip(written, sizes, strict=True)]
+    shared.print_result(
+        {**shared.design_record(opened), "format": to, "files": files, "net_faults": faults},
+        as_json=as_json,
+        lines=lines,
+    )
 
 
 def _default_name(name: str, to: Format) -> str:
@@ -101,7 +97,7 @@ def _check(target: Path, to: Format, *, force: bool) -> None:
         if to == "kicad":
             _check_project_folder(target)
         else:
-            check_file("--out", target, _SUFFIXES[to])
+            shared.check_file("--out", target, _SUFFIXES[to])
         folder = target if target.is_dir() else target.parent
         if not os.access(folder, os.W_OK | os.X_OK):
             raise OutputError(f"cannot write {target}: nothing may be written in the folder {folder}.")

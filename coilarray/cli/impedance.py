@@ -7,30 +7,23 @@ from typing import Annotated
 
 import typer
 
-from coilarray.cli.maps import check_file
-from coilarray.cli.shared import (
-    AllowViolations,
-    AsJson,
-    DesignArgument,
-    open_design,
-    print_json,
-    print_table,
-    progress_bar,
-)
+from coilarray.cli import shared
 from coilarray.errors import GeometryError
 
 _MOST_POINTS = 10_000
 
 
 def impedance(
-    design: DesignArgument = None,
+    design: shared.DesignArgument = None,
     from_mhz: Annotated[float, typer.Option("--from-MHz", help="Lowest frequency of the sweep.")] = 0.1,
     to_mhz: Annotated[float, typer.Option("--to-MHz", help="Highest frequency of the sweep.")] = 10.0,
-    points: Annotated[int, typer.Option("--points", help="Frequencies, evenly spaced on a logarithmic scale.")] = 50,
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="Also write the sweep: .nc or .csv.")] = None,
-    plot: Annotated[Path | None, typer.Option("--plot", help="Also draw L over frequency: .png, .svg or .pdf.")] = None,
-    as_json: AsJson = False,
-    allow_violations: AllowViolations = False,
+    points: Annotated[
+        int, typer.Option("--points", help="Number of frequencies, evenly spaced on a logarithmic scale.")
+    ] = 50,
+    out: Annotated[Path | None, shared.out_option("Also write the sweep: .nc or .csv.")] = None,
+    plot: Annotated[Path | None, shared.plot_option("the apparent inductance over frequency")] = None,
+    as_json: shared.AsJson = False,
+    allow_violations: shared.AllowViolations = False,
 ) -> None:
     """Solve the circuit: resonance of every state, and impedance over frequency.
 
@@ -42,13 +35,11 @@ def impedance(
         raise GeometryError(f"--from-MHz must be at least 1e-06 and below --to-MHz; got {from_mhz:g} and {to_mhz:g}.")
     if not 2 <= points <= _MOST_POINTS:
         raise GeometryError(f"--points must be 2 to {_MOST_POINTS}; got {points}.")
-    check_file("--out", out, (".nc", ".csv"))
-    check_file("--plot", plot, (".png", ".svg", ".pdf"))
+    shared.check_file("--out", out, (".nc", ".csv"))
+    shared.check_file("--plot", plot, shared.PICTURES)
     import numpy as np
 
     from coilarray.circuit.impedance import close_channels, design_network, scan_design, sweep_design
-    from coilarray.compute.files import write_atomically, write_text
-    from coilarray.compute.netcdf import save_dataset
     from coilarray.report.circuit_tables import (
         drive_table,
         limit_table,
@@ -58,58 +49,40 @@ def impedance(
         winding_table,
     )
 
-    opened = open_design(design, allow_violations=allow_violations)
+    opened = shared.open_design(design, allow_violations=allow_violations)
     network = design_network(opened)
-    with progress_bar("states") as progress:
-        scan = scan_design(opened, progress, network)
-    with progress_bar(f"impedance at {points} frequencies") as progress:
-        sweep = sweep_design(opened, np.geomspace(from_mhz * 1e6, to_mhz * 1e6, points), progress, network)
-    if out is not None and out.suffix.lower() == ".nc":
-        save_dataset(sweep, out)
-    elif out is not None:
-        write_text(out, sweep_table(sweep).csv())
+    with shared.progress_bar("states") as progress:
+        scan = scan_design(opened, progress=progress, prepared=network)
+    with shared.progress_bar(f"impedance at {points} frequencies") as progress:
+        frequencies = np.geomspace(from_mhz * 1e6, to_mhz * 1e6, points)
+        sweep = sweep_design(opened, frequencies, progress=progress, prepared=network)
+    shared.write_numbers(out, sweep, sweep_table(sweep).csv)
     if plot is not None:
-        from matplotlib.figure import Figure
-
         from coilarray.viz import plot_frequency_sweep
 
-        ax = plot_frequency_sweep(sweep)
-        assert isinstance(ax.figure, Figure)
-        write_atomically(plot, ax.figure.savefig)
-    states, limits = state_table(scan), limit_table(scan)
+        shared.draw(plot, lambda: plot_frequency_sweep(sweep))
+    states, windings, drives, limits = state_table(scan), winding_table(scan), drive_table(scan), limit_table(scan)
     close = close_channels(scan.state.values.tolist(), scan.frequency.values)
-    if as_json:
-        print_json(
-            {
-                "design": opened.name,
-                "design_hash": opened.digest,
-                "states": states.records(),
-                "windings": winding_table(scan).records(),
-                "state_currents": state_current_table(scan).records(),
-                "capacitance_F": scan.capacitance.values.tolist(),
-                "ldc1614_drive": drive_table(scan).records(),
-                "ldc1614": limits.records(),
-                "close_channels": [{"states": [a, b], "relative_distance": d} for a, b, d in close],
-                "sweep": sweep_table(sweep).records(),
-            }
-        )
-        return
-    for table in (states, winding_table(scan), drive_table(scan)):
-        print_table([column.header for column in table.columns], table.cells())
-        typer.echo()
-    broken = [row for row in limits.rows if not row[-1]]
-    for state, limit, value, low, high, _ in broken:
-        typer.echo(
-            f"LDC1614, {state}: {limit} is {value:.4g}, allowed {low:g} to {high if high == '' else f'{high:g}'}"
-        )
-    if not broken:
-        typer.echo("LDC1614: all limits are kept")
+    data = {
+        **shared.design_record(opened),
+        "states": states.records(),
+        "windings": windings.records(),
+        "state_currents": state_current_table(scan).records(),
+        "capacitance_F": scan.capacitance.values.tolist(),
+        "ldc1614_drive": drives.records(),
+        "ldc1614": limits.records(),
+        "close_channels": [{"states": [a, b], "relative_distance": d} for a, b, d in close],
+        "sweep": sweep_table(sweep).records(),
+    }
+    lines = [
+        f"LDC1614, {state}: {limit} is {value:.4g}, allowed {low:g} to {high if high == '' else f'{high:g}'}"
+        for state, limit, value, low, high, kept in limits.rows
+        if not kept
+    ] or ["LDC1614: all limits are kept"]
     if close:
         a, b, distance = close[0]
-        typer.echo(
+        lines.append(
             f"warning: {len(close)} pairs of states are closer than 3 % in frequency (closest {a} and {b}, "
             f"{distance * 100:.2g} %): harmless one after another, not at the same time"
         )
-    for path in (out, plot):
-        if path is not None:
-            typer.echo(f"wrote {path}")
+    shared.print_result(data, as_json=as_json, tables=(states, windings, drives), lines=lines, files=(out, plot))

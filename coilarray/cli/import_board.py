@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from coilarray.cli.shared import AsJson, print_json, print_table
+from coilarray.cli import shared
 from coilarray.errors import BoardError, OutputError
 
 if TYPE_CHECKING:
@@ -28,12 +28,11 @@ def import_board(
         typer.Option("--nets", help="Names of the nets that are coils, as A,B; by default every net that winds."),
     ] = None,
     stackup: Annotated[
-        str | None,
-        typer.Option("--stackup", metavar="DESIGN", help="Design whose [stackup] to take for the board's."),
+        str | None, typer.Option("--stackup", metavar="DESIGN", help="Design whose [stackup] to take for the board's.")
     ] = None,
-    out: Annotated[Path, typer.Option("--out", "-o", help="Design file to write.")] = Path("design.toml"),
-    force: Annotated[bool, typer.Option("--force", help="Replace a file that exists.")] = False,
-    as_json: AsJson = False,
+    out: Annotated[Path, shared.out_option("Design file to write.")] = Path("design.toml"),
+    force: shared.Force = False,
+    as_json: shared.AsJson = False,
 ) -> None:
     """Make a design file of the coils of an existing board.
 
@@ -41,13 +40,12 @@ def import_board(
 
     Example: coilarray import board.kicad_pcb --nets coil1,coil2 --out board.toml
     """
-    from coilarray.cli.maps import check_file
     from coilarray.compute.files import write_text
     from coilarray.design.model import parse_design
     from coilarray.design.write import design_text
     from coilarray.geometry.readers import trace_coils, traced_array
 
-    check_file("--out", out, (".toml",))
+    shared.check_file("--out", out, (".toml",))
     if out.exists() and not force:
         raise OutputError(f"{out} exists; --force replaces it.")
     copper = _read(board, stackup)
@@ -60,32 +58,26 @@ def import_board(
     parse_design(text, origin=str(board))  # what no design can be is refused here, not by the next command
     write_text(out, text)
     records = _records(tracing, traced)
-    if as_json:
-        print_json(
-            {
-                "board": str(board),
-                "design": str(out),
-                "coils": records,
-                "left_out": tracing.left_out,
-                "assumed": traced.assumed,
-                "notes": [*traced.notes, _NO_FAB],
-            }
+    notes = [*traced.notes, _NO_FAB]
+    if not as_json:
+        shared.print_table(
+            ("coil", "net", "shape", "layers", "turns", "length", "trace width", "vias", "x", "y"),
+            [_cells(record) for record in records],
+            title=f"coils of {board.name}; lengths in mm, turns anticlockwise positive",
         )
-        return
-    print_table(
-        ("coil", "net", "shape", "layers", "turns", "length", "trace width", "vias", "x", "y"),
-        [_cells(record) for record in records],
-        title=f"coils of {board.name}; lengths in mm, turns anticlockwise positive",
-    )
-    if tracing.left_out:
-        typer.echo("\nnets with tracks that are no coils")
-        for net, reason in tracing.left_out.items():
-            typer.echo(f"  {net}: {reason}")
-    for key, reason in traced.assumed.items():
-        typer.echo(f"assumed: {key}: {reason}")
-    for note in (*traced.notes, _NO_FAB):
-        typer.echo(f"note: {note}")
-    typer.echo(f"wrote {out}; next: coilarray check {out}")
+    lines = ["\nnets with tracks that are no coils"] if tracing.left_out else []
+    lines += [f"  {net}: {reason}" for net, reason in tracing.left_out.items()]
+    lines += [f"assumed: {key}: {reason}" for key, reason in traced.assumed.items()]
+    lines += [*(f"note: {note}" for note in notes), f"wrote {out}; next: coilarray check {out}"]
+    data = {
+        "board": str(board),
+        "design": str(out),
+        "coils": records,
+        "left_out": tracing.left_out,
+        "assumed": traced.assumed,
+        "notes": notes,
+    }
+    shared.print_result(data, as_json=as_json, lines=lines)
 
 
 def _read(board: Path, stackup: str | None) -> BoardCopper:

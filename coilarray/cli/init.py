@@ -7,13 +7,14 @@ from typing import Annotated
 
 import typer
 
+from coilarray.cli import shared
 from coilarray.errors import DesignError, OutputError
 
 
 def init(
     file: Annotated[Path, typer.Argument(help="File to write.")] = Path("design.toml"),
     copied: Annotated[str, typer.Option("--from", help="Bundled design to copy.")] = "starter",
-    force: Annotated[bool, typer.Option("--force", help="Replace a file that exists.")] = False,
+    force: shared.Force = False,
 ) -> None:
     """Write a commented design file to start from.
 

@@ -50,31 +50,14 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
-app.command("report")(report.report)
-app.command("init")(init.init)
-app.command("check")(check.check)
-app.command("matrix")(matrix.matrix)
-app.command("field")(field.field)
-app.command("impedance")(impedance.impedance)
-app.command("indent")(indent.indent)
-app.command("response")(response.response)
-app.command("fit")(fit.fit)
-app.command("distortion")(distortion.distortion)
-app.command("locate")(locate.locate)
-app.command("sweep")(sweep.sweep)
-app.command("optimize")(optimize.optimize)
-app.command("tolerance")(tolerance.tolerance)
-app.command("export")(export.export)
-app.command("import")(import_board.import_board)
-app.command("view")(view.view)
-app.command("studio")(studio.studio)
-app.command("board")(board.board)
-app.command("measure")(measure.measure)
-app.command("campaign")(campaign.campaign)
-app.command("scan-info")(scan_info.scan_info)
-app.command("calibrate-board")(calibrate_board.calibrate_board)
-app.command("compare")(compare.compare)
-app.command("live")(live.live)
+for _command in (
+    report.report, init.init, check.check, matrix.matrix, field.field, impedance.impedance, indent.indent,
+    response.response, fit.fit, distortion.distortion, locate.locate, sweep.sweep, optimize.optimize,
+    tolerance.tolerance, export.export, import_board.import_board, view.view, studio.studio, board.board,
+    measure.measure, campaign.campaign, scan_info.scan_info, calibrate_board.calibrate_board, compare.compare,
+    live.live,
+):  # fmt: skip
+    app.command("import" if _command is import_board.import_board else _command.__name__.replace("_", "-"))(_command)
 
 
 @app.callback(invoke_without_command=True)

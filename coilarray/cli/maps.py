@@ -3,53 +3,24 @@
 from __future__ import annotations
 
 import math
-import os
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
 
 from coilarray.cli.board_options import marked
+from coilarray.cli.shared import PICTURES as PICTURES
+from coilarray.cli.shared import check_file as check_file
 from coilarray.cli.shared import open_design, progress_bar
-from coilarray.errors import LocalizeError, OutputError
+from coilarray.errors import LocalizeError
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from coilarray.design.model import Design
 
-PICTURES = (".png", ".svg", ".pdf")
-
-
 _SQLITE = b"SQLite format 3\0"  # begins every file of SQLite
 _RECORDING = ".sqlite"
-
-
-def check_file(option: str, path: Path | None, suffixes: Sequence[str] | None) -> None:
-    """Refuse before a long computation what could not be written after it; no path is right.
-
-    Raises
-    ------
-    OutputError
-        Another suffix, where there are some; a folder of that name, or a folder that is not there, cannot be looked
-        into, or where nothing may be written.
-    """
-    if path is None:
-        return
-    if suffixes is not None and path.suffix.lower() not in suffixes:
-        listed = " or ".join([", ".join(suffixes[:-1]), suffixes[-1]] if len(suffixes) > 1 else suffixes)
-        raise OutputError(f"{option} must end in {listed}; got {path}.")
-    try:
-        taken, placed = path.is_dir(), path.parent.is_dir()
-    except OSError as error:
-        raise OutputError(f"cannot write {path}: {error.strerror}.") from None
-    if taken:
-        raise OutputError(f"cannot write {path}: it is a folder.")
-    if not placed:
-        raise OutputError(f"cannot write {path}: there is no folder {path.parent}.")
-    if not os.access(path.parent, os.W_OK):
-        raise OutputError(f"cannot write {path}: nothing may be written in the folder {path.parent}.")
 
 
 def depth_in_metres(depth_mm: float | None) -> float | None:

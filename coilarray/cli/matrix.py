@@ -4,34 +4,22 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
-import typer
-
-from coilarray.cli.shared import (
-    AllowViolations,
-    AsJson,
-    DesignArgument,
-    open_design,
-    print_json,
-    print_table,
-    progress_bar,
-)
+from coilarray.cli import shared
 from coilarray.errors import OutputError
-
-if TYPE_CHECKING:
-    import numpy as np
-    import numpy.typing as npt
 
 
 def matrix(
-    design: DesignArgument = None,
+    design: shared.DesignArgument = None,
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", help="Also write .nc (all), .csv (pairs), .cir (SPICE), .sNp or .inp (FastHenry)."),
+        shared.out_option(
+            "Also write the network: .nc (all), .csv (pairs), .cir or .sub (SPICE), .sNp or .inp (FastHenry)."
+        ),
     ] = None,
-    as_json: AsJson = False,
-    allow_violations: AllowViolations = False,
+    as_json: shared.AsJson = False,
+    allow_violations: shared.AllowViolations = False,
 ) -> None:
     """Print the inductance and coupling matrices.
 
@@ -41,45 +29,34 @@ def matrix(
         raise OutputError(f"--out must end in .nc, .csv, .cir, .sub, .sNp or .inp; got {out}.")
     from coilarray.circuit.coupling import couple_design
     from coilarray.circuit.exchange import export_network, fasthenry_input
+    from coilarray.compute.display_units import DisplayUnit, display_unit
     from coilarray.compute.files import write_text
-    from coilarray.compute.netcdf import save_dataset
     from coilarray.report.tables import coil_table, pair_table
 
-    opened = open_design(design, allow_violations=allow_violations)
-    with progress_bar("inductance matrix") as progress:
-        coupling = couple_design(opened, progress)
-    if out is not None:
-        suffix = out.suffix.lower()
-        if suffix == ".nc":
-            save_dataset(coupling, out)
-        elif suffix == ".csv":
-            write_text(out, pair_table(coupling).csv())
-        elif suffix == ".inp":
-            frequencies = [float(coupling.frequency.mean())]
-            write_text(out, fasthenry_input(opened.array, frequencies, title=opened.name))
-        else:
-            export_network(coupling, out)
-    if as_json:
-        print_json(
-            {
-                "design": opened.name,
-                "design_hash": opened.digest,
-                "names": coupling.coil.values.tolist(),
-                "inductance_H": coupling.inductance.values.tolist(),
-                "coupling": coupling.coupling.values.tolist(),
-                "coils": coil_table(opened, coupling).records(),
-                "pairs": pair_table(coupling).records(),
-            }
-        )
-        return
-    names = coupling.coil.values.tolist()
-    _print("L and M (µH)", names, coupling.inductance.values * 1e6, 4)
-    typer.echo()
-    _print("k", names, coupling.coupling.values, 5)
-    if out is not None:
-        typer.echo(f"wrote {out}")
-
-
-def _print(title: str, names: list[str], values: npt.NDArray[np.float64], digits: int) -> None:
-    rows = [[name, *(f"{value:.{digits}f}" for value in row)] for name, row in zip(names, values.tolist(), strict=True)]
-    print_table(("", *names), rows, title)
+    opened = shared.open_design(design, allow_violations=allow_violations)
+    with shared.progress_bar("inductance matrix") as progress:
+        coupling = couple_design(opened, progress=progress)
+    suffix = "" if out is None else out.suffix.lower()
+    if suffix in ("", ".nc", ".csv"):
+        shared.write_numbers(out, coupling, pair_table(coupling).csv)
+    elif out is not None and suffix == ".inp":
+        write_text(out, fasthenry_input(opened.array, [float(coupling.frequency.mean())], title=opened.name))
+    elif out is not None:
+        export_network(coupling, out)
+    if not as_json:
+        names = coupling.coil.values.tolist()
+        for title, matrix_of, unit in (
+            ("L and M", coupling.inductance, display_unit("H")),
+            ("\nk", coupling.coupling, DisplayUnit(digits=5)),
+        ):
+            rows = [[name, *unit.texts(row)] for name, row in zip(names, matrix_of.values.tolist(), strict=True)]
+            shared.print_table(("", *names), rows, unit.label(title))
+    data = {
+        **shared.design_record(opened),
+        "names": coupling.coil.values.tolist(),
+        "inductance_H": coupling.inductance.values.tolist(),
+        "coupling": coupling.coupling.values.tolist(),
+        "coils": coil_table(opened, coupling).records(),
+        "pairs": pair_table(coupling).records(),
+    }
+    shared.print_result(data, as_json=as_json, files=[out])

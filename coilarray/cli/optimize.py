@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from coilarray.cli.shared import print_json, print_table
-from coilarray.errors import ClusterError, GoalError
+from coilarray.cli import shared
+from coilarray.errors import GoalError
 
 if TYPE_CHECKING:
     from coilarray.design.model import Design
@@ -27,29 +27,25 @@ def optimize(
     goal: Annotated[
         str | None, typer.Argument(metavar="GOAL", help="Goal file (TOML) or name of a bundled goal.")
     ] = None,
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the results and of the study.")] = Path(
-        "optimization"
-    ),
-    trials: Annotated[int | None, typer.Option("--trials", help="Points to try; the goal's by default.")] = None,
-    workers: Annotated[int | None, typer.Option("--workers", help="Local processes; one a core by default.")] = None,
-    cluster: Annotated[
-        str | None, typer.Option("--cluster", metavar="tcp://HOST:PORT", help="Dask scheduler whose workers to use.")
+    out: Annotated[Path, shared.out_option("Folder for the results and the study.")] = Path("optimization"),
+    trials: Annotated[
+        int | None, typer.Option("--trials", help="Number of points to try; the goal's by default.")
     ] = None,
-    cache: Annotated[
-        Path | None, typer.Option("--cache", metavar="DIR", help="Folder of points once computed.")
-    ] = None,
+    workers: shared.Workers = None,
+    cluster: shared.Cluster = None,
+    cache: shared.Cache = None,
     list_quantities: Annotated[
-        bool, typer.Option("--list-quantities", help="Name what a goal may speak of and leave.")
+        bool, typer.Option("--list-quantities", help="Print the quantities that a goal may use, and exit.")
     ] = False,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print the result as JSON in the units of its names, and nothing else.")
     ] = False,
 ) -> None:
-    """Change a design until it is best by a goal.
+    """Change a design until it is the best by a goal.
 
-    The goal names entries of the design that may change, quantities to make small or large, and bounds to keep. Every
-    point is kept in the folder as soon as it is known: the same command takes a run up that was stopped or killed, and
-    a larger --trials goes on. Writes trials.csv, result.json, report.html and the best designs as files.
+    The goal names entries of the design that may change, quantities to minimise or maximise, and bounds to keep. Every
+    point is stored in the folder as soon as it is computed: the same command resumes a run that was stopped, and one
+    with a larger --trials continues it. Writes trials.csv, result.json, report.html and the best designs as files.
 
     Example: coilarray optimize gast2020 worst_k --trials 100 --out better
     """
@@ -58,11 +54,8 @@ def optimize(
         return
     if design is None or goal is None:
         raise GoalError("a design and a goal must be given, as in: coilarray optimize gast2020 worst_k.")
-    if workers is not None and cluster is not None:
-        raise ClusterError("--workers is for processes of this machine; it cannot be given with --cluster.")
+    shared.check_workers(workers, cluster)
     from coilarray.compute.store import open_store
-    from coilarray.compute.workers import default_count
-    from coilarray.compute.workers import workers as open_workers
     from coilarray.design.model import load_design
     from coilarray.report.optimization import write_optimization_report
     from coilarray.studies.optimize.goal import load_goal
@@ -79,22 +72,12 @@ def optimize(
     found = points_found(out, opened, wanted)
     if found:
         typer.echo(f"coilarray: going on with {found} points of an earlier run in {out}", err=True)
-    try:
-        with (
-            open_workers(default_count() if workers is None else workers, cluster) as pool,
-            _progress(wanted) as show,
-        ):
-
-            def report(done: int, total: int, best: Trial | None) -> None:
-                nonlocal found
-                found = max(found, done)
-                show(done, total, best)
-
-            result = optimize_design(opened, wanted, out, pool, kept, progress=report)
-    except (KeyboardInterrupt, ClusterError):
-        if found:
-            typer.echo(f"coilarray: {found} points are kept in {out}; the same command goes on from there", err=True)
-        raise
+    with (
+        shared.resumable(lambda done: f"{done} points are kept in {out}", found) as counting,
+        shared.open_pool(workers, cluster) as pool,
+        _progress(wanted) as show,
+    ):
+        result = optimize_design(opened, wanted, out, pool, kept, progress=counting(show))
     if result.goal.search.trials > wanted.search.trials:
         typer.echo(
             f"coilarray: an earlier run in {out} tried {result.goal.search.trials} points of the search; "
@@ -102,12 +85,9 @@ def optimize(
             err=True,
         )
     files = (*write_optimization(result, out), write_optimization_report(result, out))
-    if as_json:
-        print_json({**result_data(result), "files": [str(path) for path in files]})
-        return
-    _print_result(result)
-    for path in files:
-        typer.echo(f"wrote {path}")
+    if not as_json:
+        _print_result(result)
+    shared.print_result({**result_data(result), "files": [str(path) for path in files]}, as_json=as_json, files=files)
 
 
 def _with_trials(goal: Goal, trials: int | None) -> Goal:
@@ -133,9 +113,9 @@ def _print_quantities(*, as_json: bool) -> None:
     ]
     headers = ("quantity", "unit", "options", "needs", "what it is")
     if as_json:
-        print_json([dict(zip(headers, row, strict=True)) for row in rows])
+        shared.print_json([dict(zip(headers, row, strict=True)) for row in rows])
     else:
-        print_table(headers, rows)
+        shared.print_table(headers, rows)
 
 
 def _print_result(result: Optimization) -> None:
@@ -158,7 +138,7 @@ def _print_result(result: Optimization) -> None:
     ] + [
         [axis.entry, *(_text(result.values(trial)[axis.entry]) for trial in shown)] for axis in result.axes
     ]  # fmt: skip
-    print_table(("", "as it was", *(one.label for one in chosen)), rows, title=tried)
+    shared.print_table(("", "as it was", *(one.label for one in chosen)), rows, title=tried)
     broken = [one.label for one in chosen if not _keeps_rules(one.design)]
     if broken:
         typer.echo(f"{', '.join(broken)} break fabrication rules (coilarray check); fab_margin_mm can be a constraint")
@@ -191,11 +171,11 @@ def _progress(goal: Goal) -> Iterator[SearchProgress]:
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task("", total=None)
 
-        def report(done: int, total: int, best: Trial | None) -> None:
+        def progress(done: int, total: int, best: Trial | None) -> None:
             text = "" if best is None else f"best {goal.objectives[0].quantity} {_best(goal, best):.5g}"
             bar.update(task, completed=done, total=total, description=text)
 
-        yield report
+        yield progress
 
 
 def _best(goal: Goal, best: Trial) -> float:

@@ -8,15 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from coilarray.cli.shared import (
-    AllowViolations,
-    AsJson,
-    DesignArgument,
-    open_design,
-    print_json,
-    print_table,
-    progress_bar,
-)
+from coilarray.cli import shared
 
 if TYPE_CHECKING:
     import numpy as np
@@ -25,29 +17,29 @@ if TYPE_CHECKING:
 
 
 def report(
-    design: DesignArgument = None,
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for report.html and report/.")] = Path(),
-    as_json: AsJson = False,
-    allow_violations: AllowViolations = False,
+    design: shared.DesignArgument = None,
+    out: Annotated[Path, shared.out_option("Folder for report.html and the folder report.")] = Path(),
+    as_json: shared.AsJson = False,
+    allow_violations: shared.AllowViolations = False,
 ) -> None:
     """Write the coupling report of a design.
 
-    Makes report.html and the folder report with its numbers as CSV, JSON and netCDF.
+    Writes report.html and the folder report, which has its numbers as CSV, JSON and netCDF.
 
     Example: coilarray report gast2020 --out results
     """
     from coilarray.report import write_report
 
-    opened = open_design(design, allow_violations=allow_violations)
-    with progress_bar(f"report of {opened.name}") as progress:
-        made = write_report(opened, out, progress)
+    opened = shared.open_design(design, allow_violations=allow_violations)
+    with shared.progress_bar(f"report of {opened.name}") as progress:
+        made = write_report(opened, out, progress=progress)
     if made.rendering_problem is not None:
         typer.echo(f"coilarray: note: {made.rendering_problem}", err=True)
     if as_json:
-        print_json(made.data)
+        shared.print_json(made.data)
         return
     typer.echo(f"wrote {made.page} and the data in {made.folder}{os.sep}")
-    print_table(*_summary(opened.array.centres, made.coupling))
+    shared.print_table(*_summary(opened.array.centres, made.coupling))
 
 
 def _summary(centres: npt.NDArray[np.float64], coupling: xr.Dataset) -> tuple[list[str], list[list[str]]]:

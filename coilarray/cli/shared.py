@@ -1,20 +1,44 @@
-"""Arguments and habits that every command shares."""
+"""What the commands share: arguments and options, and how a command ends.
+
+A command ends with `print_result`, which prints JSON, or tables and the names of the files that `write_numbers` and
+`draw` wrote. Declare an option here as soon as a second command has it.
+"""
 
 from __future__ import annotations
 
 import itertools
 import json
-from collections.abc import Iterator, Sequence
+import os
+import textwrap
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Annotated, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from coilarray.errors import ElastomerError
+from coilarray.errors import ClusterError, ElastomerError, OutputError
 
 if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
     from coilarray.compute.threads import Progress
+    from coilarray.compute.workers import Pool
     from coilarray.design.model import Design
+    from coilarray.report.tables import Table
+
+
+def out_option(text: str) -> Any:
+    """Return the option --out with its help text."""
+    return typer.Option("--out", "-o", help=text)
+
+
+def plot_option(what: str) -> Any:
+    """Return the option --plot for a picture of what is named, such as "the maps"."""
+    return typer.Option("--plot", help=f"Also draw {what}: .png, .svg or .pdf.")
+
 
 DesignArgument = Annotated[
     str | None,
@@ -24,13 +48,26 @@ AllowViolations = Annotated[
     bool, typer.Option("--allow-violations", help="Go on with a design that breaks a fabrication rule.")
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the numbers as JSON in SI units, and nothing else.")]
-Workers = Annotated[int | None, typer.Option("--workers", help="Local processes of one thread; one a core by default.")]
+Force = Annotated[bool, typer.Option("--force", help="Replace files that exist.")]
+Accuracy = Annotated[
+    Literal["full", "screen"], typer.Option("--accuracy", help="Accuracy of the inductances; screen is much faster.")
+]
+Workers = Annotated[
+    int | None, typer.Option("--workers", help="Number of local processes of one thread; one for each core by default.")
+]
 Cluster = Annotated[
-    str | None, typer.Option("--cluster", help="Dask scheduler, tcp://host:port, whose workers compute instead.")
+    str | None,
+    typer.Option("--cluster", metavar="tcp://HOST:PORT", help="Dask scheduler whose workers compute instead."),
+]
+Cache = Annotated[
+    Path | None,
+    typer.Option("--cache", metavar="DIR", help="Folder of results already computed; the user's cache by default."),
 ]
 
+PICTURES = (".png", ".svg", ".pdf")
 _MOST_LENGTHS, _LONGEST_MM = 1000, 100_000.0
 _PIPE_WIDTH = 1000  # characters; output that is read by a program is never cut
+_NARROWEST = 10  # characters of a heading before it goes on in the next line
 
 
 def open_design(name: str | None, *, allow_violations: bool) -> Design:
@@ -38,8 +75,10 @@ def open_design(name: str | None, *, allow_violations: bool) -> Design:
 
     Raises
     ------
-    DesignError, RuleViolationError
-        As `coilarray.load_design` and `coilarray.geometry.require_rules`.
+    DesignError
+        The file is no design.
+    RuleViolationError
+        A rule is broken, and violations are not allowed.
     """
     from coilarray.design.model import load_design
     from coilarray.errors import RuleViolationError
@@ -54,13 +93,18 @@ def open_design(name: str | None, *, allow_violations: bool) -> Design:
     return design
 
 
+def design_record(design: Design) -> dict[str, str]:
+    """Return name and hash of a design as every JSON output has them."""
+    return {"design": design.name, "design_hash": design.digest}
+
+
 def lengths(option: str, text: str) -> list[float]:
-    """Rising lengths in m from a list or a range in mm, as 0.5,1 or START:STOP:COUNT.
+    """Convert a rising list or range in mm, as 0.5,1 or START:STOP:COUNT, to m.
 
     Raises
     ------
     ElastomerError
-        Anything else.
+        Text that is neither.
     """
     import numpy as np
 
@@ -82,8 +126,77 @@ def lengths(option: str, text: str) -> list[float]:
     return [value * 1e-3 for value in values]
 
 
+def check_file(option: str, path: Path | None, suffixes: Sequence[str] | None) -> None:
+    """Refuse before a long computation what could not be written after it; no path is right.
+
+    Raises
+    ------
+    OutputError
+        Another suffix, where there are some; a folder of that name, or a folder that is not there, cannot be looked
+        into, or where nothing may be written.
+    """
+    if path is None:
+        return
+    if suffixes is not None and path.suffix.lower() not in suffixes:
+        listed = " or ".join([", ".join(suffixes[:-1]), suffixes[-1]] if len(suffixes) > 1 else suffixes)
+        raise OutputError(f"{option} must end in {listed}; got {path}.")
+    try:
+        taken, placed = path.is_dir(), path.parent.is_dir()
+    except OSError as error:
+        raise OutputError(f"cannot write {path}: {error.strerror}.") from None
+    if taken:
+        raise OutputError(f"cannot write {path}: it is a folder.")
+    if not placed:
+        raise OutputError(f"cannot write {path}: there is no folder {path.parent}.")
+    if not os.access(path.parent, os.W_OK):
+        raise OutputError(f"cannot write {path}: nothing may be written in the folder {path.parent}.")
+
+
+def write_numbers(out: Path | None, dataset: xr.Dataset, csv: Callable[[], str]) -> None:
+    """Write a dataset as netCDF where the file's name ends in .nc, else its table as CSV; no path writes nothing."""
+    from coilarray.compute.files import write_text
+    from coilarray.compute.netcdf import save_dataset
+
+    if out is not None and out.suffix.lower() == ".nc":
+        save_dataset(dataset, out)
+    elif out is not None:
+        write_text(out, csv())
+
+
+def draw(path: Path | None, plot: Callable[[], Figure | Axes]) -> None:
+    """Draw a figure into a file; no path draws nothing."""
+    if path is None:
+        return
+    from coilarray.compute.files import write_atomically
+
+    drawn = plot()
+    figure: Any = drawn if hasattr(drawn, "savefig") else drawn.figure
+    write_atomically(path, figure.savefig)
+
+
+def print_result(
+    data: Mapping[str, Any],
+    *,
+    as_json: bool,
+    tables: Sequence[Table] = (),
+    titles: bool = False,
+    lines: Sequence[str] = (),
+    files: Sequence[Path | None] = (),
+) -> None:
+    """Print the result of a command: `data` as JSON and nothing else, or tables, sentences and the files written."""
+    if as_json:
+        print_json(data)
+        return
+    for table in tables:
+        print_table(table.headers, table.cells(), table.title if titles else "")
+        if len(tables) > 1:
+            typer.echo()
+    for line in (*lines, *(f"wrote {path}" for path in files if path is not None)):
+        typer.echo(line)
+
+
 def print_json(data: Any) -> None:
-    """Print a value as JSON; a number that is not finite is an error of ours, never NaN in the output."""
+    """Print a value as JSON; a number that is not finite is an error of the program, never NaN in the output."""
     typer.echo(json.dumps(data, indent=1, allow_nan=False))
 
 
@@ -97,20 +210,23 @@ def print_table(
 def table_text(
     headers: Sequence[str], rows: Sequence[Sequence[str]], title: str = "", marked: Sequence[int] = ()
 ) -> str:
-    """Return what `print_table` prints."""
+    """Return what `print_table` prints; on a narrow terminal the headings take several lines."""
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
-    table = Table(title=title or None, title_justify="left", box=None, pad_edge=False, padding=(0, 2, 0, 0))
-    for k, header in enumerate(headers):
-        numeric = all(_is_number(row[k]) for row in rows)
-        table.add_column(header, justify="right" if numeric else "left", no_wrap=True)
-    for k, row in enumerate(rows):
-        table.add_row(*map(Text, row), style="bold red" if k in marked else None)
     console = Console(highlight=False)
     if not console.is_terminal:
         console.width = _PIPE_WIDTH
+    cells = [max((len(row[k]) for row in rows), default=0) for k in range(len(headers))]
+    if sum(max(len(header), cell) + 2 for header, cell in zip(headers, cells, strict=True)) > console.width:
+        headers = ["\n".join(textwrap.wrap(h, max(c, _NARROWEST))) for h, c in zip(headers, cells, strict=True)]
+    table = Table(title=title or None, title_justify="left", box=None, pad_edge=False, padding=(0, 2, 0, 0))
+    for k, header in enumerate(headers):
+        numeric = all(_is_number(row[k]) for row in rows)
+        table.add_column(header, justify="right" if numeric else "left", no_wrap=True, vertical="bottom")
+    for k, row in enumerate(rows):
+        table.add_row(*map(Text, row), style="bold red" if k in marked else None)
     with console.capture() as captured:
         console.print(table)
     return "\n".join(line.rstrip() for line in captured.get().splitlines())
@@ -138,3 +254,47 @@ def progress_bar(text: str) -> Iterator[Progress]:
             bar.update(task, completed=done, total=total)
 
         yield update
+
+
+@contextmanager
+def open_pool(workers: int | None, cluster: str | None, tasks: int | None = None) -> Iterator[Pool]:
+    """Open the processes or the cluster of the options --workers and --cluster, no more processes than tasks."""
+    from coilarray.compute.workers import default_count
+    from coilarray.compute.workers import workers as open_workers
+
+    count = default_count() if workers is None else workers
+    if workers is None and tasks is not None:
+        count = min(count, tasks)
+    with open_workers(count, cluster) as pool:
+        yield pool
+
+
+def check_workers(workers: int | None, cluster: str | None) -> None:
+    """Refuse --workers together with --cluster."""
+    if workers is not None and cluster is not None:
+        raise ClusterError("--workers is for processes of this machine; it cannot be given with --cluster.")
+
+
+@contextmanager
+def resumable(
+    kept: Callable[[int], str], done: int = 0
+) -> Iterator[Callable[[Callable[..., None]], Callable[..., None]]]:
+    """Say on standard error what is kept when the work in the block is interrupted, by the number of finished tasks.
+
+    The block gets a function that makes of a progress function one that also counts.
+    """
+
+    def counting(show: Callable[..., None]) -> Callable[..., None]:
+        def progress(now: int, *rest: Any) -> None:
+            nonlocal done
+            done = max(done, now)
+            show(now, *rest)
+
+        return progress
+
+    try:
+        yield counting
+    except (KeyboardInterrupt, ClusterError):
+        if done:
+            typer.echo(f"coilarray: {kept(done)}; the same command goes on from there", err=True)
+        raise

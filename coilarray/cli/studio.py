@@ -110,7 +110,7 @@ def write_report(document: Document, name: str, folder: Path, progress: Progress
     from coilarray.design.model import build_design
     from coilarray.report import write_report as write
 
-    return write(build_design(document, name), folder, progress).page
+    return write(build_design(document, name), folder, progress=progress).page
 
 
 def kept_response(document: Document, name: str, progress: Progress) -> xr.Dataset:

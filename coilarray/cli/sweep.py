@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from coilarray.cli.maps import PICTURES, check_file
-from coilarray.cli.shared import AsJson, Cluster, DesignArgument, Workers, print_json, print_table, progress_bar
-from coilarray.errors import ClusterError
+from coilarray.cli import shared
 
 if TYPE_CHECKING:
     import xarray as xr
 
 
 def sweep(
-    design: DesignArgument = None,
+    design: shared.DesignArgument = None,
     vary: Annotated[
         list[str] | None,
         typer.Option("--vary", help="KEY=START:STOP:COUNT or KEY=A,B,…, an entry of the design file; repeat for more."),
@@ -28,91 +26,65 @@ def sweep(
     ] = None,
     samples: Annotated[
         int | None,
-        typer.Option("--samples", help="So many points instead of all combinations; KEY=START:STOP will do."),
+        typer.Option(
+            "--samples", help="Number of sampled points, instead of all combinations; then give KEY=START:STOP."
+        ),
     ] = None,
-    seed: Annotated[int, typer.Option("--seed", help="Of the samples.")] = 0,
-    accuracy: Annotated[
-        Literal["full", "screen"], typer.Option("--accuracy", help="Of the inductances; screen is much faster.")
-    ] = "full",
-    workers: Workers = None,
-    cluster: Cluster = None,
-    cache: Annotated[
-        Path | None, typer.Option("--cache", help="Folder of points already computed; the user's cache by default.")
-    ] = None,
-    out: Annotated[Path, typer.Option("--out", "-o", help="File to write: .nc (netCDF) or .csv.")] = Path("sweep.nc"),
-    plot: Annotated[Path | None, typer.Option("--plot", help="Also draw the quantities: .png, .svg or .pdf.")] = None,
-    as_json: AsJson = False,
+    seed: Annotated[int, typer.Option("--seed", help="Seed of the samples.")] = 0,
+    accuracy: shared.Accuracy = "full",
+    workers: shared.Workers = None,
+    cluster: shared.Cluster = None,
+    cache: shared.Cache = None,
+    out: Annotated[Path, shared.out_option("File to write: .nc (netCDF) or .csv.")] = Path("sweep.nc"),
+    plot: Annotated[Path | None, shared.plot_option("the quantities")] = None,
+    as_json: shared.AsJson = False,
 ) -> None:
     """Compute quantities of a design over a grid of its entries, or over samples.
 
-    Every point is kept as it is done: an interrupted sweep goes on when the same command runs again, and no point is
-    computed twice. A point that gives no design is empty in the file, with the reason. Values keep the unit of their
-    name.
+    Every point is stored as soon as it is computed: an interrupted sweep goes on when the same command runs again, and
+    no point is computed twice. A point that gives no design is empty in the file, with the reason. Values are in the
+    unit of their name.
 
     Example: coilarray sweep gast2020 --vary array.pitch_mm=12:15:7 --quantity worst_k --out sweep.nc --plot sweep.png
     """
-    check_file("--out", out, (".nc", ".csv"))
-    check_file("--plot", plot, PICTURES)
-    if workers is not None and cluster is not None:
-        raise ClusterError("--workers is for processes of this machine; it cannot be given with --cluster.")
-    from coilarray.compute.files import write_atomically, write_text
-    from coilarray.compute.netcdf import save_dataset
+    shared.check_file("--out", out, (".nc", ".csv"))
+    shared.check_file("--plot", plot, shared.PICTURES)
+    shared.check_workers(workers, cluster)
     from coilarray.compute.store import open_store
-    from coilarray.compute.workers import default_count
-    from coilarray.compute.workers import workers as open_workers
     from coilarray.design.model import load_design
     from coilarray.studies.sweep import parse_axis, plan_sweep, run_sweep
 
     opened = load_design(design)
     plan = plan_sweep(opened, [parse_axis(text) for text in vary or ()], quantity or (), samples, seed, accuracy)
     kept = open_store(cache)
-    count = workers if workers is not None else min(default_count(), len(plan.points))
-    done = 0
-    try:
-        with open_workers(count, cluster) as pool, progress_bar(f"{len(plan.points)} points") as show:
-
-            def progress(now: int, total: int) -> None:
-                nonlocal done
-                done = now
-                show(now, total)
-
-            result = run_sweep(plan, pool, kept, progress=progress)
-    except (KeyboardInterrupt, ClusterError):
-        if done:
-            typer.echo(
-                f"coilarray: {done} of {len(plan.points)} points are kept in {kept.folder}; "
-                "the same command goes on from there",
-                err=True,
-            )
-        raise
-    if out.suffix.lower() == ".nc":
-        save_dataset(result, out)
-    else:
-        write_text(out, result.to_dataframe().to_csv(lineterminator="\n"))
+    points = len(plan.points)
+    with (
+        shared.resumable(lambda done: f"{done} of {points} points are kept in {kept.folder}") as counting,
+        shared.open_pool(workers, cluster, points) as pool,
+        shared.progress_bar(f"{points} points") as show,
+    ):
+        result = run_sweep(plan, pool, kept, progress=counting(show))
+    shared.write_numbers(out, result, lambda: result.to_dataframe().to_csv(lineterminator="\n"))
     if plot is not None:
         from coilarray.viz.plots.sweep_grid import sweep_figure
 
-        write_atomically(plot, sweep_figure(result).savefig)
+        shared.draw(plot, lambda: sweep_figure(result))
     reasons = [reason for reason in result.reason.values.ravel().tolist() if reason]
-    if as_json:
-        print_json(
-            {
-                "file": str(out),
-                "design": opened.name,
-                "design_hash": opened.digest,
-                "sampling": plan.sampling,
-                "accuracy": plan.accuracy,
-                "points": _records(result),
-            }
-        )
-        return
-    rows = [_extremes(result, one.key, one.quantity.unit) for one in plan.requests]
-    print_table(("quantity", "unit", "smallest", "where", "largest", "where"), rows)
-    if reasons:
-        typer.echo(f"{len(reasons)} of {len(plan.points)} points have no result; the first: {reasons[0]}")
-    typer.echo(f"wrote {out}: {len(plan.points)} points over {', '.join(map(str, result.reason.dims))}")
-    if plot is not None:
-        typer.echo(f"wrote {plot}")
+    data = {
+        "file": str(out),
+        **shared.design_record(opened),
+        "sampling": plan.sampling,
+        "accuracy": plan.accuracy,
+        "points": _records(result),
+    }
+    lines = []
+    if not as_json:
+        rows = [_extremes(result, one.key, one.quantity.unit) for one in plan.requests]
+        shared.print_table(("quantity", "unit", "smallest", "where", "largest", "where"), rows)
+        if reasons:
+            lines.append(f"{len(reasons)} of {points} points have no result; the first: {reasons[0]}")
+        lines.append(f"wrote {out}: {points} points over {', '.join(map(str, result.reason.dims))}")
+    shared.print_result(data, as_json=as_json, lines=lines, files=[plot])
 
 
 def _records(result: xr.Dataset) -> list[dict[str, Any]]:

@@ -311,7 +311,11 @@ def _dataset(
                 force.sum(axis=1) * whole * stress,
                 named("force on the indenter", "N" if axial else "N/m"),
             ),
-            "contact_radius": ("depth", end * length, named("radius of the contact", "m")),
+            "contact_radius": (
+                "depth",
+                end * length,
+                named("contact radius" if axial else "half width of the contact", "m"),
+            ),
             "pressure": (("depth", "r"), pressure * stress, named("pressure on the top", "Pa")),
         },
         coords={

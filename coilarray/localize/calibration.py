@@ -278,11 +278,11 @@ def _result(
     names = [unknown.name for unknown in unknowns]
     return xr.Dataset(
         {
-            "start": ("unknown", [unknown.start for unknown in unknowns]),
+            "start": ("unknown", [unknown.start for unknown in unknowns], {"long_name": "first guess"}),
             "value": ("unknown", value),
-            "low": ("unknown", value - half, {"long_name": "of the 95 % confidence interval"}),
-            "high": ("unknown", value + half, {"long_name": "of the 95 % confidence interval"}),
-            "at_bound": ("unknown", at_bound),
+            "low": ("unknown", value - half, {"long_name": "95 % interval, from"}),
+            "high": ("unknown", value + half, {"long_name": "95 % interval, to"}),
+            "at_bound": ("unknown", at_bound, {"long_name": "at a bound of its range"}),
             "correlation": (("unknown", "other"), correlation, {"units": "1"}),
             "misfit_before": ((), float(np.sqrt(np.mean(before**2)))),
             "misfit_after": ((), float(np.sqrt(np.mean(residual**2)))),

@@ -282,7 +282,7 @@ def _ellipses(windows: Sequence[tuple[xr.Dataset, FloatArray | None]], fit: Call
     data: dict[str, object] = {}
     for k, (name, text) in enumerate(described.items()):
         data[name] = ((*dims, "level"), values[k], {"units": "m", "long_name": text})
-        data[f"{name}_std"] = ((*dims, "level"), deviations[k], {"units": "m"})
+        data[f"{name}_std"] = ((*dims, "level"), deviations[k], {"units": "m", "long_name": f"± {name}"})
     data["ellipse_problem"] = (dims, problems.astype(str), {"long_name": "why there is no ellipse"})
     return xr.Dataset(data, {"level": ("level", level_axis(count), {"units": "1", "long_name": "δ of the level"})})
 
@@ -392,20 +392,23 @@ def _dataset(
             _DIMS, maps("residual_after"),
             {**one, "long_name": "measured less scaled and shifted simulated δ"},
         ),
-        "at_limit": (both, stacked("at_limit"), {"long_name": "the best shift is beyond the reach"}),
-        "noise": (both, stacked("noise"), {**one, "long_name": "standard deviation of δ, root mean square"}),
-        "points": (both, stacked("points"), {**one, "long_name": "positions that the figures are of"}),
+        "at_limit": (both, stacked("at_limit"), {"long_name": "at the limit of the search"}),
+        "noise": (both, stacked("noise"), {**one, "long_name": "noise of δ"}),
+        "points": (both, stacked("points"), {**one, "long_name": "positions"}),
     }  # fmt: skip
     for name in ("scale", "rms_before", "rms_after", "correlation_before", "correlation_after"):
-        data[name] = (both, stacked(name), one)
-        data[f"{name}_std"] = (both, stacked(f"{name}_std"), one)
-    for name in ("shift", "shift_std"):
-        data[name] = ((*both, "axis"), stacked(name), {"units": "m"})
+        text = name.replace("_", " ")
+        data[name] = (both, stacked(name), {**one, "long_name": text})
+        data[f"{name}_std"] = (both, stacked(f"{name}_std"), {**one, "long_name": f"± {text}"})
+    for name, text in (("shift", "shift"), ("shift_std", "± shift")):
+        data[name] = ((*both, "axis"), stacked(name), {"units": "m", "long_name": text})
     if "base_inductance" in measured and "base_inductance" in simulated:
         states = measured.state.values
         pair = [side.base_inductance.sel(state=states).values for side in (measured, simulated)]
-        data["base_inductance"] = (("source", "state"), np.array(pair), {"units": "H"})
+        data["base_inductance"] = (("source", "state"), np.array(pair), {"units": "H", "long_name": "L_0"})
     coords = {name: measured[name] for name in _DIMS}
+    for name in ("depth", "y", "x"):  # a response of other programs may lack them
+        coords[name] = coords[name].assign_attrs({"long_name": name, **measured[name].attrs, "units": "m"})
     places = {name: simulated[name] for name in ("coil", "coil_x", "coil_y") if name in simulated.coords}
     result = xr.Dataset(data, {**coords, **places, "source": list(SOURCES), "axis": ["x", "y"]})
     said = {

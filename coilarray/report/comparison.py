@@ -1,110 +1,61 @@
-"""A comparison of a measured with a simulated response as tables and as a page."""
+"""A comparison of a measured with a simulated response as tables and as a page.
+
+Everything is made of the dataset that `coilarray.localize.comparison.compare_responses` returns. Cells are empty where
+a map does not determine the number.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from datetime import UTC, datetime
+from dataclasses import replace
 from importlib import metadata
 from pathlib import Path
 
-import jinja2
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from coilarray.compute.display_units import PER_MILLION, DisplayUnit
 from coilarray.compute.files import write_text
 from coilarray.localize.level_curves import PARAMETERS
 from coilarray.report import figures
-from coilarray.report.localize_tables import number
-from coilarray.report.tables import Column, Table, Value
+from coilarray.report.page import now, render_page
+from coilarray.report.tables import Column, Table, Value, cell, dataset_table, root_mean_square
 
 FloatArray = npt.NDArray[np.float64]
 
 
 def scale_table(comparison: xr.Dataset) -> Table:
-    """One row for each depth and state: scale and shift of the simulated map onto the measured one.
-
-    Parameters
-    ----------
-    comparison : xarray.Dataset
-        As `coilarray.localize.comparison.compare_responses` returns it.
-
-    Returns
-    -------
-    Table
-        In m; standard deviations beside; empty where the map does not tell.
-    """
-    columns = (
-        *_WHERE,
-        Column("scale", "scale", 1, 4),
-        Column("scale_std", "±", 1, 4),
-        Column("shift_x_m", "shift x (mm)", 1e3, 3),
-        Column("shift_x_std_m", "±", 1e3, 3),
-        Column("shift_y_m", "shift y (mm)", 1e3, 3),
-        Column("shift_y_std_m", "±", 1e3, 3),
-        Column("at_limit", "beyond the reach"),
-        Column("points", "positions", 1, 0),
-    )
-    rows = []
-    for depth, state, at in _each(comparison):
-        shifts = [number(at[name].sel(axis=axis)) for axis in ("x", "y") for name in ("shift", "shift_std")]
-        scale = number(at.scale), number(at.scale_std)
-        rows.append((depth, state, *scale, *shifts, bool(at.at_limit), float(at.points)))
-    return Table("scales", "Scale and shift", columns, tuple(rows))
+    """Return one row for each depth and state: scale and shift of the simulated map onto the measured one."""
+    shifts = {}
+    for axis in ("x", "y"):
+        for end in ("", "_std"):
+            shift = comparison[f"shift{end}"].sel(axis=axis, drop=True)
+            shifts[f"shift_{axis}{end}"] = shift.assign_attrs(long_name=f"{shift.attrs['long_name']} {axis}")
+    names = (*_WHERE, "scale", "scale_std", *shifts, "at_limit", "points")
+    return dataset_table("scales", "Scale and shift", comparison.assign(shifts), names)
 
 
 def remains_table(comparison: xr.Dataset) -> Table:
-    """One row for each depth and state: root mean square of what remains and correlation, before and after.
-
-    Parameters
-    ----------
-    comparison : xarray.Dataset
-        As in `scale_table`.
-
-    Returns
-    -------
-    Table
-        δ as pure numbers.
-    """
-    columns = (
-        *_WHERE,
-        Column("noise", "noise (10⁻⁶)", 1e6, 2),
-        Column("rms_before", "rms before (10⁻⁶)", 1e6, 2),
-        Column("rms_before_std", "±", 1e6, 2),
-        Column("rms_after", "rms after (10⁻⁶)", 1e6, 2),
-        Column("rms_after_std", "±", 1e6, 2),
-        Column("correlation_before", "correlation before", 1, 5),
-        Column("correlation_before_std", "±", 1, 5),
-        Column("correlation_after", "after", 1, 5),
-        Column("correlation_after_std", "±", 1, 5),
-    )
-    names = [column.key for column in columns[2:]]
-    rows = tuple((depth, state, *(number(at[name]) for name in names)) for depth, state, at in _each(comparison))
-    return Table("remains", "What remains", columns, rows)
+    """Return one row for each depth and state: root mean square of what remains and correlation, before and after."""
+    errors = ("noise", "rms_before", "rms_before_std", "rms_after", "rms_after_std")
+    correlations = ("correlation_before", "correlation_before_std", "correlation_after", "correlation_after_std")
+    five = DisplayUnit(digits=5)
+    shown = dict.fromkeys(errors, PER_MILLION) | dict.fromkeys(correlations, five)
+    return dataset_table("remains", "What remains", comparison, (*_WHERE, *errors, *correlations), shown)
 
 
 def ellipse_table(comparison: xr.Dataset) -> Table:
-    """One row for each depth, state and parameter of the ellipses: measured less simulated over the levels of both.
-
-    Parameters
-    ----------
-    comparison : xarray.Dataset
-        As in `scale_table`.
-
-    Returns
-    -------
-    Table
-        In m: mean and root mean square of the difference, and of its standard deviation; empty where one has no
-        ellipses, with the reason.
-    """
+    """Return one row for each depth, state and ellipse parameter: measured less simulated over the levels of both."""
     columns = (
-        *_WHERE,
-        Column("parameter", "parameter"),
-        Column("levels", "levels of both", 1, 0),
-        Column("mean_difference_m", "measured − simulated, mean (mm)", 1e3, 3),
-        Column("rms_difference_m", "rms (mm)", 1e3, 3),
-        Column("rms_noise_m", "of it by noise, rms (mm)", 1e3, 3),
-        Column("problem", "why not"),
+        Column("depth", unit="m"),
+        Column("state"),
+        Column("parameter"),
+        Column("levels", "levels of both", "1"),
+        Column("mean_difference", "measured − simulated, mean", "m"),
+        Column("rms_difference", "rms", "m"),
+        Column("rms_noise", "rms of the noise in it", "m"),
+        Column("problem", "why there is none"),
     )
     rows: list[tuple[Value, ...]] = []
     for depth, state, at in _each(comparison):
@@ -114,95 +65,54 @@ def ellipse_table(comparison: xr.Dataset) -> Table:
             both = np.isfinite(apart)
             spread = np.sqrt(np.nansum(at[f"{name}_std"].values ** 2, axis=0))
             known = spread[both & (spread > 0)]
-            figures_of = (_mean(apart[both]), _rms(apart[both]), _rms(known))
-            rows.append((depth, state, "" if problems else name, float(both.sum()), *figures_of, "; ".join(problems)))
+            mean = cell(apart[both].mean()) if both.any() else ""
+            differences = (mean, root_mean_square(apart[both]), root_mean_square(known))
+            rows.append((depth, state, "" if problems else name, int(both.sum()), *differences, "; ".join(problems)))
     return Table("ellipses", "Ellipses", columns, tuple(rows))
 
 
 def curve_table(comparison: xr.Dataset) -> Table:
-    """One row for each depth, state and level of δ: x0, A and B of both, with their standard deviations.
-
-    Parameters
-    ----------
-    comparison : xarray.Dataset
-        As in `scale_table`.
-
-    Returns
-    -------
-    Table
-        In m; levels that neither has are left out.
-    """
-    series = [(source, name) for name in PARAMETERS for source in comparison.source.values.tolist()]
-    columns: list[Column] = [*_WHERE, Column("delta", "δ (10⁻⁶)", 1e6, 0)]
-    for source, name in series:
-        columns += [
-            Column(f"{name}_{source}_m", f"{name} {source} (mm)", 1e3, 3),
-            Column(f"{name}_{source}_std_m", "±", 1e3, 3),
-        ]
-    rows: list[tuple[Value, ...]] = []
-    for depth, state, at in _each(comparison):
-        for k, level in enumerate(at.level.values.tolist()):
-            values = [
-                number(at[f"{name}{end}"].sel(source=source)[k]) for source, name in series for end in ("", "_std")
-            ]
-            if any(value != "" for value in values):
-                rows.append((depth, state, level, *values))
-    return Table("curves", "x0, A and B over δ", tuple(columns), tuple(rows))
+    """Return one row for each depth, state and level that one of both has: x0, A and B with standard deviations."""
+    curves = {
+        f"{name}_{source}{end}": comparison[f"{name}{end}"]
+        .sel(source=source, drop=True)
+        .assign_attrs(long_name=f"± {name}" if end else f"{name} {source}")
+        for name in PARAMETERS
+        for source in comparison.source.values.tolist()
+        for end in ("", "_std")
+    }
+    levels = xr.Dataset(curves).rename(level="delta")
+    table = dataset_table("curves", "x0, A and B over δ", levels, (*_WHERE, "delta", *curves), {"delta": PER_MILLION})
+    return replace(table, rows=tuple(row for row in table.rows if any(value != "" for value in row[3:])))
 
 
 def inductance_table(comparison: xr.Dataset) -> Table | None:
-    """One row a state: L_0 of both; None where one does not tell it.
-
-    Parameters
-    ----------
-    comparison : xarray.Dataset
-        As in `scale_table`.
-
-    Returns
-    -------
-    Table or None
-        In H, and their ratio.
-    """
+    """Return one row for each state: L_0 of both; None where one of them has none."""
     if "base_inductance" not in comparison:
         return None
-    columns = (
-        Column("state", "state"),
-        Column("measured_H", "L_0 measured (µH)", 1e6, 4),
-        Column("simulated_H", "simulated (µH)", 1e6, 4),
-        Column("ratio", "measured/simulated", 1, 5),
+    measured, simulated = (comparison.base_inductance.sel(source=one, drop=True) for one in ("measured", "simulated"))
+    both = xr.Dataset(
+        {
+            "measured": measured.assign_attrs(long_name="L_0, measured"),
+            "simulated": simulated.assign_attrs(long_name="L_0, simulated"),
+            "ratio": (measured / simulated.where(simulated != 0)).assign_attrs(
+                long_name="measured/simulated", units="1"
+            ),
+        }
     )
-    rows: list[tuple[Value, ...]] = []
-    for k, state in enumerate(comparison.state.values.tolist()):
-        first, second = comparison.base_inductance.values[:, k].tolist()
-        rows.append((str(state), number(first), number(second), number(first / second if second else np.nan)))
-    return Table("inductances", "Inductances without an indentation", columns, tuple(rows))
+    title = "Inductances without an indentation"
+    shown = {"ratio": DisplayUnit(digits=5)}
+    return dataset_table("inductances", title, both, ("state", "measured", "simulated", "ratio"), shown)
 
 
 def comparison_tables(comparison: xr.Dataset) -> list[Table]:
-    """Every table of a comparison, the long one of all levels last."""
-    inductances = inductance_table(comparison)
-    return [
-        scale_table(comparison),
-        remains_table(comparison),
-        ellipse_table(comparison),
-        *([] if inductances is None else [inductances]),
-        curve_table(comparison),
-    ]
+    """Return every table of a comparison, the long one of all levels last."""
+    makers = (scale_table, remains_table, ellipse_table, inductance_table, curve_table)
+    return [table for table in (make(comparison) for make in makers) if table is not None]
 
 
 def comparison_notes(comparison: xr.Dataset) -> list[str]:
-    """Sentences about what was not compared and what the figures do not tell.
-
-    Parameters
-    ----------
-    comparison : xarray.Dataset
-        As in `scale_table`.
-
-    Returns
-    -------
-    list of str
-        Empty where there is nothing to say.
-    """
+    """Return sentences about what was not compared and what limits the figures; an empty list where nothing does."""
     said = comparison.attrs
     notes = []
     for side in comparison.source.values.tolist():
@@ -228,7 +138,7 @@ def comparison_notes(comparison: xr.Dataset) -> list[str]:
     if said["points_missing"]:
         notes.append(f"{said['points_missing']} readings of the grid are not measured yet.")
     if said["noise_from"] == "residuals":
-        notes.append("The measured response tells no noise: ± comes from the scatter of what remains.")
+        notes.append("The measured response has no noise figures: ± comes from the scatter of what remains.")
     if bool(comparison.at_limit.any()):
         notes.append(
             "A best shift is beyond the range that was searched: its figures are those at the end of the range."
@@ -246,27 +156,21 @@ def write_comparison_page(
     Parameters
     ----------
     comparison : xarray.Dataset
-        As in `scale_table`.
+        Comparison of the two responses.
     path : Path
-        Of the page; its folder must exist.
+        File of the page, in a folder that exists.
     names : tuple of str
-        What was measured and what was simulated, for people.
+        Names of the measured and of the simulated response on the page.
     outlines : sequence of ndarray, each of shape (m, 2)
         Corners of the coils in m from the map's origin.
 
     Raises
     ------
     OutputError
-        It cannot be written; an earlier page is left as it was.
+        The file cannot be written; an earlier page is left as it was.
     """
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("coilarray.report", "."),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    page = environment.get_template("comparison.html.j2").render(
+    page = render_page(
+        "comparison.html.j2",
         names=names,
         tables={table.name: table for table in comparison_tables(comparison)},
         notes=comparison_notes(comparison),
@@ -285,7 +189,7 @@ _OF_INDUCTANCES = {
     "None": "The tank capacitances of the measured L_0 were not calibrated; they are those of the recording.",
 }
 
-_WHERE = (Column("depth_m", "depth (mm)", 1e3, 3), Column("state", "state"))
+_WHERE = ("depth", "state")
 
 
 def _each(comparison: xr.Dataset) -> list[tuple[float, str, xr.Dataset]]:
@@ -314,13 +218,5 @@ def _provenance(attrs: Mapping[str, object]) -> dict[str, str]:
         if f"{who}_{key}" in attrs
     }
     made["compared with coilarray"] = metadata.version("coilarray")
-    made["date"] = datetime.now(UTC).isoformat(timespec="seconds")
+    made["date"] = now()
     return made
-
-
-def _mean(values: FloatArray) -> Value:
-    return number(values.mean()) if len(values) else ""
-
-
-def _rms(values: FloatArray) -> Value:
-    return number(np.sqrt(np.mean(values**2))) if len(values) else ""

@@ -61,11 +61,11 @@ class Picture:
     Parameters
     ----------
     name : str
-        Unique on the page.
+        Name of the picture, unique on the page.
     caption : str
-        What it shows, units included.
+        Description of what it shows, with units.
     uri : str
-        ``data:image/png;base64,…``.
+        The picture as ``data:image/png;base64,…``.
     """
 
     name: str
@@ -79,38 +79,31 @@ def board_picture(design: Design) -> Picture:
     if problem is None:
         caption = "The board; lengths in mm."
         return _render("board", caption, lambda path: save_board_picture(design.array, path, design.sheets))
-    return _draw("board", f"The board from above; lengths in mm. {problem}", lambda: plot_board(design.array))
+    return draw("board", f"The board from above; lengths in mm. {problem}", plot_board(design.array))
 
 
 def copper_pictures(design: Design) -> list[Picture]:
     """Show the copper of every layer that has any."""
     array = design.array
     used = [layer for layer in array.stackup.names if any(layer in place.layers for place in array.placements)]
-    return [
-        _draw(f"copper_{layer}", f"Copper of layer {layer}.", lambda layer=layer: plot_copper(array, layer))  # type: ignore[misc]
-        for layer in used
-    ]
+    return [draw(f"copper_{layer}", f"Copper of layer {layer}.", plot_copper(array, layer)) for layer in used]
 
 
 def coupling_pictures(coupling: xr.Dataset) -> list[Picture]:
     """Heat maps of L and k, L open against L as terminated, and the passive currents."""
     return [
-        _draw(
+        draw(
             "inductance",
             "Inductance matrix: self-inductance on the diagonal, mutual inductance off it.",
-            lambda: plot_inductance(coupling),
+            plot_inductance(coupling),
         ),
-        _draw("coupling", "Coupling coefficients k = M/√(L L).", lambda: plot_coupling(coupling)),
-        _draw(
+        draw("coupling", "Coupling coefficients k = M/√(L L).", plot_coupling(coupling)),
+        draw(
             "effective_inductance",
             "Inductance of each coil with all others open, and with the others as terminated.",
-            lambda: plot_effective_inductance(coupling),
+            plot_effective_inductance(coupling),
         ),
-        _draw(
-            "currents",
-            "Current in each passive coil per ampere in the active one.",
-            lambda: plot_currents(coupling),
-        ),
+        draw("currents", "Current in each passive coil per ampere in the active one.", plot_currents(coupling)),
     ]
 
 
@@ -120,37 +113,36 @@ def field_pictures(
     """B_z above the board: along a line through the active coil, and on the plane, one for each entry."""
     across = _outline(design, active)[:, 0]
     height = f"{design.field_height * 1e3:g} mm above the board"
-    pictures = [
-        _draw(
+    outlines = [_outline(design, name) for name in design.array.names]
+    return [
+        draw(
             "field_line",
             f"B_z along x through {active}, {height}, in free space.",
-            lambda: plot_field_lines(line, coil=(float(across.min()), float(across.max()))),
-        )
-    ]
-    outlines = [_outline(design, name) for name in design.array.names]
-    for k, (label, field) in enumerate(plane.items()):
-        pictures.append(
-            _draw(
+            plot_field_lines(line, coil=(float(across.min()), float(across.max()))),
+        ),
+        *(
+            draw(
                 f"field_map_{k}",
                 f"B_z of {active} {height}, in free space, per ampere: {label}.",
-                lambda field=field: plot_field_map(field, outlines=outlines),  # type: ignore[misc]
+                plot_field_map(field, outlines=outlines),
             )
-        )
-    return pictures
+            for k, (label, field) in enumerate(plane.items())
+        ),
+    ]
 
 
 def sweep_pictures(sweep: xr.Dataset) -> list[Picture]:
     """Apparent inductance and resistance of every state over frequency."""
     return [
-        _draw(
+        draw(
             "apparent_inductance",
             "Apparent inductance Im Z/ω of every state over frequency, tank capacitor left out.",
-            lambda: plot_frequency_sweep(sweep, "apparent_inductance"),
+            plot_frequency_sweep(sweep, "apparent_inductance"),
         ),
-        _draw(
+        draw(
             "resistance",
             "Effective resistance Re Z of every state over frequency, tank capacitor left out.",
-            lambda: plot_frequency_sweep(sweep, "impedance_real"),
+            plot_frequency_sweep(sweep, "impedance_real"),
         ),
     ]
 
@@ -159,11 +151,11 @@ def indentation_pictures(design: Design, indenter: Indenter, indentation: xr.Dat
     """Force over depth, the deepest dent in section and, where this machine can render, in the middle of a coil."""
     deepest = f"{float(indentation.depth[-1]) * 1e3:g} mm deep"
     pictures = [
-        _draw("force_depth", "Force and contact over the depth.", lambda: plot_force_depth(indentation)),
-        _draw(
+        draw("force_depth", "Force and contact over the depth.", plot_force_depth(indentation)),
+        draw(
             "dent_section",
             f"The sheets under the {indenter.name} in section, {deepest}; dashed where they lay flat.",
-            lambda: plot_dent(indentation, indenter),
+            plot_dent(indentation, indenter),
         ),
     ]
     if rendering_problem() is None:
@@ -189,35 +181,35 @@ def response_pictures(design: Design, response: xr.Dataset) -> list[Picture]:
     pictures = []
     if mapped:
         pictures.append(
-            _draw(
+            draw(
                 "response_maps",
                 f"δ of each state over the position of the indenter, {deepest}, with the outlines of the coils.",
-                lambda: response_figure(response, map_outlines(design, response)),
+                response_figure(response, map_outlines(design, response)),
             )
         )
     along: Literal["x", "y"] = "y" if response.sizes["x"] == 1 else "x"
     pictures.append(
-        _draw(
+        draw(
             "response_profile",
             f"δ of each state along {along}, {deepest}; dotted lines are the centres of the coils.",
-            lambda: plot_response_profile(response, depth=-1, along=along),
+            plot_response_profile(response, depth=-1, along=along),
         )
     )
     if response.sizes[along] > 1:
         pictures.append(
-            _draw(
+            draw(
                 "response_depths",
                 f"δ of the coil in the middle along {along} for each depth, with its width at half the peak.",
-                lambda: plot_bell_curve(response, along=along),
+                plot_bell_curve(response, along=along),
             )
         )
     elif response.sizes["depth"] > 1:
         state = response.state.values.tolist()[(response.sizes["state"] - 1) // 2]
         pictures.append(
-            _draw(
+            draw(
                 "response_depths",
                 f"δ of {state} along {along} for each depth.",
-                lambda: plot_response_profile(response, state, None, along=along),
+                plot_response_profile(response, state, None, along=along),
             )
         )
     return pictures
@@ -232,20 +224,20 @@ def position_pictures(
     place = positions.example()
     at = f"({place[0] * 1e3:.4g}, {place[1] * 1e3:.4g}) mm"
     return [
-        _draw(
+        draw(
             "ellipse_parameters",
             f"Semi-axes and centre of the ellipses of {coil} over δ, and the polynomials fitted to them{beside}.",
-            lambda: plot_ellipse_parameters(positions.fits, positions.model, coil, published=published),
+            plot_ellipse_parameters(positions.fits, positions.model, coil, published=published),
         ),
-        _draw(
+        draw(
             "ellipses",
             f"Ellipses for the readings at {at}, which meet where the indenter may be; their x is its position.",
-            lambda: plot_ellipses(positions.ellipses(place), positions.found[place], place),
+            plot_ellipses(positions.ellipses(place), positions.found[place], place),
         ),
-        _draw(
+        draw(
             "x_error",
             "Determined less real x over the map; grey where the model has no position.",
-            lambda: plot_x_error(positions.error, outlines=map_outlines(design, response)),
+            plot_x_error(positions.error, outlines=map_outlines(design, response)),
         ),
     ]
 
@@ -254,16 +246,16 @@ def comparison_pictures(comparison: xr.Dataset, outlines: Sequence[npt.ArrayLike
     """Show what remains between two responses and x0 of both, state by state, and reading against reading."""
     deepest = f"{float(comparison.depth[-1]) * 1e3:g} mm deep"
     mapped = min(comparison.sizes["x"], comparison.sizes["y"]) > 1
-    maps = _draw(
+    maps = draw(
         "residuals",
         f"Measured less simulated δ {deepest}, as simulated and scaled and shifted, grey where nothing was compared, "
         "with the outlines of the coils; and x0 of the ellipses of both, a band of two standard deviations.",
-        lambda: comparison_figure(comparison, -1, outlines),
+        comparison_figure(comparison, -1, outlines),
     )
-    dots = _draw(
+    dots = draw(
         "readings",
         f"Measured over simulated δ of every position, {deepest}; grey: equality.",
-        lambda: plot_readings(comparison, -1),
+        plot_readings(comparison, -1),
     )
     return [maps, dots] if mapped else [dots]
 
@@ -287,8 +279,8 @@ def _render(name: str, caption: str, save: Callable[[Path], None]) -> Picture:
         return Picture(name, caption, _uri(path.read_bytes()))
 
 
-def _draw(name: str, caption: str, plot: Callable[[], Axes | Figure]) -> Picture:
-    drawn = plot()
+def draw(name: str, caption: str, drawn: Axes | Figure) -> Picture:
+    """Return a drawn figure as a picture with a name and a caption."""
     figure = drawn if isinstance(drawn, Figure) else drawn.figure
     assert isinstance(figure, Figure)  # plots draw on figures, never on sub-figures
     return Picture(name, caption, _uri(_png(figure)))

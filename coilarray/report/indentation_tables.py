@@ -5,18 +5,19 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from coilarray.report.tables import Column, Table, Value
+from coilarray.compute.display_units import PER_MILLION, DisplayUnit
+from coilarray.report.tables import Column, Table, Value, dataset_table
 
 _NO_RING = 1e-6  # of the depth: a rise below it is rounding
 
 
 def indentation_table(indentation: xr.Dataset) -> Table:
-    """One row a depth: force, contact, and how far every sheet and the ring around the dent move.
+    """Return one row for each depth: force, contact, and how far every sheet and the ring around the dent move.
 
     Parameters
     ----------
     indentation : xarray.Dataset
-        As `coilarray.elastomer.contact.indent` returns it.
+        Dents that `coilarray.elastomer.contact.indent` returns.
 
     Returns
     -------
@@ -25,44 +26,28 @@ def indentation_table(indentation: xr.Dataset) -> Table:
         and radius of the ring in m; force in N, in plane strain in N/m. A free surface that rises nowhere leaves the
         ring empty.
     """
-    plane = indentation.attrs["symmetry"] == "plane"
-    sheets = indentation.interface.values.tolist()[1:]
-    columns = (
-        Column("depth_m", "depth (mm)", 1e3, 3),
-        Column("force_N_per_m", "force (N/m)", 1, 3) if plane else Column("force_N", "force (mN)", 1e3, 2),
-        Column("contact_radius_m", "half width of contact (mm)" if plane else "contact radius (mm)", 1e3, 3),
-        *(Column(f"{sheet}_displacement_m", f"u_z of {sheet} (mm)", 1e3, 4) for sheet in sheets),
-        Column("ring_height_m", "ring (µm)", 1e6, 1),
-        Column("ring_radius_m", "ring at x (mm)" if plane else "ring at r (mm)", 1e3, 2),
-    )
-    rows: list[tuple[Value, ...]] = []
-    for k, depth in enumerate(indentation.depth.values.tolist()):
-        at = indentation.isel(depth=k)
-        on_axis = at.displacement_z.isel(r=0).values.tolist()[1:]
-        rows.append((depth, float(at.force), float(at.contact_radius), *on_axis, *_ring(at)))
-    return Table("indentation", "Indentation", columns, tuple(rows))
+    on_axis = indentation.displacement_z.isel(r=0, drop=True)
+    columns = {
+        f"{sheet}_displacement": on_axis.sel(interface=sheet, drop=True).assign_attrs(long_name=f"u_z of {sheet}")
+        for sheet in indentation.interface.values.tolist()[1:]
+    }
+    rings = [_ring(indentation.isel(depth=k)) for k in range(indentation.sizes["depth"])]
+    for k, (name, text) in enumerate((("ring_height", "height of the ring"), ("ring_radius", "radius of the ring"))):
+        columns[name] = xr.DataArray([ring[k] for ring in rings], dims="depth", attrs={"long_name": text, "units": "m"})
+    names = ("depth", "force", "contact_radius", *columns)
+    shown = {"ring_height": DisplayUnit("µm", 1e6, 1)}
+    return dataset_table("indentation", "Indentation", indentation.assign(columns), names, shown)
 
 
 def response_table(response: xr.Dataset) -> Table:
-    """One row for each depth and state: the largest δ of the map and where it is, and the lowest δ.
-
-    Parameters
-    ----------
-    response : xarray.Dataset
-        As `coilarray.response.map.response_map` returns it.
-
-    Returns
-    -------
-    Table
-        δ as pure numbers; depth and position in m, from the map's origin.
-    """
+    """Return one row for each depth and state: the largest δ of the map and where it is, and the lowest δ."""
     columns = (
-        Column("depth_m", "depth (mm)", 1e3, 3),
-        Column("state", "state"),
-        Column("peak_delta", "peak δ (10⁻⁶)", 1e6, 2),
-        Column("peak_x_m", "at x (mm)", 1e3, 2),
-        Column("peak_y_m", "at y (mm)", 1e3, 2),
-        Column("lowest_delta", "lowest δ (10⁻⁶)", 1e6, 2),
+        Column("depth", unit="m"),
+        Column("state"),
+        Column("peak_delta", "largest δ", "1", PER_MILLION),
+        Column("peak_x", "at x", "m"),
+        Column("peak_y", "at y", "m"),
+        Column("lowest_delta", "lowest δ", "1", PER_MILLION),
     )
     rows: list[tuple[Value, ...]] = []
     for k, depth in enumerate(response.depth.values.tolist()):
@@ -74,13 +59,13 @@ def response_table(response: xr.Dataset) -> Table:
     return Table("response", "Response", columns, tuple(rows))
 
 
-def _ring(at: xr.Dataset) -> tuple[Value, Value]:
-    """Height of the free surface where it rises highest, and the radius there; empty where it does not rise."""
+def _ring(at: xr.Dataset) -> tuple[float, float]:
+    """Height of the free surface where it rises highest, and the radius there; NaN where it does not rise."""
     top = at.isel(interface=-1)
     r, rise = (top.r + top.displacement_r).values, top.displacement_z.values
     highest = int(rise.argmax())
     if rise[highest] <= _NO_RING * float(at.depth):
-        return "", ""
+        return np.nan, np.nan
     if highest == r.size - 1:  # the edge of a finite sample
         return float(rise[highest]), float(r[highest])
     # the vertex of the parabola through the highest node and those beside it

@@ -1,19 +1,22 @@
-"""The numbers of the localization as tables: ellipse models, causes of the distortion of x0, calibration, positions."""
+"""The numbers of the localization as tables: ellipse models, causes of the distortion of x0, calibration, positions.
+
+The tables of causes are made of the dataset that `coilarray.localize.distortion.distortion` returns.
+"""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import xarray as xr
 
+from coilarray.compute.display_units import DisplayUnit
 from coilarray.localize.ellipse_model import EllipseModel
 from coilarray.localize.inverse import Location
 from coilarray.localize.published import published_model
-from coilarray.report.tables import Column, Table, Value
+from coilarray.report.tables import Column, Table, Value, cell, dataset_table, root_mean_square
 
 _PARAMETERS = ("A", "B", "x0")
 _POWERS = ("p4", "p3", "p2", "p1", "p0")
@@ -27,36 +30,23 @@ _STATUS = {
 }
 
 
-class ScientificColumn(Column):
-    """A column of numbers that span many powers of ten: `digits` of them are significant."""
-
-    def text(self, value: Value) -> str:
-        """Return a value as the page shows it."""
-        if isinstance(value, (bool, str)):
-            return super().text(value)
-        return f"{value * self.scale:.{self.digits}g}".replace("-", "−")
-
-
 def polynomial_table(model: EllipseModel, *, compare: bool = True) -> Table:
-    """One row for each coil and parameter of an ellipse model, and below it the same of Table A1 where it has the coil.
+    """Return one row for each coil and parameter of an ellipse model, and below it that of Table A1 where it has one.
 
     Parameters
     ----------
     model : EllipseModel
+        Polynomials of A, B and x0 of every coil.
     compare : bool
-        False leaves Table A1 out: on another board its coils have the names alone in common.
+        Whether to compare with Table A1; on another board its coils have only the names in common.
 
     Returns
     -------
     Table
         Coefficients of δ⁴ … δ⁰ in m.
     """
-    columns = (
-        Column("coil", "coil"),
-        Column("parameter", "parameter"),
-        Column("source", "source"),
-        *(ScientificColumn(f"{power}_m", f"{power} (mm)", 1e3, 4) for power in _POWERS),
-    )
+    four = DisplayUnit("mm", 1e3, significant=True)
+    columns = (*map(Column, ("coil", "parameter", "source")), *(Column(power, "", "m", four) for power in _POWERS))
     published = {coil.name: coil for coil in published_model().coils} if compare else {}
     rows: list[tuple[Value, ...]] = []
     for coil in model.coils:
@@ -68,16 +58,16 @@ def polynomial_table(model: EllipseModel, *, compare: bool = True) -> Table:
 
 
 def fit_table(fits: xr.Dataset, model: EllipseModel, *, compare: bool = True) -> Table:
-    """One row a coil: steps, range of δ, misfit of the ellipses and of the polynomials, distance to Table A1.
+    """Return one row for each coil: steps, range of δ, misfit of ellipses and polynomials, distance to Table A1.
 
     Parameters
     ----------
     fits : xarray.Dataset
-        As `coilarray.localize.ellipse.fit_ellipses` returns it.
+        Ellipses that `coilarray.localize.ellipse.fit_ellipses` returns.
     model : EllipseModel
-        Of these fits.
+        Polynomials fitted to these ellipses.
     compare : bool
-        As in `polynomial_table`; False leaves the columns of the distance out.
+        Whether to add the columns of the distance to Table A1.
 
     Returns
     -------
@@ -85,15 +75,16 @@ def fit_table(fits: xr.Dataset, model: EllipseModel, *, compare: bool = True) ->
         Misfits in m, root mean square: of the points of all ellipses, of each polynomial over the steps, and of each
         polynomial less that of Table A1 over δ = 1e-4 … 1e-3 as far as the model reaches; empty without that coil.
     """
+    whole = DisplayUnit("10⁻⁶", 1e6, 0)
     columns = (
-        Column("coil", "coil"),
-        Column("steps", "steps", 1, 0),
-        Column("refused", "refused", 1, 0),
-        Column("lowest_delta", "δ from (10⁻⁶)", 1e6, 0),
-        Column("highest_delta", "to (10⁻⁶)", 1e6, 0),
-        Column("ellipse_rms_m", "ellipses, rms (mm)", 1e3, 3),
-        *(Column(f"{key}_rms_m", f"{key}(δ), rms (mm)", 1e3, 3) for key in _PARAMETERS),
-        *(Column(f"{key}_less_published_rms_m", f"{key} − Table A1 (mm)", 1e3, 2) for key in _PARAMETERS if compare),
+        Column("coil"),
+        Column("steps", unit="1"),
+        Column("refused", unit="1"),
+        Column("lowest_delta", "δ from", "1", whole),
+        Column("highest_delta", "δ to", "1", whole),
+        Column("ellipse_rms", "ellipses, rms", "m"),
+        *(Column(f"{key}_rms", f"{key}(δ), rms", "m") for key in _PARAMETERS),
+        *(Column(f"{key}_less_published_rms", f"{key} − Table A1, rms", "m") for key in _PARAMETERS if compare),
     )
     published = {coil.name: coil for coil in published_model().coils} if compare else {}
     rows: list[tuple[Value, ...]] = []
@@ -102,65 +93,45 @@ def fit_table(fits: xr.Dataset, model: EllipseModel, *, compare: bool = True) ->
         kept = of.isel(step=np.flatnonzero(of.refused.values == ""))
         delta = kept.delta.values
         below = [text for text in of.refused.values.tolist() if text and text != "above the largest δ"]
-        off = [_rms(kept[key].values - np.polyval(getattr(coil, key), delta)) for key in _PARAMETERS]
+        off = [root_mean_square(kept[key].values - np.polyval(getattr(coil, key), delta)) for key in _PARAMETERS]
         at = _COMPARED[(_COMPARED >= coil.lowest) & (_COMPARED <= coil.highest)]
         apart: list[Value] = ["", "", ""] if compare else []
         if coil.name in published:
             other = published[coil.name]
-            apart = [_rms(np.polyval(getattr(coil, k), at) - np.polyval(getattr(other, k), at)) for k in _PARAMETERS]
-        steps, refused = float(kept.sizes["step"]), float(len(below))
-        rows.append((coil.name, steps, refused, coil.lowest, coil.highest, _rms(kept.rms.values), *off, *apart))
+            apart = [
+                root_mean_square(np.polyval(getattr(coil, k), at) - np.polyval(getattr(other, k), at))
+                for k in _PARAMETERS
+            ]
+        steps, refused = kept.sizes["step"], len(below)
+        rows.append(
+            (coil.name, steps, refused, coil.lowest, coil.highest, root_mean_square(kept.rms.values), *off, *apart)
+        )
     return Table("fits", "Ellipses", columns, tuple(rows))
 
 
 def cause_table(distortion: xr.Dataset) -> Table:
-    """One row a cause: root mean square over δ of what x0 loses without it, for every coil.
-
-    Parameters
-    ----------
-    distortion : xarray.Dataset
-        As `coilarray.localize.distortion.distortion` returns it.
-
-    Returns
-    -------
-    Table
-        In m; empty where the map has no such level.
-    """
-    states = distortion.state.values.tolist()
-    columns = (
-        Column("cause", "cause"),
-        *(Column(f"{state}_rms_m", f"{state}, rms (mm)", 1e3, 3) for state in states),
-    )
-    rows: list[tuple[Value, ...]] = [
-        (cause, *(number(value) for value in distortion.rms.sel(cause=cause).values))
-        for cause in distortion.cause.values.tolist()
-    ]
-    return Table("causes", "Causes", columns, tuple(rows))
+    """Return one row for each cause: root mean square over δ of what x0 loses without it, for every coil."""
+    states = {
+        f"{state}_rms": distortion.rms.sel(state=state, drop=True).assign_attrs(long_name=f"{state}, rms")
+        for state in distortion.state.values.tolist()
+    }
+    return dataset_table("causes", "Causes", xr.Dataset(states), ("cause", *states))
 
 
 def residual_table(distortion: xr.Dataset) -> Table:
-    """One row a coil: how far x0 moves in Table A1 and in the prediction, and what remains between them.
+    """Return one row for each coil: how far x0 moves in Table A1 and in the prediction, and what remains between them.
 
-    Parameters
-    ----------
-    distortion : xarray.Dataset
-        As `coilarray.localize.distortion.distortion` returns it; ``calibrated_x0`` (calibration, state, delta) is
-        counted too.
-
-    Returns
-    -------
-    Table
-        Root mean squares over δ in m of published x0 − centre, predicted x0 − centre and predicted − published x0;
-        empty where there is nothing to compare.
+    Predictions of calibrated designs in ``calibrated_x0`` (calibration, state, delta) are included. Numbers are empty
+    where there is nothing to compare.
     """
     columns = (
-        Column("coil", "coil"),
-        Column("prediction", "prediction"),
-        Column("published_rms_m", "published x0 − centre, rms (mm)", 1e3, 3),
-        Column("predicted_rms_m", "predicted x0 − centre, rms (mm)", 1e3, 3),
-        Column("residual_rms_m", "remains (mm)", 1e3, 3),
-        Column("residual_mean_m", "of it, mean (mm)", 1e3, 3),
-        Column("compared", "levels of δ", 1, 0),
+        Column("coil"),
+        Column("prediction"),
+        Column("published_rms", "published x0 − centre, rms", "m"),
+        Column("predicted_rms", "predicted x0 − centre, rms", "m"),
+        Column("residual_rms", "predicted − published x0, rms", "m"),
+        Column("residual_mean", "mean", "m"),
+        Column("compared", "levels of δ", "1"),
     )
     predictions = {"as designed": distortion.x0.sel(neighbours="grounded")}
     if "calibrated_x0" in distortion:
@@ -178,118 +149,80 @@ def residual_table(distortion: xr.Dataset) -> Table:
                 (
                     state,
                     name,
-                    _rms((published - centre)[both]),
-                    _rms((predicted - centre)[np.isfinite(predicted)]),
-                    _rms(apart),
-                    number(apart.mean()) if len(apart) else "",
-                    float(both.sum()),
+                    root_mean_square((published - centre)[both]),
+                    root_mean_square((predicted - centre)[np.isfinite(predicted)]),
+                    root_mean_square(apart),
+                    cell(apart.mean()) if len(apart) else "",
+                    int(both.sum()),
                 )
             )
     return Table("residuals", "What remains", columns, tuple(rows))
 
 
 def distortion_table(distortion: xr.Dataset) -> Table:
-    """One row for each coil and δ: x0, A and B as predicted and published, and every effect.
-
-    Parameters
-    ----------
-    distortion : xarray.Dataset
-        As `coilarray.localize.distortion.distortion` returns it.
-
-    Returns
-    -------
-    Table
-        In m; empty where a map has no such level.
-    """
-    series: list[tuple[str, xr.DataArray]] = [("centre_m", distortion.centre.broadcast_like(distortion.published_x0))]
+    """Return one row for each coil and δ: x0, A and B as predicted and published, and every effect."""
+    series = {"centre": distortion.centre}
     for key in ("x0", "A", "B"):
         for neighbours in distortion.neighbours.values.tolist():
-            series.append((f"{key}_{neighbours}_m", distortion[key].sel(neighbours=neighbours)))
-        series.append((f"{key}_published_m", distortion[f"published_{key}"]))
+            series[f"{key}_{neighbours}"] = distortion[key].sel(neighbours=neighbours, drop=True)
+        series[f"{key}_published"] = distortion[f"published_{key}"]
     if "calibrated_x0" in distortion:
         for name in distortion.calibration.values.tolist():
-            series.append((f"x0_calibrated_{name}_m", distortion.calibrated_x0.sel(calibration=name)))
+            series[f"x0_calibrated_{name}"] = distortion.calibrated_x0.sel(calibration=name, drop=True)
     for cause in distortion.cause.values.tolist():
-        series.append((f"effect_{cause.replace(' ', '_')}_m", distortion.effect.sel(cause=cause)))
-    columns = (
-        Column("coil", "coil"),
-        Column("delta", "δ (10⁻⁶)", 1e6, 0),
-        *(Column(key, key, 1e3, 3) for key, _ in series),
-    )
-    values = np.stack([array.transpose("state", "delta").values for _, array in series], axis=-1)
-    rows: list[tuple[Value, ...]] = [
-        (state, delta, *(number(value) for value in values[i, j]))
-        for i, state in enumerate(distortion.state.values.tolist())
-        for j, delta in enumerate(distortion.delta.values.tolist())
-    ]
-    return Table("distortion", "x0, A and B over δ", columns, tuple(rows))
+        series[f"effect_{cause.replace(' ', '_')}"] = distortion.effect.sel(cause=cause, drop=True)
+    named = {key: array.assign_attrs(long_name=key.replace("_", " ")) for key, array in series.items()}
+    table = xr.Dataset(named).rename(state="coil")
+    shown = {"delta": DisplayUnit("10⁻⁶", 1e6, 0)}
+    return dataset_table("distortion", "x0, A and B over δ", table, ("coil", "delta", *named), shown)
 
 
 def calibration_table(results: Mapping[str, xr.Dataset]) -> Table:
-    """One row for each calibration and unknown.
+    """Return one row for each calibration and unknown: first guess, value and its 95 % interval.
 
-    Parameters
-    ----------
-    results : mapping of str to xarray.Dataset
-        `coilarray.localize.calibration.Calibration.result` by the name of the base.
-
-    Returns
-    -------
-    Table
-        First guess, value and its 95 % interval in SI, and whether the value is at a bound of its range, where the
-        interval means little.
+    The results of `coilarray.localize.calibration.calibrate` are given by the name of the base. Where a value is at a
+    bound of its range, its interval means little.
     """
-    columns = (
-        Column("base", "base"),
-        Column("unknown", "unknown"),
-        Column("unit", "unit"),
-        *(
-            ScientificColumn(key, header, 1, 4)
-            for key, header in (("start", "guess"), ("value", "value"), ("low", "95 % from"), ("high", "to"))
-        ),
-        Column("at_bound", "at a bound"),
-    )
-    rows: list[tuple[Value, ...]] = []
-    for base, result in results.items():
-        for k, name in enumerate(result.unknown.values.tolist()):
-            values = (number(result[key][k]) for key in ("start", "value", "low", "high"))
-            rows.append((base, name, str(result.unit.values[k]), *values, bool(result.at_bound[k])))
-    return Table("calibration", "Calibration to A, B and the peaks", columns, tuple(rows))
+    numbers = ("start", "value", "low", "high")
+    names = ("base", "unknown", "unit", *numbers, "at_bound")
+    title = "Calibration to A, B and the peaks"
+    return _by_base("calibration", title, results, names, dict.fromkeys(numbers, DisplayUnit(significant=True)))
 
 
 def correlation_table(base: str, result: xr.Dataset) -> Table:
-    """One row an unknown: its correlations with the others."""
-    names = result.unknown.values.tolist()
-    columns = (
-        Column("unknown", f"correlation, {base}"),
-        *(Column(f"correlation_{name}", name, 1, 2) for name in names),
-    )
-    rows: list[tuple[Value, ...]] = [
-        (name, *(number(value) for value in result.correlation.sel(unknown=name).values)) for name in names
-    ]
-    return Table(f"correlation_{base}", "Correlation", columns, tuple(rows))
+    """Return one row for each unknown: its correlations with the others."""
+    columns = {
+        f"correlation_{name}": result.correlation.sel(other=name, drop=True).assign_attrs(long_name=name)
+        for name in result.unknown.values.tolist()
+    }
+    unknowns = result.unknown.assign_attrs(long_name=f"correlation, {base}")
+    shown = dict.fromkeys(columns, DisplayUnit(digits=2))
+    table = xr.Dataset(columns).assign_coords(unknown=unknowns)
+    return dataset_table(f"correlation_{base}", "Correlation", table, ("unknown", *columns), shown)
 
 
 def misfit_table(results: Mapping[str, xr.Dataset]) -> Table:
-    """One row a calibration: root mean square of the residuals in units of their trust, before and after."""
-    columns = (
-        Column("base", "base"),
-        Column("misfit_before", "misfit before (in its trust)", 1, 2),
-        Column("misfit_after", "after", 1, 2),
-    )
-    rows: list[tuple[Value, ...]] = [
-        (base, number(result.misfit_before), number(result.misfit_after)) for base, result in results.items()
+    """Return one row for each calibration: rms of the residuals over their standard deviations, before and after."""
+    return _by_base("misfit", "Misfit of A, B and the peaks", results, ("base", "misfit_before", "misfit_after"), {})
+
+
+def _by_base(
+    name: str, title: str, results: Mapping[str, xr.Dataset], variables: Sequence[str], shown: Mapping[str, DisplayUnit]
+) -> Table:
+    """One table of several datasets, each with the name of its base in the first column."""
+    tables = [
+        dataset_table(name, title, one.assign_coords(base=base), variables, shown) for base, one in results.items()
     ]
-    return Table("misfit", "Misfit of A, B and the peaks", columns, tuple(rows))
+    return replace(tables[0], rows=tuple(row for table in tables for row in table.rows))
 
 
 def location_record(location: Location) -> dict[str, object]:
-    """Return what a reading says as a mapping for JSON, in SI units.
+    """Return a location as a mapping for JSON, in SI units.
 
     Parameters
     ----------
     location : Location
-        As `coilarray.localize.inverse.locate` returns it.
+        Location that `coilarray.localize.inverse.locate` returns.
 
     Returns
     -------
@@ -297,7 +230,7 @@ def location_record(location: Location) -> dict[str, object]:
         ``error`` alone for a refused reading. Else ``status``, ``reason`` where there is one, ``chi_square``,
         ``degrees_of_freedom``, ``probability``, and where there is a position ``x_m``, ``y_m``, ``depth_m`` and their
         ``sigma_…_m`` of the best of ``modes``, which has the same keys for each; a standard deviation that the reading
-        does not tell is null.
+        does not determine is null.
     """
     if location.verdict == "refused":
         return {"error": location.reason}
@@ -323,46 +256,30 @@ def location_record(location: Location) -> dict[str, object]:
 
 
 def position_table(records: Sequence[Mapping[str, Any]]) -> Table:
-    """One row for each reading and position that explains it.
+    """Return one row for each reading and each position that explains it.
 
     Parameters
     ----------
     records : sequence of mappings
-        Of `location_record`, or with ``status`` and ``modes`` of ``x_m`` and ``y_m``.
+        Results of `location_record`, or mappings with ``status`` and ``modes`` of ``x_m`` and ``y_m``.
 
     Returns
     -------
     Table
-        In m; empty where a reading does not tell, and without the columns that are empty. Readings count from 1.
+        Lengths in m; empty where a reading does not determine them, and without columns that are empty in every row.
+        Readings count from 1.
     """
     columns = (
-        Column("reading", "reading", 1, 0),
-        Column("status", "status"),
-        Column("x_m", "x (mm)", 1e3, 3),
-        Column("y_m", "y (mm)", 1e3, 3),
-        Column("depth_m", "depth (mm)", 1e3, 3),
-        Column("sigma_x_m", "± x (mm)", 1e3, 3),
-        Column("sigma_y_m", "± y (mm)", 1e3, 3),
-        Column("sigma_depth_m", "± depth (mm)", 1e3, 3),
-        Column("chi_square", "χ²", 1, 2),
+        Column("reading", unit="1"),
+        Column("status"),
+        *(Column(name, unit="m") for name in ("x", "y", "depth")),
+        *(Column(f"sigma_{name}", f"± {name}", "m") for name in ("x", "y", "depth")),
+        Column("chi_square", "χ²", "1", DisplayUnit(digits=2)),
     )
     rows: list[tuple[Value, ...]] = []
     for k, record in enumerate(records):
         status = "error" if "error" in record else str(record["status"])
         for mode in record.get("modes") or [{"chi_square": record.get("chi_square")}]:
             values = ("" if mode.get(column.key) is None else float(mode[column.key]) for column in columns[2:])
-            rows.append((float(k + 1), status, *values))
-    told = [k for k in range(len(columns)) if any(row[k] != "" for row in rows)]
-    kept = tuple(tuple(row[k] for k in told) for row in rows)
-    return Table("positions", "Positions", tuple(columns[k] for k in told), kept)
-
-
-def number(value: object) -> Value:
-    """Return a number of a table; what is not finite is left empty."""
-    as_float = float(np.asarray(value))
-    return as_float if math.isfinite(as_float) else ""
-
-
-def _rms(values: npt.NDArray[np.float64]) -> Value:
-    """Root mean square; empty of nothing."""
-    return number(np.sqrt(np.mean(values**2))) if len(values) else ""
+            rows.append((k + 1, status, *values))
+    return Table("positions", "Positions", columns, tuple(rows)).without_empty_columns()

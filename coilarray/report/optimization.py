@@ -2,29 +2,24 @@
 
 from __future__ import annotations
 
-import base64
-import io
 import itertools
 import json
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-import jinja2
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from coilarray.circuit.coupling import provenance
 from coilarray.compute.files import make_folder, write_text
 from coilarray.design.model import Design
 from coilarray.design.vary import vary
 from coilarray.errors import CoilarrayError
-from coilarray.report.figures import Picture
+from coilarray.report.figures import Picture, draw
+from coilarray.report.page import now, render_page
 from coilarray.report.tables import Column, Table
 from coilarray.studies.optimize.importance import importance
 from coilarray.studies.optimize.run import Optimization
@@ -34,8 +29,7 @@ from coilarray.studies.optimize.write import design_names
 from coilarray.studies.quantities import QUANTITIES, Evaluation, request
 from coilarray.viz import boards_figure, plot_importance, plot_pareto, plot_search
 
-_DPI = 130
-_CHEAP = ("geometry", "coupling", "circuit")  # costs of quantities that the page shows though nobody asked
+_CHEAP = ("geometry", "coupling", "circuit")  # costs of the quantities that the page shows in any case
 _MOST_REASONS = 5
 _MOST_BEST = 20
 _DIGITS = re.compile(r"\d+")
@@ -49,11 +43,11 @@ class Chosen:
     Parameters
     ----------
     label : str
-        Name of its file without the suffix.
+        Name of the design's file without the suffix.
     trial : Trial
-        Its point.
+        Point of the search that the design was made from.
     design : Design
-        Built from it.
+        The design itself.
     """
 
     label: str
@@ -67,26 +61,43 @@ def write_optimization_report(result: Optimization, folder: str | Path) -> Path:
     Parameters
     ----------
     result : Optimization
-        As `coilarray.studies.optimize.optimize_design` returns it.
+        Result of `coilarray.studies.optimize.optimize_design`.
     folder : str or Path
-        Made where it does not exist.
+        Folder of the page; it is made where it does not exist.
 
     Returns
     -------
     Path
-        Of the page.
+        File of the page.
 
     Raises
     ------
     OutputError
-        It cannot be written; an earlier page is left as it was.
+        The file cannot be written; an earlier page is left as it was.
     """
-    folder = Path(folder)
-    make_folder(folder)
+    path = Path(folder) / "report.html"
+    make_folder(path.parent)
     chosen = chosen_designs(result)
     parts = importance(result.goal, result.axes, result.trials)
-    path = folder / "report.html"
-    write_text(path, _page(result, chosen, parts))
+    page = render_page(
+        "optimization.html.j2",
+        result=result,
+        goal=result.goal,
+        chosen=chosen,
+        impossible=sum(bool(trial.reason) for trial in result.trials),
+        feasible=sum(trial.feasible for trial in result.trials),
+        searched=sum(trial.kind == "search" for trial in result.trials),
+        variables=variable_table(result, chosen),
+        quantities=quantity_table(result, chosen),
+        trials=trial_table(result),
+        reasons=reason_table(result),
+        convergence=_convergence_pictures(result),
+        importance=_importance_pictures(result, parts),
+        fronts=_front_pictures(result, chosen),
+        boards=_board_picture(result, chosen),
+        made={**provenance(result.design), "date": now()},
+    )
+    write_text(path, page)
     return path
 
 
@@ -110,33 +121,28 @@ def _ends_and_middle(result: Optimization) -> set[int]:
 
 
 def variable_table(result: Optimization, chosen: Sequence[Chosen]) -> Table:
-    """One row a variable: what it may be, what it was, what it is in each chosen design."""
+    """Return one row for each variable: its range, its value at the start and in each chosen design."""
     columns = (
-        Column("entry", "entry"),
+        Column("entry"),
         Column("allowed", "may be"),
         Column("start", "as it was"),
-        *(Column(one.label, one.label) for one in chosen),
+        *(Column(one.label) for one in chosen),
     )
     rows = tuple(
-        (
-            axis.entry,
-            _allowed(axis),
-            _shown(axis.start),
-            *(_shown(one.trial.changes[axis.entry]) for one in chosen),
-        )
+        (axis.entry, _allowed(axis), _shown(axis.start), *(_shown(one.trial.changes[axis.entry]) for one in chosen))
         for axis in result.axes
     )
     return Table("variables", "Variables", columns, rows)
 
 
 def quantity_table(result: Optimization, chosen: Sequence[Chosen]) -> Table:
-    """One row a quantity, those of the goal first, then all that are cheap: before and after."""
+    """Return one row for each quantity, those of the goal first, then all that are cheap: before and after."""
     columns = (
-        Column("quantity", "quantity"),
-        Column("unit", "unit"),
+        Column("quantity"),
+        Column("unit"),
         Column("wish", "goal"),
         Column("start", "as it was"),
-        *(Column(one.label, one.label) for one in chosen),
+        *(Column(one.label) for one in chosen),
         Column("says", "what it is"),
     )
     wanted = _wishes(result)
@@ -169,10 +175,8 @@ def trial_table(result: Optimization) -> Table:
     names = [Path(name).stem for name in design_names(result)] if several else [""] * len(shown)
     entries = [axis.entry for axis in result.axes]
     columns = (
-        *([Column("file", "file")] if several else []),
-        Column("trial", "trial"),
-        Column("accuracy", "accuracy"),
-        *(Column(key, key) for key in (*result.goal.quantities, *entries)),
+        *([Column("file")] if several else []),
+        *map(Column, ("trial", "accuracy", *result.goal.quantities, *entries)),
     )
     rows = tuple(
         (
@@ -188,45 +192,18 @@ def trial_table(result: Optimization) -> Table:
 
 
 def reason_table(result: Optimization) -> Table:
-    """One row a reason why points could not be, the most frequent first."""
+    """Return one row for each reason why points give no design, the most frequent first."""
     reasons = [trial.reason for trial in result.trials if trial.reason]
     kinds = Counter(_DIGITS.sub("#", reason) for reason in reasons)  # numbers differ from point to point
     example = {_DIGITS.sub("#", reason): reason for reason in reversed(reasons)}
-    columns = (Column("reason", "for example"), Column("points", "points", 1, 0))
-    rows = tuple((example[kind], float(count)) for kind, count in kinds.most_common(_MOST_REASONS))
-    return Table("reasons", "Points that could not be", columns, rows)
-
-
-def _page(result: Optimization, chosen: Sequence[Chosen], parts: Sequence[Mapping[str, float]]) -> str:
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("coilarray.report", "."),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    return environment.get_template("optimization.html.j2").render(
-        result=result,
-        goal=result.goal,
-        chosen=chosen,
-        impossible=sum(bool(trial.reason) for trial in result.trials),
-        feasible=sum(trial.feasible for trial in result.trials),
-        searched=sum(trial.kind == "search" for trial in result.trials),
-        variables=variable_table(result, chosen),
-        quantities=quantity_table(result, chosen),
-        trials=trial_table(result),
-        reasons=reason_table(result),
-        convergence=_convergence_pictures(result),
-        importance=_importance_pictures(result, parts),
-        fronts=_front_pictures(result, chosen),
-        boards=_board_picture(result, chosen),
-        made={**provenance(result.design), "date": datetime.now(UTC).isoformat(timespec="seconds")},
-    )
+    columns = (Column("reason", "for example"), Column("points", unit="1"))
+    rows = tuple((example[kind], count) for kind, count in kinds.most_common(_MOST_REASONS))
+    return Table("reasons", "Points that give no design", columns, rows)
 
 
 def _convergence_pictures(result: Optimization) -> list[Picture]:
     return [
-        _picture(
+        draw(
             f"convergence_{k}",
             f"Score of every trial in turn: {objective.wish}. Points that break a bound may lie outside.",
             plot_search(result, k),
@@ -237,7 +214,7 @@ def _convergence_pictures(result: Optimization) -> list[Picture]:
 
 def _importance_pictures(result: Optimization, parts: Sequence[Mapping[str, float]]) -> list[Picture]:
     return [
-        _picture(
+        draw(
             f"importance_{k}",
             f"Which variables set the best tenth of the points apart: {objective.wish}.",
             plot_importance(part, title=objective.wish),
@@ -254,26 +231,18 @@ def _front_pictures(result: Optimization, chosen: Sequence[Chosen]) -> list[Pict
     for i, j in list(itertools.combinations(range(len(result.goal.objectives)), 2))[:_MOST_FRONTS]:
         axes = plot_pareto(result, (i, j), named={one.trial.name: one.label for one in chosen})
         wishes = " and ".join(result.goal.objectives[k].wish for k in (i, j))
-        pictures.append(_picture(f"front_{i}_{j}", f"Pareto front: {wishes}. The star is the design as it was.", axes))
+        pictures.append(draw(f"front_{i}_{j}", f"Pareto front: {wishes}. The star is the design as it was.", axes))
     return pictures
 
 
 def _board_picture(result: Optimization, chosen: Sequence[Chosen]) -> Picture:
     boards = {f"{result.design.name}, as it was": result.design.array}
     boards |= {one.label: one.design.array for one in chosen}
-    return _picture("boards", "The boards from above, all copper layers, at one scale.", boards_figure(boards))
-
-
-def _picture(name: str, caption: str, drawn: Axes | Figure) -> Picture:
-    figure = drawn if isinstance(drawn, Figure) else drawn.get_figure(root=True)
-    assert figure is not None  # the plots make one
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=_DPI, bbox_inches="tight")
-    return Picture(name, caption, "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii"))
+    return draw("boards", "The boards from above, all copper layers, at one scale.", boards_figure(boards))
 
 
 def _wishes(result: Optimization) -> dict[str, str]:
-    """Return what the goal says of each quantity."""
+    """Return the goal's wish for each quantity."""
     wishes: dict[str, list[str]] = {key: [] for key in result.goal.quantities}
     for objective in result.goal.objectives:
         target = objective.target
@@ -284,7 +253,7 @@ def _wishes(result: Optimization) -> dict[str, str]:
 
 
 def _quantities(design: Design, trial: Trial, keys: Sequence[str]) -> dict[str, float]:
-    """Quantities of a design that its trial knows, and those that it has besides."""
+    """Quantities of a design: those that its trial has, and the others that can be computed."""
     known = dict(trial.quantities)
     evaluation = Evaluation(design)
     for key in keys:

@@ -10,13 +10,7 @@ import xarray as xr
 
 from coilarray.errors import LocalizeError
 from coilarray.localize.ellipse import Ellipse, fit_ellipses
-from coilarray.localize.ellipse_model import (
-    SEMIAXIS_ADDITION,
-    EllipseModel,
-    EllipsePosition,
-    ellipse_model,
-    locate_x,
-)
+from coilarray.localize.ellipse_model import SEMIAXIS_ADDITION, EllipseModel, EllipsePosition, ellipse_model, locate_x
 from coilarray.report.tables import Column, Table, Value
 
 Place = tuple[float, float]
@@ -25,20 +19,20 @@ Place = tuple[float, float]
 
 @dataclass(frozen=True, eq=False)
 class MapPositions:
-    """What the ellipse model of a map makes of the map's own readings.
+    """Positions that the ellipse model of a map gives for the map's own readings.
 
     Parameters
     ----------
     fits : xarray.Dataset
-        The ellipses, as `coilarray.localize.ellipse.fit_ellipses` returns them.
+        Ellipses that `coilarray.localize.ellipse.fit_ellipses` found.
     model : EllipseModel
-        Their polynomials, nothing added to A.
+        Polynomials of the ellipses, with nothing added to A.
     depth : float
-        Of the map in m.
+        Depth of the map in m.
     readings : mapping of Place to mapping of str to float
         δ of every coil at every place of the grid.
     found : mapping of Place to EllipsePosition
-        The places where the model has a position, with A longer by `SEMIAXIS_ADDITION` as in the paper.
+        Positions at the places where the model has one, with A longer by `SEMIAXIS_ADDITION` as in the paper.
     """
 
     fits: xr.Dataset
@@ -82,11 +76,12 @@ def map_positions(response: xr.Dataset) -> MapPositions:
     Parameters
     ----------
     response : xarray.Dataset
-        As `coilarray.response.map.response_map` returns it.
+        Response map, measured or of `coilarray.response_map`.
 
     Returns
     -------
     MapPositions
+        Ellipses, their polynomials, and the position at each place that has one.
 
     Raises
     ------
@@ -117,24 +112,11 @@ def map_positions(response: xr.Dataset) -> MapPositions:
 
 
 def map_position_table(positions: MapPositions) -> Table:
-    """One row for each place of the map: real and determined x, and the coils whose ellipses meet.
-
-    Parameters
-    ----------
-    positions : MapPositions
-
-    Returns
-    -------
-    Table
-        In m; empty where the model has no position.
-    """
+    """Return one row for each place of the map: real and determined x, and the coils whose ellipses meet."""
     columns = (
-        Column("x_m", "x (mm)", 1e3, 2),
-        Column("y_m", "y (mm)", 1e3, 2),
-        Column("determined_x_m", "determined x (mm)", 1e3, 3),
-        Column("error_m", "error (mm)", 1e3, 3),
-        Column("case", "case"),
-        Column("coils", "coils"),
+        *(Column(name, unit="m") for name in ("x", "y", "determined_x", "error")),
+        Column("case"),
+        Column("coils"),
     )
     rows: list[tuple[Value, ...]] = []
     for x, y in positions.readings:

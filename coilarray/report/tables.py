@@ -1,15 +1,22 @@
-"""The numbers of a report as tables: SI in the files, prefixed units on the page, one source for both."""
+"""Tables of a report: SI in the files, customary units on the page; names and units come from the datasets.
+
+To add a column to the table of a dataset, add the name of the variable to the list of that table: its attribute
+``long_name`` is the heading, ``units`` the unit.
+"""
 
 from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
-from dataclasses import dataclass
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 import xarray as xr
 
+from coilarray.compute.display_units import PERCENT, DisplayUnit, display_unit
 from coilarray.design.model import Design
 from coilarray.electromagnetics.inductance import coupling_matrix
 from coilarray.geometry import Margin
@@ -19,43 +26,79 @@ Value = str | float | bool
 
 @dataclass(frozen=True)
 class Column:
-    """One column.
+    """A column of a table.
 
     Parameters
     ----------
-    key : str
-        Name in the files, ending in the SI unit.
-    header : str
-        Name on the page, with the unit shown there.
-    scale : float
-        From SI to the unit on the page.
-    digits : int
-        Decimal places on the page.
+    name : str
+        Name of the quantity, without its unit.
+    label : str
+        Heading on the page, without the unit; the name in words by default.
+    unit : str
+        SI unit of the values in the rows and files; empty for text, "1" for a pure number.
+    shown : DisplayUnit, optional
+        Unit on the page; by default the customary one of `unit`.
     """
 
-    key: str
-    header: str
-    scale: float = 1.0
-    digits: int = 3
+    name: str
+    label: str = ""
+    unit: str = ""
+    shown: DisplayUnit | None = None
 
-    def text(self, value: Value) -> str:
-        """Return a value as the page shows it."""
-        if isinstance(value, bool):
-            return "yes" if value else "no"
-        if isinstance(value, str):
-            return value
-        shown = round(value * self.scale, self.digits) + 0.0  # + 0.0: no −0
-        return f"{shown:.{self.digits}f}".replace("-", "−")
+    @property
+    def key(self) -> str:
+        """Name in the files: the quantity and its SI unit, as "force_N_per_m"; the unit of a ratio is left out."""
+        unit = "" if self.unit in ("", "1", "A/A") else "_" + self.unit.replace("/", "_per_")
+        return self.name + unit
+
+    @property
+    def header(self) -> str:
+        """Name on the page, with the unit that is shown there."""
+        return self._shown.label(self.label or self.name.replace("_", " "))
+
+    @property
+    def _shown(self) -> DisplayUnit:
+        return self.shown or display_unit(self.unit)
+
+    def texts(self, values: Sequence[Value]) -> list[str]:
+        """Return the values of this column as the page shows them."""
+        numbers = iter(self._shown.texts([value for value in values if not isinstance(value, (str, bool))]))
+        return [_TRUTH[value] if isinstance(value, bool) else value if isinstance(value, str) else next(numbers)
+                for value in values]  # fmt: skip
+
+
+_TRUTH = {True: "yes", False: "no"}
 
 
 @dataclass(frozen=True)
 class Table:
-    """A named table; `rows` hold one value a column, numbers in SI."""
+    """A table with a name for files and a title for people.
+
+    Parameters
+    ----------
+    name : str
+        Name of the file without its suffix, and key in JSON.
+    title : str
+        Heading on the page.
+    columns : tuple of Column
+        Names and units of the columns.
+    rows : tuple of tuple
+        One value for each column, numbers in SI; an empty text where there is none.
+    row_units : tuple of DisplayUnit
+        Unit of each row, where the rows have units of their own; it is shown in the column "unit" and counts for the
+        columns of pure numbers before it.
+    """
 
     name: str
     title: str
     columns: tuple[Column, ...]
     rows: tuple[tuple[Value, ...], ...]
+    row_units: tuple[DisplayUnit, ...] = ()
+
+    @property
+    def headers(self) -> list[str]:
+        """Headings of the columns on the page."""
+        return [column.header for column in self.columns]
 
     def csv(self) -> str:
         """Return the table as CSV with SI values in full precision."""
@@ -72,117 +115,127 @@ class Table:
 
     def cells(self) -> list[list[str]]:
         """Return the rows as the page shows them."""
-        return [[c.text(value) for c, value in zip(self.columns, row, strict=True)] for row in self.rows]
+        if not self.rows:
+            return []
+        columns = [c.texts(values) for c, values in zip(self.columns, zip(*self.rows, strict=True), strict=True)]
+        for k, unit in enumerate(self.row_units):
+            end = [column.name for column in self.columns].index("unit")
+            columns[end][k] = unit.symbol
+            for texts, column, value in zip(columns[:end], self.columns, self.rows[k], strict=False):
+                if column.unit == "1":
+                    texts[k] = Column("", shown=unit).texts([value])[0]
+        return [list(row) for row in zip(*columns, strict=True)]
+
+    def without_empty_columns(self) -> Table:
+        """Return the table without the columns that are empty in every row."""
+        used = [k for k in range(len(self.columns)) if any(row[k] != "" for row in self.rows)]
+        rows = tuple(tuple(row[k] for k in used) for row in self.rows)
+        return replace(self, columns=tuple(self.columns[k] for k in used), rows=rows)
 
 
-def crossed_rows(dataset: xr.Dataset, first: str, second: str, names: Sequence[str]) -> tuple[tuple[Value, ...], ...]:
-    """One row for each pair of labels of two dimensions, with the values of the variables `names` (first, second)."""
-    return tuple(
-        (a, b, *(float(dataset[name].values[i, j]) for name in names))
-        for i, a in enumerate(dataset[first].values.tolist())
-        for j, b in enumerate(dataset[second].values.tolist())
+def dataset_table(
+    name: str, title: str, dataset: xr.Dataset, variables: Sequence[str], shown: Mapping[str, DisplayUnit] | None = None
+) -> Table:
+    """Make a table of the variables of a dataset, with their names and units.
+
+    Parameters
+    ----------
+    name, title : str
+        Name of the file without its suffix, and heading on the page.
+    dataset : xarray.Dataset
+        Values in SI, each variable with the attributes ``long_name`` and ``units``.
+    variables : sequence of str
+        Names of variables and coordinates, one for each column. There is a row for each combination of their
+        coordinates; the dimension that is named first changes slowest.
+    shown : mapping of str to DisplayUnit, optional
+        Units on the page of variables for which the customary one of their SI unit does not fit, such as shares in %.
+
+    Returns
+    -------
+    Table
+        A number that is not finite is left empty.
+
+    Examples
+    --------
+    >>> R = ("coil", [14.2, 14.1], {"long_name": "DC resistance", "units": "ohm"})
+    >>> coils = xr.Dataset({"resistance": R}, {"coil": ["a", "b"]})
+    >>> table = dataset_table("coils", "Coils", coils, ["coil", "resistance"])
+    >>> table.headers, table.cells(), table.csv().splitlines()[0]
+    (['coil', 'DC resistance (Ω)'], [['a', '14.200'], ['b', '14.100']], 'coil,resistance_ohm')
+    """
+    arrays = [dataset[variable] for variable in variables]
+    columns = tuple(
+        Column(variable, str(one.attrs.get("long_name", "")), _unit(one), (shown or {}).get(variable))
+        for variable, one in zip(variables, arrays, strict=True)
     )
+    values = (one.values.ravel().tolist() for one in xr.broadcast(*arrays))
+    return Table(name, title, columns, tuple(tuple(map(cell, row)) for row in zip(*values, strict=True)))
+
+
+def _unit(variable: xr.DataArray) -> str:
+    """SI unit of a variable; empty for text and truth values."""
+    return str(variable.attrs.get("units", "1")) if variable.dtype.kind in "fiu" else ""
+
+
+def cell(value: object) -> Value:
+    """Return a value of a table; a number that is not finite is left empty."""
+    if isinstance(value, (str, bool, int)):
+        return value
+    number = float(np.asarray(value))
+    return number if math.isfinite(number) else ""
+
+
+def root_mean_square(values: npt.NDArray[np.float64]) -> Value:
+    """Return the root mean square of finite numbers as a value of a table; empty where there are none."""
+    return cell(np.sqrt(np.mean(values**2))) if len(values) else ""
 
 
 def coil_table(design: Design, coupling: xr.Dataset) -> Table:
-    """One row a coil: what it is alone and with its neighbours terminated."""
-    columns = (
-        Column("coil", "coil"),
-        Column("layers", "layers"),
-        Column("x_m", "x (mm)", 1e3, 2),
-        Column("y_m", "y (mm)", 1e3, 2),
-        Column("resistance_ohm", "R dc (Ω)", 1, 2),
-        Column("inductance_H", "L (µH)", 1e6, 3),
-        Column("sheet_inductance_H", "of L by the sheets (µH)", 1e6, 3),
-        Column("effective_inductance_H", "L_eff (µH)", 1e6, 3),
-        Column("inductance_change", "L_eff/L − 1 (%)", 100, 3),
-        Column("effective_resistance_ohm", "R_eff (Ω)", 1, 2),
-        Column("quality_factor", "Q", 1, 1),
-        Column("open_frequency_Hz", "f, others open (MHz)", 1e-6, 4),
-        Column("frequency_Hz", "f (MHz)", 1e-6, 4),
-    )
+    """Return one row for each coil: its values alone, and with its neighbours as terminated."""
+    layers = ["+".join(place.layers) for place in design.array.placements]
+    by_sheets = coupling.sheet_inductance
+    single = coupling.assign(layers=("coil", layers), sheet_inductance=("coil", np.diag(by_sheets), by_sheets.attrs))
     names = (
-        "x", "y", "resistance", "open_inductance", "own_sheet_inductance", "effective_inductance",
+        "coil", "layers", "x", "y", "resistance", "open_inductance", "sheet_inductance", "effective_inductance",
         "inductance_change", "effective_resistance", "quality_factor", "open_frequency", "frequency",
     )  # fmt: skip
-    single = coupling.assign(own_sheet_inductance=("coil", np.diag(coupling.sheet_inductance)))
-    rows: list[tuple[Value, ...]] = []
-    for k, place in enumerate(design.array.placements):
-        rows.append((place.name, "+".join(place.layers), *(float(single[name][k]) for name in names)))
-    return Table("coils", "Coils", columns, tuple(rows))
+    return dataset_table("coils", "Coils", single, names, {"inductance_change": PERCENT})
 
 
 def pair_table(coupling: xr.Dataset) -> Table:
-    """One row for each active coil and other coil; the coupling also without the magnetic sheets."""
-    columns = (
-        Column("active", "active"),
-        Column("other", "other"),
-        Column("mutual_inductance_H", "M (µH)", 1e6, 4),
-        Column("sheet_inductance_H", "of M by the sheets (µH)", 1e6, 4),
-        Column("coupling", "k", 1, 5),
-        Column("bare_coupling", "k without sheets", 1, 5),
-        Column("current_real", "i, in phase (A/A)", 1, 5),
-        Column("current_imag", "i, quadrature (A/A)", 1, 5),
-        Column("contribution_H", "part in L_eff − L (µH)", 1e6, 4),
-    )
-    names = (
-        "inductance", "sheet_inductance", "coupling", "bare_coupling", "current_real", "current_imag", "contribution",
-    )  # fmt: skip
+    """Return one row for each active coil and other coil; the coupling also without the magnetic sheets."""
     bare = coupling_matrix(coupling.inductance.values - coupling.sheet_inductance.values)
-    both = coupling.assign(bare_coupling=(("coil", "other"), bare))
-    rows = tuple(row for row in crossed_rows(both, "coil", "other", names) if row[0] != row[1])
-    return Table("pairs", "Pairs of coils", columns, rows)
+    described = {"long_name": "coupling coefficient without magnetic sheets", "units": "1"}
+    both = coupling.assign(
+        mutual_inductance=coupling.inductance.assign_attrs(long_name="mutual inductance"),
+        bare_coupling=(("coil", "other"), bare, described),
+    ).rename(coil="active")
+    names = (
+        "active", "other", "mutual_inductance", "sheet_inductance", "coupling", "bare_coupling", "current_real",
+        "current_imag", "contribution",
+    )  # fmt: skip
+    table = dataset_table("pairs", "Pairs of coils", both, names)
+    return replace(table, rows=tuple(row for row in table.rows if row[0] != row[1]))
 
 
 def design_table(design: Design) -> Table:
-    """One row for each value of the design, assumed ones with their reason."""
-    columns = (
-        Column("key", "key"),
-        Column("value", "value"),
-        Column("origin", "origin"),
-        Column("reason", "reason"),
-    )
+    """Return one row for each value of the design, assumed ones with their reason."""
     rows = []
     for key, value in design.values.items():
         origin = "assumed" if key in design.assumed else "given" if key in design.given else "default"
         rows.append((key, _plain(value), origin, design.assumed.get(key, "")))
-    return Table("design", "Design", columns, tuple(rows))
+    return Table("design", "Design", tuple(map(Column, ("key", "value", "origin", "reason"))), tuple(rows))
 
 
-@dataclass(frozen=True)
-class MarginTable(Table):
-    """The table of margins, in which lengths stand beside counts and ratios; the page shows the lengths in mm."""
-
-    def cells(self) -> list[list[str]]:
-        """Return the rows as the page shows them."""
-        shown = []
-        for row, cells in zip(self.rows, super().cells(), strict=True):
-            if row[_UNIT] == "1":
-                numbers = [f"{number:.4g}".replace("-", "−") for number in row[_NUMBERS]]
-                cells[_NUMBERS], cells[_UNIT] = numbers, ""
-            else:
-                cells[_UNIT] = "mm"
-            shown.append(cells)
-        return shown
-
-
-# columns of a `MarginTable`
-_NUMBERS, _UNIT = slice(3, 6), 6
-
-
-def rules_table(margins: Sequence[Margin]) -> MarginTable:
-    """One row a margin, in the order of `check_rules`; a margin that has no place leaves x and y empty."""
+def rules_table(margins: Sequence[Margin]) -> Table:
+    """Return one row for each margin, in the order of `check_rules`; a margin of the whole board has no place."""
     columns = (
-        Column("rule", "rule"),
-        Column("layer", "layer"),
-        Column("feature", "feature"),
-        Column("value", "value", 1e3, 4),
-        Column("limit", "limit", 1e3, 4),
-        Column("margin", "margin", 1e3, 4),
-        Column("unit", "unit"),
-        Column("x_m", "x (mm)", 1e3, 3),
-        Column("y_m", "y (mm)", 1e3, 3),
-        Column("kept", "kept"),
+        *map(Column, ("rule", "layer", "feature")),
+        *(Column(name, unit="1") for name in ("value", "limit", "margin")),
+        Column("unit"),
+        Column("x", unit="m"),
+        Column("y", unit="m"),
+        Column("kept"),
     )
     rows = tuple(
         (
@@ -192,15 +245,19 @@ def rules_table(margins: Sequence[Margin]) -> MarginTable:
         )
         for m in margins
     )
-    return MarginTable("rules", "Fabrication rules", columns, rows)
+    units = tuple(_LENGTH if m.unit else _NUMBER for m in margins)
+    return Table("rules", "Fabrication rules", columns, rows, units)
+
+
+_LENGTH, _NUMBER = DisplayUnit("mm", 1e3, 4), DisplayUnit(significant=True)
 
 
 def line_table(alone: xr.Dataset, operating: xr.Dataset) -> Table:
-    """B_z along a line, per ampere in the active coil."""
+    """Return B_z along a line, per ampere in the active coil."""
     columns = (
-        Column("x_m", "x (mm)", 1e3, 2),
-        Column("Bz_others_open_T_per_A", "B_z, others open (µT/mA)", 1e3, 4),
-        Column("Bz_as_terminated_T_per_A", "B_z, as terminated (µT/mA)", 1e3, 4),
+        Column("x", unit="m"),
+        Column("Bz_others_open", "B_z, other coils open", "T/A"),
+        Column("Bz_as_terminated", "B_z, other coils as terminated", "T/A"),
     )
     fields = (alone.B.sel(component="z").values.ravel(), operating.B.sel(component="z").values.ravel())
     rows = tuple(zip(alone.x.values.tolist(), *(field.tolist() for field in fields), strict=True))

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
 from pathlib import Path
+from typing import TypeVar
 
-import jinja2
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
@@ -23,16 +23,18 @@ from coilarray.compute.threads import Progress
 from coilarray.design.fab_limits import load_profile
 from coilarray.design.model import Design
 from coilarray.elastomer.contact import indent
-from coilarray.errors import CoilarrayError, GeometryError, LocalizeError, NetworkError
+from coilarray.errors import CoilarrayError, GeometryError, NetworkError
 from coilarray.geometry import check_rules
 from coilarray.localize.ellipse_model import SEMIAXIS_ADDITION
 from coilarray.localize.published import published_model
 from coilarray.report import circuit_tables, figures, indentation_tables, localize_tables, tables
+from coilarray.report.page import now, render_page
 from coilarray.report.position import MapPositions, map_position_table, map_positions
 from coilarray.response.map import response_map
 from coilarray.viz import rendering_problem
 
 FloatArray = npt.NDArray[np.float64]
+T = TypeVar("T")
 
 # The line resolves the flanks of the bell to 1/200 of the board, the plane shows about a pixel a sample
 _LINE_POINTS = 401
@@ -48,20 +50,20 @@ _ENTERING = ("elastomer.", "indenter.", "indentation.")  # keys of the design sh
 
 @dataclass(frozen=True, eq=False)
 class Report:
-    """What `write_report` made.
+    """Files and numbers of a report.
 
     Parameters
     ----------
     page : Path
-        The HTML page.
+        File of the HTML page.
     folder : Path
-        The folder of CSV, JSON and netCDF files.
+        Folder of the CSV, JSON and netCDF files.
     coupling : xarray.Dataset
-        As `coilarray.couple_design` returns it.
+        Result of `coilarray.couple_design`.
     data : dict
-        Everything in ``report.json``.
+        Content of ``report.json``.
     rendering_problem : str or None
-        Why the board's picture is a drawing, in one line; None where it is rendered.
+        Reason why the board's picture is a drawing, in one line; None where it is rendered.
     """
 
     page: Path
@@ -71,22 +73,23 @@ class Report:
     rendering_problem: str | None
 
 
-def write_report(design: Design, where: str | Path = ".", progress: Progress | None = None) -> Report:
+def write_report(design: Design, where: str | Path = ".", *, progress: Progress | None = None) -> Report:
     """Compute the coupling of a design and write its report.
 
     Parameters
     ----------
     design : Design
-        As `coilarray.load_design` returns it.
+        Design of the board.
     where : str or Path
-        Folder for ``report.html`` and the folder ``report``; made where it does not exist. Files of an earlier
+        Folder for ``report.html`` and the folder ``report``; it is made where it does not exist. Files of an earlier
         report there are replaced.
     progress : callable, optional
-        Called with (done, total) as the work goes on.
+        Function that is called with (done, total) as the work goes on.
 
     Returns
     -------
     Report
+        The files that were written, and their numbers.
 
     Raises
     ------
@@ -100,16 +103,23 @@ def write_report(design: Design, where: str | Path = ".", progress: Progress | N
     ``ldc1614_drive.csv``, ``sweep.csv``, ``indentation.csv``, ``response.csv``, ``ellipses.csv``,
     ``polynomials.csv`` and ``map_positions.csv``, all of them in ``report.json``; ``coupling.nc``, ``field.nc``,
     ``scan.nc``, ``impedance.nc``, ``indentation.nc``, ``response.nc`` and ``ellipses.nc`` hold the arrays.
-    What a design does not ask for is left out; what it asks for in vain too, and the page says why.
+    Parts that a design does not ask for are left out, and so are parts that cannot be computed, with the reason on the
+    page.
     """
     folder = Path(where)
     data_folder = folder / "report"
     make_folder(folder)  # a folder that cannot be written is known before the work begins
-    steps = _Steps(progress, 8)
+    done = itertools.count(1)
+
+    def step() -> None:
+        """Report that one of the eight steps is done."""
+        if progress is not None:
+            progress(next(done), 8)
+
     # NumPy, SciPy and kernels on threads of their own, while pictures are drawn here
     with ThreadPoolExecutor(max_workers=5) as beside:
         probe = beside.submit(rendering_problem)  # starts a process that takes seconds
-        pressing = beside.submit(_press, design)
+        pressing = beside.submit(_or_reason, lambda: _press(design))
         coupled = beside.submit(couple_design, design)
 
         def inductance() -> FloatArray:
@@ -117,35 +127,41 @@ def write_report(design: Design, where: str | Path = ".", progress: Progress | N
             return np.asarray(coupled.result().inductance)
 
         circuit = beside.submit(_circuit, design, inductance)
-        responding = beside.submit(_respond, design, inductance)
+        responding = beside.submit(
+            _or_reason, lambda: None if design.indentation is None else response_map(design, inductance=inductance)
+        )
         coupling = coupled.result()
-        steps.next()
+        step()
         active = design.array.names[(len(design.array.names) - 1) // 2]
         line, plane = _fields(design, coupling, active)
-        steps.next()
+        step()
         margins = check_rules(design.array, design.rules)
-        steps.next()
+        step()
         pictures = [
             *figures.copper_pictures(design),
             *(figures.coupling_pictures(coupling) if len(design.array.names) > 1 else []),
             *figures.field_pictures(design, active, line, plane),
         ]
-        steps.next()
+        step()
         problem = probe.result()
         pictures.append(figures.board_picture(design))
-        steps.next()
+        step()
         indentation, indentation_problem = pressing.result()
         response, response_problem = responding.result()
-        pictures += _pressed_pictures(design, indentation, response, active)
-        positions, position_problem = _locate(response)
+        positions, position_problem = None, "there is no response map."
+        if design.indentation is not None and indentation is not None:
+            pictures += figures.indentation_pictures(design, design.indentation.indenter, indentation, active)
+        if response is not None:
+            pictures += figures.response_pictures(design, response)
+            positions, position_problem = _or_reason(lambda: map_positions(response))
         compare = design.name == _PUBLISHED
         if response is not None and positions is not None:
             known = published_model() if compare else None
             pictures += figures.position_pictures(design, response, positions, known)
-        steps.next()
+        step()
         scan, sweep, circuit_problem = circuit.result()
     pictures += [] if sweep is None else figures.sweep_pictures(sweep)
-    steps.next()
+    step()
     all_tables = [
         tables.coil_table(design, coupling),
         tables.pair_table(coupling),
@@ -157,10 +173,9 @@ def write_report(design: Design, where: str | Path = ".", progress: Progress | N
         *([] if response is None else [indentation_tables.response_table(response)]),
         *([] if positions is None else _position_tables(positions, compare)),
     ]
-    made = {**provenance(design), "date": datetime.now(UTC).isoformat(timespec="seconds")}
     data: dict[str, object] = {
         "schema": 1,
-        "provenance": made,
+        "provenance": {**provenance(design), "date": now()},
         "title": design.title,
         "source": design.source,
         "capacitance_F": design.circuit.capacitance,
@@ -180,7 +195,7 @@ def write_report(design: Design, where: str | Path = ".", progress: Progress | N
         **{table.name: table.records() for table in all_tables},
     }
     # everything that can fail on the numbers comes before the first file
-    page = _page(design, data, all_tables, pictures, made)
+    page = _page(design, data, all_tables, pictures)
     texts = {f"{table.name}.csv": table.csv() for table in all_tables}
     texts["report.json"] = json.dumps(data, indent=1, allow_nan=False) + "\n"
     make_folder(data_folder)
@@ -199,7 +214,7 @@ def write_report(design: Design, where: str | Path = ".", progress: Progress | N
         if dataset is not None:
             save_dataset(dataset, data_folder / f"{name}.nc")
     write_text(folder / "report.html", page)
-    steps.next()
+    step()
     return Report(folder / "report.html", data_folder, coupling, data, problem)
 
 
@@ -220,36 +235,21 @@ def _sheet_share(coupling: xr.Dataset) -> dict[str, float]:
     return {"least": float(share.min()), "most": float(share.max())}
 
 
-def _press(design: Design) -> tuple[xr.Dataset | None, str]:
-    """Force curve and dents of the design's indentation; where that fails, nothing and the reason."""
+def _press(design: Design) -> xr.Dataset | None:
+    """Force curve and dents of the design's indentation; nothing where it has none."""
     setup = design.indentation
     if setup is None:
-        return None, ""
+        return None
+    depths = _curve(setup.depths)
+    indentation = indent(design.sheets, setup.indenter, depths, base=setup.base, radius=setup.sample_radius)
+    return indentation.assign_attrs(provenance(design))
+
+
+def _or_reason(compute: Callable[[], T]) -> tuple[T | None, str]:
+    """Return the result of a computation and an empty text; where it fails, nothing and the reason."""
     try:
-        depths = _curve(setup.depths)
-        indentation = indent(design.sheets, setup.indenter, depths, base=setup.base, radius=setup.sample_radius)
-        return indentation.assign_attrs(provenance(design)), ""
+        return compute(), ""
     except CoilarrayError as error:
-        return None, str(error)
-
-
-def _respond(design: Design, inductance: Callable[[], FloatArray]) -> tuple[xr.Dataset | None, str]:
-    """Response map of the design's indentation; where that fails, nothing and the reason."""
-    if design.indentation is None:
-        return None, ""
-    try:
-        return response_map(design, inductance=inductance), ""
-    except CoilarrayError as error:
-        return None, str(error)
-
-
-def _locate(response: xr.Dataset | None) -> tuple[MapPositions | None, str]:
-    """Positions that the ellipse model of a response map gives; where that fails, nothing and the reason."""
-    if response is None:
-        return None, "there is no response map."
-    try:
-        return map_positions(response), ""
-    except LocalizeError as error:
         return None, str(error)
 
 
@@ -262,7 +262,7 @@ def _position_tables(positions: MapPositions, compare: bool) -> list[tables.Tabl
 
 
 def _position_summary(positions: MapPositions) -> dict[str, object]:
-    """Return what the page says about the positions, in SI units."""
+    """Numbers of the page's paragraph about positions, in SI units."""
     return {
         "coils": list(positions.model.names),
         "depth_m": positions.depth,
@@ -280,40 +280,14 @@ def _curve(depths: Sequence[float]) -> list[float]:
     return sorted([*depths, *between[apart].tolist()])
 
 
-def _pressed_pictures(
-    design: Design, indentation: xr.Dataset | None, response: xr.Dataset | None, coil: str
-) -> list[figures.Picture]:
-    pictures = []
-    if design.indentation is not None and indentation is not None:
-        pictures += figures.indentation_pictures(design, design.indentation.indenter, indentation, coil)
-    if response is not None:
-        pictures += figures.response_pictures(design, response)
-    return pictures
-
-
 def _circuit_tables(scan: xr.Dataset | None, sweep: xr.Dataset | None) -> list[tables.Table]:
     if scan is None or sweep is None:
         return []
-    return [
-        circuit_tables.winding_table(scan),
-        circuit_tables.state_table(scan),
-        circuit_tables.state_current_table(scan),
-        circuit_tables.limit_table(scan),
-        circuit_tables.drive_table(scan),
-        circuit_tables.sweep_table(sweep),
-    ]
-
-
-class _Steps:
-    """Counts the steps of the report for a progress bar."""
-
-    def __init__(self, progress: Progress | None, total: int) -> None:
-        self._progress, self._total, self._done = progress, total, 0
-
-    def next(self) -> None:
-        self._done += 1
-        if self._progress is not None:
-            self._progress(self._done, self._total)
+    of_scan = (
+        circuit_tables.winding_table, circuit_tables.state_table, circuit_tables.state_current_table,
+        circuit_tables.limit_table, circuit_tables.drive_table,
+    )  # fmt: skip
+    return [*(table(scan) for table in of_scan), circuit_tables.sweep_table(sweep)]
 
 
 def _fields(design: Design, coupling: xr.Dataset, active: str) -> tuple[dict[str, xr.Dataset], dict[str, xr.Dataset]]:
@@ -324,16 +298,14 @@ def _fields(design: Design, coupling: xr.Dataset, active: str) -> tuple[dict[str
     along = np.linspace(x_min, x_max, _LINE_POINTS)
     x = np.linspace(x_min, x_max, _samples(x_max - x_min))
     y = np.linspace(y_min, y_max, _samples(y_max - y_min))
-    z = design.field_height
-    line = {
-        label: operating_field(design, coupling, active, along, place.y, z, terminated=terminated)
-        for label, terminated in states.items()
-    }
-    plane = {
-        label: operating_field(design, coupling, active, x, y, z, terminated=terminated)
-        for label, terminated in states.items()
-    }
-    return line, plane
+
+    def both(x: npt.ArrayLike, y: npt.ArrayLike) -> dict[str, xr.Dataset]:
+        return {
+            label: operating_field(design, coupling, active, x, y, design.field_height, terminated=terminated)
+            for label, terminated in states.items()
+        }
+
+    return both(along, place.y), both(x, y)
 
 
 def _samples(extent: float) -> int:
@@ -347,23 +319,13 @@ def _both(plane: dict[str, xr.Dataset]) -> xr.Dataset:
 
 
 def _page(
-    design: Design,
-    data: dict[str, object],
-    all_tables: list[tables.Table],
-    pictures: list[figures.Picture],
-    made: dict[str, str],
+    design: Design, data: Mapping[str, object], all_tables: Sequence[tables.Table], pictures: Sequence[figures.Picture]
 ) -> str:
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("coilarray.report", "."),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     by_name = {table.name: table for table in all_tables}
     profile = design.values.get("fab.profile")
     rows = tuple(row for row in by_name["design"].rows if str(row[0]).startswith(_ENTERING))
-    return environment.get_template("page.html.j2").render(
+    return render_page(
+        "page.html.j2",
         design=design,
         data=data,
         tables=by_name,
@@ -372,5 +334,5 @@ def _page(
         pictures={picture.name: picture for picture in pictures},
         copper=[picture for picture in pictures if picture.name.startswith("copper_")],
         maps=[picture for picture in pictures if picture.name.startswith("field_map_")],
-        made=made,
+        made=data["provenance"],
     )

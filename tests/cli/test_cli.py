@@ -17,39 +17,17 @@ import xarray as xr
 from support.command_line import runner
 
 from coilarray import couple_design, load_design
-from coilarray.cli.main import main
+from coilarray.cli.main import app, main
 from coilarray.viz import rendering_problem
 
+pytestmark = pytest.mark.usefixtures("own_folder")
 run, refused = runner()
-
-
-@pytest.fixture(autouse=True)
-def _in_a_folder_of_its_own(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
 
 
 def test_help_names_every_command(capsys):
     code, out, _ = run(capsys)
     assert code == 0
-    for command in (
-        "report",
-        "init",
-        "check",
-        "matrix",
-        "field",
-        "impedance",
-        "indent",
-        "response",
-        "fit",
-        "distortion",
-        "locate",
-        "sweep",
-        "optimize",
-        "tolerance",
-        "export",
-        "import",
-        "view",
-    ):
+    for command in (registered.name for registered in app.registered_commands):
         assert f"\n  {command} " in out
         code, text, _ = run(capsys, command, "--help")
         assert code == 0
@@ -105,20 +83,8 @@ def test_field_plane_and_volume(capsys):
         assert saved.z.values == pytest.approx([3e-3])
         assert float(abs(saved.B.sel(component="z")).max()) == pytest.approx(data["peak_Bz_T"])
         assert saved.attrs["active_current_A"] == 2e-3
-    code, out, _ = run(
-        capsys,
-        "field",
-        "starter",
-        "--coil",
-        "coil1",
-        "--z-mm",
-        "1:3",
-        "--spacing-mm",
-        "2",
-        "--out",
-        "f.vtr",
-        "--others-open",
-    )
+    arguments = ("--coil", "coil1", "--z-mm", "1:3", "--spacing-mm", "2", "--out", "f.vtr", "--others-open")
+    code, out, _ = run(capsys, "field", "starter", *arguments)
     assert code == 0
     assert "× 2 points, coil1 active" in out
     import pyvista
@@ -163,11 +129,9 @@ def test_view_screenshot(capsys):
 
 def _broken_design():
     """Three coils that share one layer pair and overlap."""
-    text = Path("d.toml")
     main(["init", "d.toml"])
-    text.write_text(
-        text.read_text(encoding="utf-8").replace('[["L1", "L2"], ["L3", "L4"]]', '[["L1", "L2"]]'), encoding="utf-8"
-    )
+    text = Path("d.toml").read_text(encoding="utf-8")
+    Path("d.toml").write_text(text.replace('[["L1", "L2"], ["L3", "L4"]]', '[["L1", "L2"]]'), encoding="utf-8")
 
 
 @pytest.mark.parametrize("command", ["report", "matrix", "field", "view"])
@@ -223,9 +187,8 @@ def test_mistakes_are_one_line(capsys, arguments, message):
 
 def test_a_folder_that_cannot_be_written(capsys):
     Path("taken").write_text("a file, not a folder", encoding="utf-8")
-    assert "cannot make the folder taken: a file has that name" in refused(
-        capsys, "report", "starter", "--out", "taken"
-    )
+    line = refused(capsys, "report", "starter", "--out", "taken")
+    assert "cannot make the folder taken: a file has that name" in line
     assert Path("taken").read_text(encoding="utf-8") == "a file, not a folder"
 
 
@@ -277,13 +240,15 @@ def test_a_failed_report_leaves_nothing_half_written(capsys, monkeypatch):
 
 def test_the_installed_program():
     """The program in a process of its own: exit code, no traceback, and quick help without numba."""
-    script = "import sys; from coilarray.cli.main import main; sys.exit(main(['report', 'none.toml']))"
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+
+    def python(script):
+        return subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+
+    done = python("import sys; from coilarray.cli.main import main; sys.exit(main(['report', 'none.toml']))")
     assert done.returncode == 2
     assert done.stderr.startswith("coilarray: error: ")
-    script = (
+    done = python(
         "import sys; import coilarray, coilarray.cli.main; bad = {'vtk', 'pyvista', 'serial', 'numba', 'matplotlib'}"
+        " & set(sys.modules); sys.exit(str(bad) if bad else 0)"
     )
-    script += " & set(sys.modules); sys.exit(str(bad) if bad else 0)"
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

@@ -18,6 +18,7 @@ from support.command_line import runner
 from coilarray import load_design
 from coilarray.cli.main import main
 
+pytestmark = pytest.mark.usefixtures("own_folder")
 run, refused = runner("export")
 
 FORMATS = ("kicad", "gerber", "dxf", "svg", "step", "stl", "glb")
@@ -58,11 +59,6 @@ placements = [
 """
 
 
-@pytest.fixture(autouse=True)
-def _in_a_folder_of_its_own(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-
-
 def broken_design():
     """Three coils that share one layer pair and overlap."""
     main(["init", "d.toml"])
@@ -94,7 +90,7 @@ def test_every_format_is_written_and_named_after_the_design(capsys, to):
 
 
 @pytest.mark.parametrize(("to", "writer"), [("kicad", "kicad.write_kicad"), ("gerber", "gerber.write_gerbers")])
-def test_copper_that_is_not_the_coils_is_told(capsys, monkeypatch, to, writer):
+def test_copper_that_is_not_the_coils_is_reported(capsys, monkeypatch, to, writer):
     """An exporter that loses the last coil, as it stands on its layers."""
     module, name = f"coilarray.geometry.export.{writer}".rsplit(".", 1)
     true = getattr(importlib.import_module(module), name)
@@ -115,7 +111,7 @@ def test_copper_that_is_not_the_coils_is_told(capsys, monkeypatch, to, writer):
     assert "coil3" in " ".join(json.loads(out)["net_faults"])
 
 
-def test_a_segment_with_the_net_of_another_coil_is_told(capsys, monkeypatch):
+def test_a_segment_with_the_net_of_another_coil_is_reported(capsys, monkeypatch):
     from coilarray.geometry.export import kicad
 
     true = kicad.board_text

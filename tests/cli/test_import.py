@@ -16,14 +16,10 @@ from coilarray.cli.main import main
 from coilarray.electromagnetics.inductance import inductance_matrix
 from coilarray.geometry import CoilArray, Placement, Spiral, spiral_coil
 
+pytestmark = pytest.mark.usefixtures("own_folder")
 run, refused = runner("import")
 
 SPIRAL = square_spiral()
-
-
-@pytest.fixture(autouse=True)
-def _in_a_folder_of_its_own(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
 
 
 @pytest.fixture

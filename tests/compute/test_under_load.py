@@ -347,7 +347,7 @@ def test_an_interrupted_tolerance_keeps_whole_boards(tmp_path):
     (told,) = interrupted(tmp_path, *arguments, after=2)
     kept = files(tmp_path)
     number, rest = told.removeprefix("coilarray: ").split(" ", 1)
-    assert rest == f"boards are kept in {tmp_path / 'cache'}; the same command goes on there"
+    assert rest == f"boards are kept in {tmp_path / 'cache'}; the same command goes on from there"
     assert all(name.startswith("cache/") for name in kept)
     assert len(kept) >= int(number) - 1  # the nominal board may be one of the drawn ones
     for name in kept:

@@ -27,13 +27,20 @@ from coilarray.report.tables import Column
 from coilarray.report.write import _curve
 
 
+def drawn_report(design, folder, *, circuit=True, **options):
+    """Write a report without 3-D rendering, without the circuit's part where that is not wanted."""
+    with pytest.MonkeyPatch.context() as patch:
+        for module in ("write", "figures"):
+            patch.setattr(f"coilarray.report.{module}.rendering_problem", lambda: "no rendering in this test")
+        if not circuit:
+            patch.setattr("coilarray.report.write._circuit", lambda *_: (None, None, "left out of this test"))
+        return write_report(design, folder, **options)
+
+
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     """The report of the paper's board, drawn without 3-D rendering (tests/viz/test_scenes.py renders)."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("coilarray.report.write.rendering_problem", lambda: "no rendering in this test")
-        patch.setattr("coilarray.report.figures.rendering_problem", lambda: "no rendering in this test")
-        return write_report(load_design("gast2020"), tmp_path_factory.mktemp("report"))
+    return drawn_report(load_design("gast2020"), tmp_path_factory.mktemp("report"))
 
 
 TABLES = (
@@ -187,7 +194,7 @@ def test_the_share_of_the_magnetic_sheets(made, page):
     beside = ~np.eye(6, dtype=bool)
     np.testing.assert_array_equal([float(row["sheet_inductance_H"]) for row in pairs], by_sheets[beside])
     np.testing.assert_allclose([float(row["bare_coupling"]) for row in pairs], bare[beside], rtol=1e-12)
-    share = np.array([float(row["sheet_inductance_H"]) / float(row["inductance_H"]) for row in coils])
+    share = np.array([float(row["sheet_inductance_H"]) / float(row["open_inductance_H"]) for row in coils])
     text = f"make {100 * share.min():.2f} to {100 * share.max():.2f}\u00a0% of L"
     assert text in " ".join("".join(page.text).split(" "))
     assert made.data["sheet_share"] == {"least": pytest.approx(share.min()), "most": pytest.approx(share.max())}
@@ -281,13 +288,10 @@ def test_the_dent_is_rendered_over_the_middle_of_a_coil(monkeypatch):
 
 
 def test_single_coil_report(tmp_path):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("coilarray.report.write.rendering_problem", lambda: "none here")
-        patch.setattr("coilarray.report.figures.rendering_problem", lambda: "none here")
-        made = write_report(load_design("gast_fem"), tmp_path)
+    made = drawn_report(load_design("gast_fem"), tmp_path)
     (row,) = table(made, "coils")
     # nothing couples: terminated and open are the same
-    assert float(row["effective_inductance_H"]) == float(row["inductance_H"])
+    assert float(row["effective_inductance_H"]) == float(row["open_inductance_H"])
     assert table(made, "pairs") == []
     text = made.page.read_text(encoding="utf-8")
     assert "Coupling coefficient" not in text
@@ -314,10 +318,7 @@ lines_mm = [[[0, 0], [9, 0], [9, 4], [0, 4]]]
 lattice = "free"
 placements = [{ name = "a", coil = "hairpin", layers = ["top"], x_mm = 0, y_mm = 0 }]
 """
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("coilarray.report.write.rendering_problem", lambda: "none here")
-        patch.setattr("coilarray.report.figures.rendering_problem", lambda: "none here")
-        made = write_report(parse_design(hairpin), tmp_path)
+    made = drawn_report(parse_design(hairpin), tmp_path)
     assert made.data["circuit_problem"]
     assert f"Not computed: {made.data['circuit_problem']}" in made.page.read_text(encoding="utf-8")
     assert not (made.folder / "scan.nc").exists()
@@ -335,14 +336,10 @@ placements = [{ name = "a", coil = "hairpin", layers = ["top"], x_mm = 0, y_mm =
         ('shape = "hemisphere" ', 'shape = "cylinder_edge" ', "coils in space need dents about an axis", True),
     ],
 )
-def test_an_indentation_that_fails_is_told(tmp_path, old, new, problem, dent):
+def test_an_indentation_that_fails_is_reported(tmp_path, old, new, problem, dent):
     text = read("starter")
     assert old in text
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("coilarray.report.write.rendering_problem", lambda: "none here")
-        patch.setattr("coilarray.report.figures.rendering_problem", lambda: "none here")
-        patch.setattr("coilarray.report.write._circuit", lambda *_: (None, None, "left out of this test"))
-        made = write_report(parse_design(text.replace(old, new, 1)), tmp_path)
+    made = drawn_report(parse_design(text.replace(old, new, 1)), tmp_path, circuit=False)
     assert problem in made.data["indentation_problem"]
     page = made.page.read_text(encoding="utf-8")
     assert f"{'Response not' if dent else 'Not'} computed: {problem}" in page
@@ -366,18 +363,15 @@ def test_depths_of_the_force_curve():
 
 def test_progress_reaches_its_total(tmp_path):
     seen = []
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("coilarray.report.write.rendering_problem", lambda: "none here")
-        patch.setattr("coilarray.report.figures.rendering_problem", lambda: "none here")
-        patch.setattr("coilarray.report.write._circuit", lambda *_: (None, None, "left out of this test"))
-        write_report(load_design("starter"), tmp_path, lambda done, total: seen.append((done, total)))
-    assert [done for done, _ in seen] == list(range(1, seen[-1][1] + 1))
+    drawn_report(load_design("starter"), tmp_path, circuit=False, progress=lambda *step: seen.append(step))
+    assert seen == [(done, 8) for done in range(1, 9)]
 
 
 def test_column_text():
-    assert Column("a_m", "a (mm)", 1e3, 2).text(-0.0123) == "−12.30"
-    assert Column("a", "a").text("x") == "x"
-    assert Column("a", "a").text(True) == "yes"
+    column = Column("a", unit="m")
+    assert (column.key, column.header) == ("a_m", "a (mm)")
+    assert column.texts([-0.0123, "x", True, "", 7e-9]) == ["−12.300", "x", "yes", "", "0.000"]
+    assert (Column("line_force", unit="N/m").key, Column("a", "b").header) == ("line_force_N_per_m", "b")
 
 
 @pytest.mark.skipif(shutil.which("chromium") is None, reason="Chromium is not installed")

@@ -78,7 +78,7 @@ def test_files_are_in_si_and_the_page_in_millimetres(comparison):
     assert names == ["scales", "remains", "ellipses", "inductances", "curves"]
 
 
-def test_what_cannot_be_told_is_empty():
+def test_what_is_not_determined_is_empty():
     flat = world().assign(delta=0 * world().delta)
     found = compare_responses(flat, world(step=1e-3, reach=25e-3), replicates=0)
     (row, _) = scale_table(found).records()
@@ -104,7 +104,7 @@ def test_notes_say_what_was_not_compared(comparison):
     assert notes[2] == "Measured at depths that the simulated response does not reach, not compared: 3 mm."
     assert re.match(r"\d+ readings at positions outside of the simulated map were not compared", notes[3])
     assert notes[4] == "1 readings of the grid are not measured yet."
-    assert notes[5].startswith("The measured response tells no noise")
+    assert notes[5].startswith("The measured response has no noise figures")
     moved = compare_responses(world(), world(step=1e-3, reach=25e-3), reach=0.1e-3, replicates=0)
     assert not any("beyond the range" in note for note in comparison_notes(moved))
     far = compare_responses(

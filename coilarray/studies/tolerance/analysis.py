@@ -320,14 +320,14 @@ def _linear_part(
     both, single, of_error = ("contributor", "output"), ("output",), ("contributor",)
     return xr.Dataset(
         {
-            "nominal": (single, nominal, {"long_name": "without errors, in the unit of the name"}),
-            "linear_deviation": (single, linear.deviation, {"long_name": "linearised standard deviation"}),
+            "nominal": (single, nominal, {"long_name": "nominal value"}),
+            "linear_deviation": (single, linear.deviation, {"long_name": "σ, linear"}),
             "step_change": (
-                single, linear.step_change, {"units": "1", "long_name": "by twice the step, in standard deviations"}
+                single, linear.step_change, {"units": "1", "long_name": "change by twice the step (σ)"}
             ),
-            "effect": (both, linear.effects, {"long_name": "of one standard deviation"}),
-            "wide_effect": (both, linear.wide_effects, {"long_name": "of one standard deviation, twice the step"}),
-            "share": (both, linear.shares, {"units": "1", "long_name": "of the linearised variance"}),
+            "effect": (both, linear.effects, {"long_name": "effect of 1 σ"}),
+            "wide_effect": (both, linear.wide_effects, {"long_name": "effect of 1 σ, twice the step"}),
+            "share": (both, linear.shares, {"units": "1", "long_name": "share of the linearised variance"}),
             "deviation": (of_error, [one.deviation for one in found], {"long_name": "standard deviation"}),
             "unit": (of_error, [UNITS[one.table] for one in found]),
             "table": (of_error, [one.table for one in found]),
@@ -360,11 +360,11 @@ def _sampled_part(
             "error": (("sample", "contributor"), drawn, {"long_name": "drawn errors in SI"}),
             "value": (("sample", "output"), values),
             "failure": ("sample", np.array(failures, dtype=object)),
-            "sample_mean": (single, [column.mean() for column in columns]),
-            "sample_deviation": (single, deviation),
-            "sample_deviation_error": (single, error, {"long_name": "standard error"}),
-            "ratio": (single, ratio, {"units": "1", "long_name": "sampled over linearised standard deviation"}),
-            "ratio_error": (single, ratio_error, {"units": "1", "long_name": "standard error"}),
+            "sample_mean": (single, [column.mean() for column in columns], {"long_name": "mean of the drawn boards"}),
+            "sample_deviation": (single, deviation, {"long_name": "σ of the drawn boards"}),
+            "sample_deviation_error": (single, error, {"long_name": "standard error of σ"}),
+            "ratio": (single, ratio, {"units": "1", "long_name": "ratio of both σ"}),
+            "ratio_error": (single, ratio_error, {"units": "1", "long_name": "± ratio"}),
             "percentiles": (("percentile", "output"), np.array([np.percentile(c, CENTRAL) for c in columns]).T),
         },
         coords={"percentile": list(CENTRAL)},
@@ -384,17 +384,25 @@ def _yields(
     columns = [names.index(limit.quantity) for limit in limits]
     picked = [limit.quantity for limit in limits]
     in_linear = kept(limits, picked, nominal[columns] + units @ linear.effects[:, columns])
-    variables: dict[str, tuple[str, Any]] = {
+    variables: dict[str, tuple[Any, ...]] = {
         "limited": ("limit", [*picked, ""]),
         "at_least": ("limit", [*(limit.at_least for limit in limits), -np.inf]),
         "at_most": ("limit", [*(limit.at_most for limit in limits), np.inf]),
-        "linear_yield": ("limit", [*in_linear.mean(axis=0), in_linear.all(axis=1).mean()]),
+        "linear_yield": (
+            "limit",
+            [*in_linear.mean(axis=0), in_linear.all(axis=1).mean()],
+            {"long_name": "yield, linear"},
+        ),
     }
     if len(values):
         good = kept(limits, names, values)
         counts = [*good.sum(axis=0).tolist(), int(good.all(axis=1).sum())]
         shares = [yield_of(count, len(values)) for count in counts]
-        variables["sample_yield"] = ("limit", [one.share for one in shares])
-        variables["sample_yield_low"] = ("limit", [one.low for one in shares])
-        variables["sample_yield_high"] = ("limit", [one.high for one in shares])
+        for name, end, text in (
+            ("", "share", "yield of boards"),
+            ("_low", "low", "at least"),
+            ("_high", "high", "at most"),
+        ):
+            values_of = [getattr(one, end) for one in shares]
+            variables[f"sample_yield{name}"] = ("limit", values_of, {"long_name": text})
     return xr.Dataset(variables, coords={"limit": [*(limit.text for limit in limits), "all limits"]})

@@ -1,0 +1,102 @@
+"""The units in which people read numbers in SI, and how many digits they need: one place for pages and terminals."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+_MINUS = "\u2212"  # as wide as a plus
+_LARGEST_DIGITS, _MOST_DECIMALS = 4, 9
+
+
+@dataclass(frozen=True)
+class DisplayUnit:
+    """A unit for people: its symbol, the factor from SI, and the digits that are written.
+
+    Parameters
+    ----------
+    symbol : str
+        Symbol of the unit, such as "µH"; empty for a pure number.
+    factor : float
+        Factor from SI to this unit.
+    digits : int, optional
+        Number of decimal places. By default as many as give the largest of the numbers four significant digits.
+    significant : bool
+        Whether `digits` are significant digits of each number, for numbers that span many powers of ten.
+
+    Examples
+    --------
+    >>> display_unit("H").texts([58.0294e-6, -2.98254e-6]), display_unit("H").label("inductance")
+    (['58.0294', '−2.9825'], 'inductance (µH)')
+    >>> display_unit("1").texts([-0.051326, 0.0012]), PER_MILLION.texts([7.9e-4])
+    (['−0.05133', '0.00120'], ['790.00'])
+    """
+
+    symbol: str = ""
+    factor: float = 1.0
+    digits: int | None = None
+    significant: bool = False
+
+    def label(self, quantity: str) -> str:
+        """Return the quantity's name, followed by the unit in brackets where there is one."""
+        return f"{quantity} ({self.symbol})" if self.symbol else quantity
+
+    def texts(self, numbers: Sequence[float]) -> list[str]:
+        """Return numbers in SI as text in this unit, with a true minus sign and never a minus zero."""
+        shown = [number * self.factor for number in numbers]
+        if self.significant:
+            return [f"{number:.{self.digits or _LARGEST_DIGITS}g}".replace("-", _MINUS) for number in shown]
+        digits = _decimals(shown) if self.digits is None else self.digits
+        return [f"{round(number, digits) + 0.0:.{digits}f}".replace("-", _MINUS) for number in shown]
+
+
+def _decimals(numbers: Sequence[float]) -> int:
+    """Return the decimal places that give the largest number four significant digits; whole numbers get none."""
+    largest = max((abs(number) for number in numbers if math.isfinite(number)), default=0.0)
+    if largest == 0.0 or all(float(number).is_integer() for number in numbers):
+        return 0
+    return min(max(_LARGEST_DIGITS - 1 - math.floor(math.log10(largest)), 0), _MOST_DECIMALS)
+
+
+PERCENT = DisplayUnit("%", 100.0, 2)
+"""Shares and relative changes."""
+PER_MILLION = DisplayUnit("10⁻⁶", 1e6, 2)
+"""Relative changes of inductance, δ."""
+
+_UNITS = {
+    "1": DisplayUnit(),
+    "A": DisplayUnit("µA", 1e6, 0),
+    "A/A": DisplayUnit("A/A", 1.0, 5),
+    "F": DisplayUnit("pF", 1e12, 2),
+    "H": DisplayUnit("µH", 1e6, 4),
+    "Hz": DisplayUnit("MHz", 1e-6, 4),
+    "N": DisplayUnit("mN", 1e3, 2),
+    "N/m": DisplayUnit("N/m", 1.0, 3),
+    "T/A": DisplayUnit("µT/mA", 1e3, 4),
+    "V": DisplayUnit("V", 1.0, 2),
+    "m": DisplayUnit("mm", 1e3, 3),
+    "ohm": DisplayUnit("Ω", 1.0, 3),
+    "rad": DisplayUnit("mrad", 1e3, 3),
+}
+
+
+def display_unit(unit: str) -> DisplayUnit:
+    """Return the unit in which people read values that are stored in an SI unit.
+
+    Parameters
+    ----------
+    unit : str
+        SI unit as the attribute ``units`` of a dataset has it, such as "H" or "ohm"; "" and "1" are pure numbers.
+
+    Returns
+    -------
+    DisplayUnit
+        The unit itself where no other one is customary for planar coils.
+
+    Examples
+    --------
+    >>> display_unit("Hz").symbol, display_unit("ohm").symbol, display_unit("Pa").symbol
+    ('MHz', 'Ω', 'Pa')
+    """
+    return _UNITS.get(unit or "1", DisplayUnit(unit))
