@@ -326,9 +326,9 @@ def _nets(table: SwitchTable, words: bytes, where: str) -> dict[tuple[int, int],
         for bit, switch in enumerate(switches):
             if switch is None and word >> bit & 1:
                 raise HardwareError(f"{where}: bit {bit} of word {device} must be 0; its switch is not wired.")
-    nets: dict[tuple[int, int], list[Net]] = {}
+    nets: dict[tuple[int, int], set[Net]] = {}
     for terminal, net in closed_switches(table, words):
-        nets.setdefault(terminal, []).append(net)
+        nets.setdefault(terminal, set()).add(net)
     return {terminal: sorted(joined, key=NETS.index) for terminal, joined in nets.items()}
 
 

@@ -245,7 +245,7 @@ def program(tests, *arguments):
 @pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="Windows ends processes without a signal")
 @pytest.mark.parametrize("number", ["SIGTERM", "SIGHUP", "SIGINT"])
 def test_a_program_that_is_ended_by_a_signal_leaves_the_board_at_rest(request, number):
-    running = program(request.path.parent, "block")
+    running = program(request.path.parents[1], "block")
     assert running.stdout.readline() == "started\n"
     running.send_signal(getattr(signal, number))
     out, err = running.communicate(timeout=PATIENCE)
@@ -257,7 +257,7 @@ def test_a_program_that_is_ended_by_a_signal_leaves_the_board_at_rest(request, n
 
 
 def test_a_program_that_never_leaves_the_block_rests_the_board_when_it_ends(request):
-    running = program(request.path.parent, "forgets")
+    running = program(request.path.parents[1], "forgets")
     out, _ = running.communicate(timeout=PATIENCE)
     assert (running.returncode, out.splitlines()) == (3, ["started", "at rest"])
 
