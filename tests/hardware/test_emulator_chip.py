@@ -82,6 +82,12 @@ class Chip:
     def wait(self, seconds):
         self.clock.sleep(seconds)
 
+    def converted(self, config=AWAKE, **registers):
+        """Wake and wait for one result of the usual length; return the chip."""
+        self.wake(config, **registers)
+        self.wait(conversion() * 1.01)
+        return self
+
     def code(self):
         msb = self.read(0x00)
         return (msb & 0x0FFF) << 16 | self.read(0x01)
@@ -510,9 +516,7 @@ def test_an_error_goes_when_status_or_the_data_of_its_channel_is_read(by):
 
 @pytest.mark.parametrize("cleared", [False, True])
 def test_unread_and_ready(cleared):
-    chip = Chip(open_points=OpenPoints(status_clears_unread=cleared))
-    chip.wake()
-    chip.wait(conversion() * 1.01)
+    chip = Chip(open_points=OpenPoints(status_clears_unread=cleared)).converted()
     assert chip.read(0x18) == 0x0048
     assert chip.read(0x18) == (0 if cleared else 0x0008)
     chip.read(0x00)
@@ -523,9 +527,7 @@ def test_unread_and_ready(cleared):
 def test_flags_go_by_reading_or_by_the_next_good_result(on_read):
     chip = Chip(
         sensors={0: replace(GOOD, parallel_resistance=12e3)}, open_points=OpenPoints(flags_clear_on_read=on_read)
-    )
-    chip.wake()
-    chip.wait(conversion() * 1.01)
+    ).converted()
     assert chip.read(0x00) >> 12 == 1
     assert chip.read(0x00) >> 12 == (0 if on_read else 1)
     chip.bench.sensors[0] = GOOD
@@ -534,9 +536,7 @@ def test_flags_go_by_reading_or_by_the_next_good_result(on_read):
 
 
 def test_the_interrupt_pin_can_be_switched_off():
-    chip = Chip()
-    chip.wake(AWAKE | 0x80)
-    chip.wait(conversion() * 1.01)
+    chip = Chip().converted(AWAKE | 0x80)
     assert not chip.chip.interrupt
     assert chip.read(0x18) == 0x0048
 
@@ -548,9 +548,9 @@ def test_the_interrupt_pin_can_be_switched_off():
 def test_the_chip_finds_a_drive_that_the_table_allows(code):
     _, low, high = DRIVES[code]
     R = 1e3 * math.sqrt(low * high)
-    chip = Chip(sensors={0: replace(GOOD, parallel_resistance=R)})
-    chip.wake(0x0001, DRIVE0=0)  # drive and amplitude left to the chip
-    chip.wait(conversion() * 1.01)
+    chip = Chip(sensors={0: replace(GOOD, parallel_resistance=R)}).converted(
+        0x0001, DRIVE0=0
+    )  # drive and amplitude left to the chip
     assert chip.read(0x18) & 0x3F00 == 0
     found = chip.chip.peek(0x1E)
     assert found & 0xF83F == 0  # only INIT_IDRIVE is written by the chip
@@ -559,9 +559,7 @@ def test_the_chip_finds_a_drive_that_the_table_allows(code):
 
 
 def test_a_found_drive_stays_when_it_is_written_to_idrive():
-    chip = Chip()
-    chip.wake(0x0001, DRIVE0=0)
-    chip.wait(conversion() * 1.01)
+    chip = Chip().converted(0x0001, DRIVE0=0)
     found = chip.read(0x1E) >> 6
     chip.wake(DRIVE0=found << 11)
     assert chip.chip.peek(0x1E) == found << 11 | found << 6
@@ -581,9 +579,9 @@ def test_amplitude_is_equation_12(code):
 def test_high_current_drives_a_small_resistance():
     small = {0: replace(GOOD, parallel_resistance=250.0)}
     assert Chip(sensors=small).result(DRIVE0=31 << 11, RCOUNT0=100)[1] == 0b1001
-    chip = Chip(sensors=small)
-    chip.wake(AWAKE | 0x40, DRIVE0=30 << 11)  # the data sheet says "up to 6 mA" and "down to 250 Ω", nothing between
-    chip.wait(conversion() * 1.01)
+    chip = Chip(sensors=small).converted(
+        AWAKE | 0x40, DRIVE0=30 << 11
+    )  # the data sheet says "up to 6 mA" and "down to 250 Ω", nothing between
     assert chip.read(0x18) == 0x0048
 
 
