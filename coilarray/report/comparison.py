@@ -33,7 +33,8 @@ def scale_table(comparison: xr.Dataset) -> Table:
             shift = comparison[f"shift{end}"].sel(axis=axis, drop=True)
             shifts[f"shift_{axis}{end}"] = shift.assign_attrs(long_name=f"{shift.attrs['long_name']} {axis}")
     names = (*_WHERE, "scale", "scale_std", *shifts, "at_limit", "points")
-    return dataset_table("scales", "Scale and shift", comparison.assign(shifts), names)
+    shown = dict.fromkeys(("scale", "scale_std"), DisplayUnit(digits=4))
+    return dataset_table("scales", "Scale and shift", comparison.assign(shifts), names, shown)
 
 
 def remains_table(comparison: xr.Dataset) -> Table:

@@ -132,8 +132,8 @@ def test_a_cylinder_has_force_a_metre(capsys):
     Path("d.toml").write_text(read("starter").replace('"hemisphere"', '"cylinder_edge"', 1), encoding="utf-8")
     code, out, _ = run(capsys, "d.toml", "--depth-mm", "0.3", "--out", "d.csv")
     assert code == 0
-    assert "force (N/m)" in out
-    assert "half width of contact (mm)" in out
+    assert "force on the indenter (N/m)" in out
+    assert "half width of the contact (mm)" in out
     assert Path("d.csv").read_text(encoding="utf-8").startswith("depth_m,force_N_per_m,")
 
 

@@ -186,7 +186,10 @@ def made_up(design, states=("coil1", "coil2", "coil3"), **_):
     data["rms"] = (("cause", "state"), np.sqrt(np.nanmean(effect**2, axis=-1)))
     data["centre"] = ("state", np.zeros(len(states)))
     coords = {"neighbours": ["grounded", "open"], "state": states, "delta": delta, "cause": ["all neighbours", "noise"]}
-    return xr.Dataset(data, coords, {"design": design.name})
+    made = xr.Dataset(data, coords, {"design": design.name})
+    for name in data:
+        made[name].attrs["units"] = "m"
+    return made
 
 
 @pytest.fixture

@@ -1,0 +1,56 @@
+"""Tables of datasets: names, units and digits come from the attributes, SI in the files."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from coilarray.cli import shared
+from coilarray.compute.display_units import PER_MILLION, DisplayUnit, display_unit
+from coilarray.report.tables import dataset_table
+
+
+@pytest.mark.parametrize(
+    ("unit", "numbers", "texts"),
+    [
+        (display_unit("H"), [58.0294e-6, -3e-12], ["58.0294", "0.0000"]),  # no minus zero
+        (display_unit("Hz"), [1.9072405e6], ["1.9072"]),
+        (display_unit("Pa"), [101325.5], ["101326"]),
+        (display_unit(""), [12.0, 3.0], ["12", "3"]),
+        (display_unit("1"), [0.05132, -0.00123, float("nan")], ["0.05132", "−0.00123", "nan"]),
+        (display_unit("1"), [0.0], ["0"]),
+        (PER_MILLION, [7.862349e-4], ["786.23"]),
+        (DisplayUnit(digits=3, significant=True), [1.23456e-7, 98765.0], ["1.23e−07", "9.88e+04"]),
+    ],
+)
+def test_numbers_have_as_many_digits_as_people_need(unit, numbers, texts):
+    assert unit.texts(numbers) == texts
+
+
+def test_rows_are_the_combinations_of_the_coordinates():
+    dataset = xr.Dataset(
+        {
+            "impedance": (("state", "frequency"), [[1.0, 2.0], [3.0, np.nan]], {"units": "ohm", "long_name": "Re Z"}),
+            "count": ("state", [4, 5]),
+            "kept": ("state", [True, False]),
+        },
+        {"frequency": ("frequency", [1e6, 2e6], {"units": "Hz"}), "state": ["a", "b"]},
+    )
+    table = dataset_table(
+        "t", "T", dataset, ("frequency", "state", "impedance", "count", "kept"), {"count": PER_MILLION}
+    )
+    assert table.headers == ["frequency (MHz)", "state", "Re Z (Ω)", "count (10⁻⁶)", "kept"]
+    assert table.csv().splitlines() == [
+        "frequency_Hz,state,impedance_ohm,count,kept",
+        "1000000.0,a,1.0,4,True", "1000000.0,b,3.0,5,False", "2000000.0,a,2.0,4,True", "2000000.0,b,,5,False",
+    ]  # fmt: skip
+    assert table.records()[3]["impedance_ohm"] == ""
+    assert table.cells()[3] == ["2.0000", "b", "", "5000000.00", "no"]
+
+
+def test_headings_take_several_lines_on_a_narrow_terminal(monkeypatch):
+    monkeypatch.setattr(shared, "_PIPE_WIDTH", 30)
+    lines = shared.table_text(("coil", "resonance frequency (MHz)"), [("a", "1.9072"), ("b", "2")]).splitlines()
+    last = [f"coil{'(MHz)':>11}", f"a{'1.9072':>14}", f"b{'2':>14}"]
+    assert lines == [f"{'resonance':>15}", f"{'frequency':>15}", *last]
