@@ -243,6 +243,8 @@ def _followed(
         initial_step_length=_LINE_STEP, max_length=_LONGEST_LINE * float(grid.length), max_steps=20_000,
         terminal_speed=0.0, compute_vorticity=False,
     )  # fmt: skip
+    if not found.n_cells:
+        return {}
     points, amounts = np.asarray(found.points, dtype=np.float64), np.asarray(found.point_data[AMOUNT])
     cells = {int(seed): found.get_cell(k).point_ids for k, seed in enumerate(found.cell_data["SeedIds"])}
     return {seed: (points[at], amounts[at]) for seed, at in cells.items() if len(at) > 1}
