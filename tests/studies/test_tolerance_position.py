@@ -33,7 +33,7 @@ PLACES = Positions((1e-3, 3e-3), (2e-3,), 1e-3, 1e-6)
 def test_the_linear_map_undoes_the_model(field):
     """P J = 1 at each place, and nothing between places."""
     shifts = shifts_at(field, PLACES, LARGEST)
-    assert shifts.told == ((0, 1, 2), (0, 1, 2))
+    assert shifts.determined == ((0, 1, 2), (0, 1, 2))
     jacobian = field.jacobian(shifts.points) / 1e3  # per mm
     states = len(field.states)
     whole = np.zeros((2 * states, 6))
@@ -68,18 +68,18 @@ def test_the_solver_finds_where_the_board_reads_from(field):
 def test_names_are_those_of_the_places(field):
     shifts = shifts_at(field, PLACES, LARGEST)
     assert shifts.names(("a", "b"))[:4] == ("shift_x_mm[a]", "shift_y_mm[a]", "shift_depth_mm[a]", "shift_x_mm[b]")
-    assert shifts.untold(("a", "b")) == ()
+    assert shifts.undetermined(("a", "b")) == ()
 
 
 def test_what_a_symmetric_board_cannot_tell_is_left_out():
     row = forward_model(board(ROW))
     shifts = shifts_at(row, Positions((5e-3,), (0.0, 5e-3), 1e-3, 1e-6), LARGEST)
-    assert shifts.told == ((0, 2), (0, 1, 2))
-    assert shifts.untold(("on the line", "off it")) == ("y at on the line",)
+    assert shifts.determined == ((0, 2), (0, 1, 2))
+    assert shifts.undetermined(("on the line", "off it")) == ("y at on the line",)
     assert shifts.names(("on", "off"))[:3] == ("shift_x_mm[on]", "shift_depth_mm[on]", "shift_x_mm[off]")
     assert shifts.matrix().shape == (5, 2 * len(ROW))
     # so weak a reading tells nothing at all
-    assert shifts_at(row, Positions((5e-3,), (0.0,), 1e-3, 1.0), LARGEST).told == ((),)
+    assert shifts_at(row, Positions((5e-3,), (0.0,), 1e-3, 1.0), LARGEST).determined == ((),)
 
 
 def test_a_reading_of_nothing_has_no_position(field):
