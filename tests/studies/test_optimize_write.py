@@ -205,7 +205,7 @@ def test_page(single, double, tmp_path, monkeypatch):
         assert "http" not in re.sub(r"<[^>]*>", "", page)
         assert not re.search(r"<(script|link|iframe)|src=\"(?!data:image/png;base64,)", page)
         assert "Smaller &amp; better" in page
-        for heading in ("Before and after", "Boards", "Convergence", "Importance", "Points that could not be"):
+        for heading in ("Before and after", "Boards", "Convergence", "Importance", "Points that give no design"):
             assert f"<h2>{heading}</h2>" in page
         assert "is too much." in page
     one, two = pages
