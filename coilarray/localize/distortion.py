@@ -22,6 +22,7 @@ from coilarray.geometry import Conductor
 from coilarray.localize.ellipse import fit_ellipses, refined_map
 from coilarray.localize.published import published_model
 from coilarray.response.map import Imperfections, inductance_changes, respond, response_map
+from coilarray.response.setup import map_axes
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -97,8 +98,8 @@ def distortion(
         if state not in names or state not in [s.name for s in design.circuit.plan]:
             raise LocalizeError(f"a state must be measured and named after its coil; got {state!r}.")
     levels = np.asarray(deltas, dtype=np.float64)
-    faults = imperfections or Imperfections()
-    maps = _Maps(design, faults, progress)
+    given = imperfections or Imperfections()
+    maps = _Maps(design, given, progress)
     base = maps.plain()
     curves = ellipse_curves(base, states, levels)
 
@@ -115,8 +116,8 @@ def distortion(
     effects["ellipse"] = ellipse_curves(both, states, levels).x0 - _middles(both, states, levels)
     effects["winding and leads"] = without(maps.turned(base))
     effects["layers"] = without(maps.levelled(base))
-    tilted = replace(faults, tilt=(faults.tilt[0] + TILT, faults.tilt[1]))
-    effects["tilt"] = -without(_Maps(design, tilted, maps.tell).plain())
+    tilted = replace(given, tilt=(given.tilt[0] + TILT, given.tilt[1]))
+    effects["tilt"] = -without(_Maps(design, tilted, maps.count).plain())
     effects["noise"] = _scatter(base, states, levels)
     return _dataset(design, states, levels, curves, ellipse_curves(opened, states, levels), effects)
 
@@ -126,11 +127,11 @@ class _Maps:
 
     _TOTAL = 7
 
-    def __init__(self, design: Design, faults: Imperfections, progress: Progress | None) -> None:
-        self._design, self._faults = design, faults
+    def __init__(self, design: Design, imperfections: Imperfections, progress: Progress | None) -> None:
+        self._design, self._imperfections = design, imperfections
         self._progress, self._done = progress, 0
 
-    def tell(self, done: int = 1, total: int = 1) -> None:
+    def count(self, done: int = 1, total: int = 1) -> None:
         """Count a finished map."""
         if done == total:
             self._done += 1
@@ -144,7 +145,12 @@ class _Maps:
             raise LocalizeError(f"the design {self._design.name} has no [indenter] and [indentation].")
         x, y = (_axis(given, more, parts) for given, more in zip((setup.x, setup.y), widen, strict=True))
         return response_map(
-            self._design, depths=setup.depths[:1], x=x, y=y, imperfections=self._faults, progress=self.tell
+            self._design,
+            depths=setup.depths[:1],
+            x=x,
+            y=y,
+            imperfections=self._imperfections,
+            progress=self.count,
         )
 
     def turned(self, base: xr.Dataset) -> xr.Dataset:
@@ -168,8 +174,9 @@ class _Maps:
         return respond(self._design, base, inductance_change=self._change(base, level))
 
     def _change(self, base: xr.Dataset, paths: Sequence[Conductor]) -> FloatArray:
-        change = inductance_changes(self._design, paths, base, self._faults)
-        self.tell()
+        axes = map_axes(self._design, base.depth, base.x, base.y)
+        change = inductance_changes(self._design, axes, paths=paths, imperfections=self._imperfections)
+        self.count()
         return change
 
 

@@ -18,9 +18,10 @@ from scipy.special import chdtrc, chdtri
 
 from coilarray.compute.threads import ranges
 from coilarray.errors import LocalizeError
-from coilarray.localize.forward import PARAMETERS, ForwardModel, checked_noise
+from coilarray.localize.forward import ForwardModel, checked_noise
 from coilarray.localize.identifiability import covariance_of
 from coilarray.localize.search import refine, scan_of, starts
+from coilarray.response.interpolation import PARAMETERS
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]

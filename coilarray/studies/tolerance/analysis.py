@@ -18,7 +18,8 @@ from coilarray.compute.workers import Pool, workers
 from coilarray.design.model import Design, build_design
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import GoalError, LocalizeError
-from coilarray.localize.forward import PARAMETERS, forward_model, table_for, table_grid
+from coilarray.localize.forward import forward_model, table_for, table_grid
+from coilarray.response.interpolation import PARAMETERS
 from coilarray.studies.cache import Outcome, PointCache
 from coilarray.studies.evaluate import run_cached
 from coilarray.studies.quantities import QUANTITIES, canonical
