@@ -127,9 +127,9 @@ def one_map(source: str | None, depth: float | None, *, allow_violations: bool) 
     source : str or None
         netCDF file, design file or name of a bundled design; gast2020 by default.
     depth : float or None
-        In m; the first one by default.
+        Depth in m; the first one by default.
     allow_violations : bool
-        As for `open_design`.
+        Whether designs that break fabrication rules are read.
 
     Raises
     ------

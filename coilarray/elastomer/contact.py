@@ -49,9 +49,9 @@ def hat_forces(system: Compliance, depth: float) -> FloatArray:
     Parameters
     ----------
     system : Compliance
-        Of the stack under the indenter.
+        Compliance of the stack under the indenter.
     depth : float
-        Above zero, in thicknesses of the stack.
+        Depth in thicknesses of the stack, above zero.
 
     Returns
     -------
@@ -95,14 +95,14 @@ def contact_radius(hats: FloatArray, pressure: FloatArray, tail: int) -> float:
     hats : ndarray, shape (m,)
         Radii of the hats.
     pressure : ndarray, shape (m,)
-        At the hats; the last one is zero.
+        Pressure at the hats; the last one is zero.
     tail : int
         Elements in the tail.
 
     Returns
     -------
     float
-        In the unit of `hats`.
+        Radius in the unit of `hats`.
 
     Examples
     --------
@@ -224,16 +224,16 @@ def indent(
     Parameters
     ----------
     sheets : sequence of Sheet
-        From the board up, bonded to each other.
+        Sheets from the board up, bonded to each other.
     indenter : Indenter
         Its symmetry decides between a body of revolution and plane strain.
     depths : array_like, shape (d,) or scalar
-        How far the tip goes below the flat top, in m; 0 is a touch.
+        Distances of the tip below the flat top in m; 0 is a touch.
     base : {"bonded", "frictionless"}
-        How the lowest sheet lies on the board.
+        Support of the lowest sheet on the board.
     radius : float, optional
-        Of a sample with a free edge, the indenter at its centre, in m; half its width in plane strain. Without it the
-        sample is wide.
+        Radius in m of a sample with a free edge, the indenter at its centre; half its width in plane strain. Without it
+        the sample is wide.
     mesh : ContactMesh
         Fineness of the mesh.
 

@@ -59,7 +59,7 @@ def dent_amplitudes(
     scattering : Scattering
         The solved dent.
     spectra : CoilSpectra
-        Of the coils, at the wavenumbers of the dent.
+        Spectra of the coils, at the wavenumbers of the dent.
     offsets : sequence of ndarray, shape (offsets, 2)
         One a shape of `spectra`: the indenter's position less the coil's centre in m; within the extent that the
         wavenumbers resolve.
@@ -104,7 +104,7 @@ def offset_grid(reach: float, clearance: float) -> tuple[FloatArray, FloatArray]
     reach : float
         Largest offset along x and y in m.
     clearance : float
-        Of the dent in m.
+        Clearance of the dent in m.
 
     Returns
     -------

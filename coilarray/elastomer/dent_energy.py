@@ -57,11 +57,11 @@ def dent_energies(
     dents : sequence of Dent
         All in the same sheets.
     points : ndarray, shape (positions, 2)
-        Of the indenter's axis in m.
+        Positions of the indenter's axis in m.
     circle : tuple of ndarray, shape (coils, 2), and float
         Centres of the coils and the radius that encloses each, in m.
     spectra_at : callable
-        Gives the coils' spectra at wavenumbers in 1/m.
+        Function that returns the coils' spectra at wavenumbers in 1/m.
     solve : callable
         Solves one dent.
     mesh : LayerMesh

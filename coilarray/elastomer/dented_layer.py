@@ -38,9 +38,9 @@ def dent_inductance(
     source : CoilArray, Conductor, polyline or sequence of them
         Coils at z ≤ 0; a path whose ends lie apart is closed by a straight line between them.
     dents : sequence of Dent
-        For example one a depth, all in the same sheets.
+        Dents in the same sheets, for example one for each depth.
     positions : array_like, shape (positions, 2)
-        Of the indenter's axis in m.
+        Positions of the indenter's axis in m.
     mesh : LayerMesh, optional
         Accuracy.
     model : {"full", "first order", "Born"}
@@ -53,7 +53,7 @@ def dent_inductance(
     Returns
     -------
     ndarray, shape (dents, positions, coils, coils)
-        In H, symmetric.
+        Inductance in H, dented minus flat; symmetric.
 
     Raises
     ------

@@ -27,9 +27,9 @@ def first_order(dent: Dent, wavenumbers: FloatArray, weights: FloatArray, highes
     Parameters
     ----------
     dent : Dent
-        About an axis.
+        Dent about an axis.
     wavenumbers, weights : ndarray, shape (k,)
-        As `coilarray.elastomer.scattering.wavenumber_rule` returns them.
+        Wavenumbers and weights in 1/m, from `coilarray.elastomer.scattering.wavenumber_rule`.
     highest : int
         Highest harmonic.
 
@@ -65,7 +65,7 @@ def born(dent: Dent, wavenumbers: FloatArray, weights: FloatArray, highest: int)
     Parameters
     ----------
     dent, wavenumbers, weights, highest
-        As in `first_order`.
+        Dent, integration rule and highest harmonic, as in `first_order`.
 
     Returns
     -------

@@ -38,18 +38,19 @@ class Alignment:
     Parameters
     ----------
     scale : float
-        Of the other's δ; NaN where the other map is flat.
+        Factor of the other map's δ; NaN where that map is flat.
     shift : tuple of float
-        Of the other along x and y in m; NaN along an axis that was not sought, or whose standard deviation is greater
-        than the reach: the map does not tell it, and it is taken as 0.
+        Shift of the other map along x and y in m; NaN along an axis that was not sought, or whose standard deviation is
+        greater than the reach: the map does not tell it, and it is taken as 0.
     scale_std, shift_std
         Standard deviations by the noise that was given; NaN with the value.
     used : ndarray of bool, shape (places,)
-        Which places took part.
+        Whether each place took part.
     at_limit : bool
         True where a shift stands at the end of the range that was searched: the true one is beyond.
     scatter : float
-        Of what remains, in δ: the root of its sum of squares over the degrees of freedom; NaN where there are none.
+        Scatter of the residuals in δ: the root of its sum of squares over the degrees of freedom; NaN where there are
+        none.
     """
 
     scale: float
@@ -89,9 +90,9 @@ def values_at(model: ForwardModel, places: FloatArray) -> tuple[FloatArray, Floa
     Parameters
     ----------
     model : ForwardModel
-        Of one state.
+        Model of one state.
     places : ndarray, shape (n, 3)
-        For which `inside` holds.
+        Places for which `inside` holds.
     """
     delta, jacobian = model.linear(np.clip(places, model.lower, model.upper))
     return delta[:, 0], jacobian[:, 0, :2]
@@ -110,7 +111,7 @@ def align(
     Parameters
     ----------
     model : ForwardModel
-        Of the other map, of one state.
+        Model of the other map, of one state.
     places : array_like, shape (n, 3)
         x, y and depth in m.
     measured : array_like, shape (n,)

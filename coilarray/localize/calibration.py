@@ -73,9 +73,9 @@ class Calibration:
     Parameters
     ----------
     design : Design
-        With the fitted sheets.
+        Design with the fitted sheets.
     imperfections : Imperfections
-        With the fitted depth error and tilt.
+        Imperfections with the fitted depth error and tilt.
     result : xarray.Dataset
         ``start``, ``value``, ``low`` and ``high`` (95 % confidence interval), ``at_bound`` (unknown), ``correlation``
         (unknown, other), ``misfit_before`` and ``misfit_after``: rms of the residuals in units of their trust.
@@ -99,13 +99,13 @@ def calibrate(
     Parameters
     ----------
     design : Design
-        With ``[indenter]`` and ``[indentation]``, one magnetic sheet, and the published coils' names.
+        Design with an indentation, one magnetic sheet, and the published names of the coils.
     states : sequence of str
         Published coils to fit to.
     unknowns : sequence of Unknown
-        From `UNKNOWNS`, bounds and guesses as one likes.
+        Unknowns to fit, those of `UNKNOWNS` or the same with other bounds and starts.
     base : {"bonded", "frictionless"}, optional
-        How the lowest sheet lies on the board; the design's by default.
+        Support of the lowest sheet on the board; the design's by default.
     progress : callable, optional
         Called with (done, total); the total is a guess.
 
@@ -167,9 +167,9 @@ def apply(design: Design, values: Mapping[str, float], base: str | None = None) 
     Parameters
     ----------
     design : Design
-        As for `calibrate`.
+        Design to change, as for `calibrate`.
     values : mapping of str to float
-        By the names of `UNKNOWNS`, in SI.
+        Values by the names of `UNKNOWNS`, in SI units.
     base : {"bonded", "frictionless"}, optional
         The design's by default.
 

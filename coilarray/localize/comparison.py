@@ -47,11 +47,11 @@ def compare_responses(
     Parameters
     ----------
     measured : xarray.Dataset
-        With ``delta`` (depth, y, x, state) and the coordinates in m; NaN where a position was not measured. Where it
-        has ``delta_std``, the standard deviation of δ, that is the noise; where the attribute ``repeats`` says that δ
-        is the mean of several, it is that of one.
+        Response with ``delta`` (depth, y, x, state) and coordinates in m; NaN where a position was not measured. Where
+        it has ``delta_std``, the standard deviation of δ, that is the noise; where the attribute ``repeats`` says that
+        δ is the mean of several, it is that of one.
     simulated : xarray.Dataset
-        The same without NaN, at least four x and four y. Another measured response will do; its ``delta_std`` is then
+        Response without NaN, at least four x and four y. Another measured response will do; its ``delta_std`` is then
         added to the noise.
     reach : float, optional
         Largest shift that is tried, in m; the measured map's own spacing along each axis by default. Shifts are sought
@@ -59,14 +59,14 @@ def compare_responses(
     replicates : int
         Noisy maps for the standard deviations of the ellipses, where ``delta_std`` is there; 0 for none.
     seed : int
-        Of their noise.
+        Seed of their noise.
     progress : callable, optional
         Called with (done, total).
 
     Returns
     -------
     xarray.Dataset
-        Of the states, depths and positions that both have, on the measured positions: dimensions ``depth``, ``y``,
+        Comparison of the common states and depths at the measured positions of both: dimensions ``depth``, ``y``,
         ``x``, ``state``, ``axis`` (x, y), ``source`` (measured, simulated), ``level``. NaN is what cannot be told.
 
         ``delta`` (source, depth, y, x, state); ``residual_before`` and ``residual_after`` (depth, y, x, state),

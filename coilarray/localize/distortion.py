@@ -60,13 +60,13 @@ def distortion(
     Parameters
     ----------
     design : Design
-        With the tables ``[indenter]`` and ``[indentation]``; its first depth and its grid are taken.
+        Design with an indentation; its first depth and its grid are taken.
     states : sequence of str
         States of the scan, each named after its coil.
     deltas : array_like, shape (n,)
         Levels of δ, rising.
     imperfections : Imperfections, optional
-        Of the experiment, in every map; for example from `coilarray.localize.calibration.calibrate`.
+        Deviations of the experiment, in every map; for example from `coilarray.localize.calibration.calibrate`.
     progress : callable, optional
         Called with (done, total) as the maps are computed.
 
@@ -217,11 +217,11 @@ def ellipse_curves(response: xr.Dataset, states: Sequence[str], levels: FloatArr
     Parameters
     ----------
     response : xarray.Dataset
-        As `coilarray.response.map.response_map` returns it.
+        Response map, from `coilarray.response.map.response_map`.
     states : sequence of str
-        Of the scan.
+        States of the scan.
     levels : ndarray, shape (n,)
-        Of δ.
+        Levels of δ.
 
     Returns
     -------

@@ -203,14 +203,14 @@ def fit_ellipses(
     depth : int or float
         An integer is the index of a depth, any other number a depth in m that the response has.
     states : sequence of str, optional
-        By default every state whose largest δ lies within the map and above five levels; the curves around a
-        maximum at the map's edge do not close.
+        States to fit; by default every one whose largest δ lies within the map and above five levels; the curves around
+        a maximum at the map's edge do not close.
     refinement : int
         Parts of every spacing of the grid.
     threshold : float
         Half width of a level in δ.
     step : float
-        From level to level in δ.
+        Distance of neighbouring levels in δ.
     lowest : float, optional
         The first level in δ; one step by default.
     connected : bool

@@ -68,7 +68,7 @@ class CoilEllipses:
     Parameters
     ----------
     name : str
-        Of the coil and of the state in which it is measured.
+        Name of the coil and of the state in which it is measured.
     x0, A, B : tuple of float
         Coefficients p4 … p0 in m.
     lowest, highest : float
@@ -141,7 +141,7 @@ class EllipseModel:
     Parameters
     ----------
     coils : tuple of CoilEllipses
-        In the order of the row; neighbours overlap.
+        Coils in the order of the row; neighbours overlap.
 
     Raises
     ------
@@ -188,9 +188,9 @@ class EllipsePosition:
     Parameters
     ----------
     x : float
-        In m.
+        Coordinate along the row in m.
     y : float
-        In m, not negative: the indentation is at y or at −y.
+        Distance from the row in m, not negative: the indentation is at y or at −y.
     case : {"two points", "touching", "adjacent coils"}
         The paper's case.
     coils : tuple of str
@@ -209,7 +209,7 @@ def ellipse_model(fits: xr.Dataset) -> EllipseModel:
     Parameters
     ----------
     fits : xarray.Dataset
-        As `coilarray.localize.ellipse.fit_ellipses` returns it.
+        Fitted ellipses, from `coilarray.localize.ellipse.fit_ellipses`.
 
     Returns
     -------
@@ -237,7 +237,7 @@ def model_to_json(model: EllipseModel, source: str = "") -> str:
     ----------
     model : EllipseModel
     source : str
-        Where it comes from, for people.
+        Source of the model, for readers.
 
     Returns
     -------
@@ -267,7 +267,7 @@ def model_from_json(text: str) -> EllipseModel:
     Parameters
     ----------
     text : str
-        Of the file.
+        Text of the file.
 
     Returns
     -------
@@ -384,7 +384,7 @@ def locate_x(model: EllipseModel, deltas: Mapping[str, float]) -> EllipsePositio
     Parameters
     ----------
     model : EllipseModel
-        At least two coils.
+        Model of at least two coils.
     deltas : mapping of str to float
         Readings by the coils' names; those of coils that the model does not have are not used.
 

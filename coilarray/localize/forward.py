@@ -96,7 +96,7 @@ class ForwardModel(ResponseSpline):
         Returns
         -------
         ndarray, shape (…, states, unknowns)
-            In 1/m; by x and y alone where the depth is known.
+            Slopes in 1/m; by x and y alone where the depth is known.
 
         Raises
         ------
@@ -148,7 +148,7 @@ def forward_model(response: xr.Dataset, *, zero_plane: bool = True) -> ForwardMo
     Parameters
     ----------
     response : xarray.Dataset
-        With ``delta`` (depth, y, x, state) and the coordinates depth, y, x in m and state.
+        Response with ``delta`` (depth, y, x, state) and the coordinates depth, y, x in m and state.
     zero_plane : bool
         Add δ = 0 at the depth 0, where nothing is pressed, to a table of more than one depth that has no depth 0.
 
@@ -213,7 +213,7 @@ def table_grid(
     Parameters
     ----------
     design : Design
-        With the tables ``[indenter]`` and ``[indentation]``.
+        Design with an indentation.
     spacing : float, optional
         Distance of positions in m, at most; a fifth of the thickness of all sheets by default, which leaves errors of
         less than 1e-6 in δ between them (gast2020).
@@ -223,7 +223,7 @@ def table_grid(
     Returns
     -------
     depths, x, y : ndarray, shape (n,)
-        In m; x and y over the outlines of all coils, from the map's origin.
+        Coordinates in m; x and y over the outlines of all coils, from the map's origin.
 
     Raises
     ------
@@ -270,7 +270,7 @@ def table_for(
     deepest : float, optional
         Greatest depth in m; 1.7 times that of the design by default.
     reach : float, "auto" or None
-        Which coils count at a position, see `coilarray.response.map.response_map`.
+        Selection of the coils that count at a position, see `coilarray.response.map.response_map`.
     network : Network, optional
         Coils, switches and strays; those of `response_map` by default.
     parts : Path, optional

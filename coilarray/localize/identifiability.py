@@ -29,7 +29,7 @@ def fisher_information(model: ForwardModel, points: npt.ArrayLike, noise: npt.Ar
     Parameters
     ----------
     model : ForwardModel
-        Of the board.
+        Model of the board.
     points : array_like, shape (…, 3)
         x, y and depth in m.
     noise : array_like, scalar or shape (states,)
@@ -38,7 +38,7 @@ def fisher_information(model: ForwardModel, points: npt.ArrayLike, noise: npt.Ar
     Returns
     -------
     ndarray, shape (…, unknowns, unknowns)
-        In 1/m².
+        Fisher information in 1/m².
 
     Raises
     ------
@@ -55,12 +55,13 @@ def covariance_of(information: FloatArray) -> FloatArray:
     Parameters
     ----------
     information : ndarray, shape (…, n, n)
-        About x, y and, with n = 3, the depth, in 1/m².
+        Fisher information about x, y and, with n = 3, the depth, in 1/m².
 
     Returns
     -------
     ndarray, shape (…, n, n)
-        In m². Where the information is singular to rounding all variances are infinite and the covariances 0.
+        Covariance in m². Where the information is singular to rounding all variances are infinite and the covariances
+        0.
 
     Examples
     --------
@@ -90,9 +91,9 @@ def identifiability(
     Parameters
     ----------
     model : ForwardModel
-        Of the board.
+        Model of the board.
     depth : float
-        In m; of no effect where the model has one depth alone.
+        Depth in m; without effect where the model has one depth alone.
     noise : array_like, scalar or shape (states,)
         Standard deviation of δ.
     x, y : array_like, shape (n,), optional

@@ -51,7 +51,7 @@ def level_curves(
     replicates : int
         Noisy copies; fewer than 2 give no standard deviations.
     seed : int
-        Of the noise.
+        Seed of the noise.
 
     Returns
     -------

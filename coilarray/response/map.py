@@ -82,7 +82,7 @@ def response_map(
     depths, x, y : array_like, shape (n,), optional
         Depths and positions of the indenter in m, positions from the map's origin; those of the design by default.
     reach : float, "auto" or None
-        Which coils count at a position. None: every coil, and the resonance of the whole circuit with all inductance
+        Coils that count at a position. None: every coil, and the resonance of the whole circuit with all inductance
         changes. A number from 1e-4 to 0.1: only the coils near the indenter, as far away as keeps the error of δ below
         this part of its peak; the cost of a position does not grow with the array. "auto": None up to 5 million
         inductance changes (depths × positions × coils²), above that 1e-3, unless `dielectric` is set.

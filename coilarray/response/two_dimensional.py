@@ -42,7 +42,7 @@ def line_response(
     Returns
     -------
     xarray.Dataset
-        As `coilarray.response.map.response_map` returns it, for one state, named after the coil, and at one position
+        Response as of `coilarray.response.map.response_map` for one state, named after the coil, and at one position
         along y, the coil's centre. ``delta`` is the change of the inductance per length divided by that inductance;
         ``base_inductance`` and ``inductance`` are in H/m, ``force`` is in N/m, and ``contact_radius`` is half the width
         of the contact in m.
