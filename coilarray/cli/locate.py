@@ -69,7 +69,7 @@ def locate(
 ) -> None:
     """Find where, and how deep, an indentation is from the δ of the coils.
 
-    Maximum likelihood over all coils; every position that explains a reading is told, both signs of y on a board that
+    Maximum likelihood over all coils; every position that explains a reading is listed, both signs of y on a board that
     is symmetric. Positions count from the map's origin. A stream gives one JSON line out for each line in, with "error"
     for a bad one; the exit code is 2 only where no line was a reading.
 

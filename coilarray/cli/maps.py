@@ -90,7 +90,7 @@ def is_recording(source: str) -> bool:
 
 
 def read_map(path: Path) -> xr.Dataset:
-    """As `read_response`; one of an emulated board is told on standard error."""
+    """Read a response with `read_response`, and say on standard error that it is of an emulated board."""
     response = read_response(path)
     if response.attrs.get("emulated", 0):
         text = f"{path} is of an emulated board: no real one was measured."

@@ -39,7 +39,7 @@ _SEARCH = 4.0  # contact is looked for up to profile = 4 depths; over an incompr
 _COARSE = ContactMesh(elements=8, growth=1.5)  # for the first guess of the contact radius
 _GUESSES = 4
 _NOMINAL = 0.01  # depth in thicknesses that the mesh is made for where no depth is above zero
-_TAIL = 4  # the last quarter of the elements of a contact tells its radius
+_TAIL = 4  # the last quarter of the elements of a contact determines its radius
 _RESIDUAL = 1e-9  # of the complementarity problem, relative to the depth
 
 

@@ -76,15 +76,15 @@ class Dent:
     def faces(self, radius: FloatArray, derivative: int = 0) -> FloatArray:
         """Upward displacement of every face in m, or a derivative by the radius, shape (…, sheets + 1).
 
-        A cubic spline that is level on the axis; zero beyond `reach`.
+        A cubic spline that is level on the axis; zero beyond `extent`.
         """
         level, straight = (np.zeros(self.displacement.shape[1]) for _ in range(2))
         spline = CubicSpline(self.radius, self.displacement, bc_type=((1, level), (2, straight)))
-        values = spline(np.minimum(radius, self.reach), derivative)
-        return np.where((radius < self.reach)[..., None], values, 0.0)
+        values = spline(np.minimum(radius, self.extent), derivative)
+        return np.where((radius < self.extent)[..., None], values, 0.0)
 
     @property
-    def reach(self) -> float:
+    def extent(self) -> float:
         """Radius in m beyond which nothing is moved."""
         return float(self.radius[-1])
 

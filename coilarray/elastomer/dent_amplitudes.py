@@ -96,12 +96,12 @@ def dent_amplitudes(
     return DentAmplitudes(np.concatenate(strengths), tuple(np.ascontiguousarray(values.T) for values in amplitudes))
 
 
-def offset_grid(reach: float, clearance: float) -> tuple[FloatArray, FloatArray]:
+def offset_grid(extent: float, clearance: float) -> tuple[FloatArray, FloatArray]:
     """Grid of offsets on which amplitudes make a table.
 
     Parameters
     ----------
-    reach : float
+    extent : float
         Largest offset along x and y in m.
     clearance : float
         Clearance of the dent in m.
@@ -113,8 +113,8 @@ def offset_grid(reach: float, clearance: float) -> tuple[FloatArray, FloatArray]
     points : ndarray, shape (n², 2)
         All of them, x first.
     """
-    half = max(int(np.ceil(_STEPS_A_CLEARANCE * reach / clearance)), _DEGREE)
-    axis = np.linspace(-reach, reach, 2 * half + 1)
+    half = max(int(np.ceil(_STEPS_A_CLEARANCE * extent / clearance)), _DEGREE)
+    axis = np.linspace(-extent, extent, 2 * half + 1)
     return axis, np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
 
 

@@ -1,4 +1,4 @@
-"""How well a reading tells position and depth: Fisher information, the Cramér–Rao bound, and its map over the board.
+"""How well a reading determines position and depth: Fisher information, the Cramér–Rao bound, its map over the board.
 
 For Gaussian noise of known covariance Σ in δ, and J the derivatives of the model by the unknowns,
 
@@ -6,7 +6,7 @@ For Gaussian noise of known covariance Σ in δ, and J the derivatives of the mo
 
 for every unbiased estimate (S. M. Kay, Fundamentals of Statistical Signal Processing, vol. 1, sect. 3.9). The bound is
 of first order: on the middle line of a board that is symmetric, where δ has no slope across it, the information is
-singular and δ tells y² alone.
+singular and δ determines y² alone.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ def identifiability(
     xarray.Dataset
         Dimensions y and x. ``sigma_x``, ``sigma_y`` and, where the depth is unknown, ``sigma_h``: least standard
         deviations in m, infinite where the information is singular. ``condition``: ratio of the largest to the least
-        eigenvalue of the information, x and y in one unit and the depth in its own, which tells how far the unknowns
+        eigenvalue of the information, x and y in one unit and the depth in its own, which shows how far the unknowns
         can stand in for each other; infinite where singular. Attributes depth in m and noise.
 
     Raises

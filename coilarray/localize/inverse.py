@@ -28,7 +28,7 @@ IntArray = npt.NDArray[np.intp]
 BoolArray = npt.NDArray[np.bool_]
 
 Verdict = Literal["found", "border", "outside", "no fit", "nothing pressed", "refused"]
-"""What a reading tells: a position in the table; one on its border, so that the indenter may be outside; that it is
+"""Result of a reading: a position in the table; one on its border, so that the indenter may be outside; that it is
 outside, or deeper; that no position explains the reading; no indentation beyond noise; or it is no reading at all."""
 
 Reading = Mapping[str, float] | Sequence[float] | FloatArray
@@ -60,7 +60,7 @@ class Mode:
         χ² of the residuals.
     gaussian : bool
         True where the ellipsoid of the information describes the likelihood: at the ends of its axes χ² rises by what
-        it should within a factor of 2, all of them in the table. Elsewhere `deviance` tells the region.
+        it should within a factor of 2, all of them in the table. Elsewhere the region follows from `deviance`.
     border : tuple of str
         Names among x, y and depth that are on the border of the table.
     """
@@ -84,7 +84,7 @@ class Mode:
         return np.sqrt(np.diagonal(self.covariance))
 
     def contains(self, points: npt.ArrayLike, confidence: float = CONFIDENCE) -> BoolArray:
-        """Tell which points are in the ellipsoid around the mode that holds the truth with a probability.
+        """Test which points are in the ellipsoid around the mode that holds the truth with a probability.
 
         Parameters
         ----------
@@ -111,7 +111,7 @@ class Location:
     Parameters
     ----------
     verdict : Verdict
-        Result in two words.
+        Kind of the result.
     reason : str
         Why it is not ``"found"``; empty where it is.
     modes : tuple of Mode

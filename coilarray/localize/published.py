@@ -105,8 +105,8 @@ def published_map(x: npt.ArrayLike | None = None, y: npt.ArrayLike | None = None
     (('depth', 'y', 'x', 'state'), 0.809)
     """
     along, across = (
-        np.arange(-reach, reach + _SPACING / 2, _SPACING) if given is None else np.asarray(given, dtype=np.float64)
-        for given, reach in ((x, _X), (y, _Y))
+        np.arange(-end, end + _SPACING / 2, _SPACING) if given is None else np.asarray(given, dtype=np.float64)
+        for given, end in ((x, _X), (y, _Y))
     )
     coils = published_model().coils
     delta = np.stack([_delta_at(coil, *np.meshgrid(along, across)) for coil in coils], axis=-1)

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from support.ellipses import readings_at
 
 from coilarray.errors import LocalizeError
 from coilarray.localize.ellipse import fit_ellipses
@@ -26,7 +27,6 @@ from coilarray.localize.ellipse_model import (
     ellipse_model,
     intersect,
     locate_x,
-    readings_at,
 )
 from coilarray.localize.published import published_map, published_model, published_rows, table_a1
 

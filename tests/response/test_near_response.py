@@ -109,8 +109,8 @@ def test_imperfections_count_with_near_coils_too():
         tilt=(0.01, 0.0), offset=(1e-3, -0.5e-3), depth_error=0.1e-3, thickness_errors={"base": 0.2e-3},
         noise=1e-5, seed=3,
     )  # fmt: skip
-    places = {"depths": [0.5e-3], "x": [-13.28e-3, 2e-3], "y": [0.0], "imperfections": given}
-    near, full = (response_map(PAPER, reach=reach, mesh=MESH, **places) for reach in (1e-3, None))
+    places = {"depths": [0.2e-3], "x": [-11e-3, 2e-3], "y": [0.0], "imperfections": given}
+    near, full = (response_map(load_design("starter"), reach=reach, mesh=MESH, **places) for reach in (1e-3, None))
     # the same noise in both
     assert largest(near, full) < 1e-3
     assert near.inductance.values == pytest.approx(full.inductance.values, rel=1e-12)
@@ -210,8 +210,7 @@ def test_designs_that_cannot_be_treated(row, monkeypatch):
     with pytest.raises(NetworkError, match="state pair must measure one coil"):
         response_map(both, reach=1e-3, **few)
     monkeypatch.setattr(map_module, "_AUTO_VALUES", 0)
-    with pytest.raises(NetworkError):  # every coil is tried, whose circuit has no resonance for two at once
-        response_map(both, reach="auto", **few)
+    assert response_map(both, reach="auto", **few).attrs["error_of_peak"] == 0.0  # every coil in its place
 
 
 def test_memory_is_checked_before_it_is_taken(row, monkeypatch):
