@@ -43,25 +43,11 @@ _TAIL = 4  # the last quarter of the elements of a contact determines its radius
 _RESIDUAL = 1e-9  # of the complementarity problem, relative to the depth
 
 
-def hat_forces(system: Compliance, depth: float) -> FloatArray:
-    """Solve the complementarity problem of one depth.
+def _hat_forces(system: Compliance, depth: float) -> FloatArray:
+    """Solve the complementarity problem of one depth in thicknesses of the stack, above zero.
 
-    Parameters
-    ----------
-    system : Compliance
-        Compliance of the stack under the indenter.
-    depth : float
-        Depth in thicknesses of the stack, above zero.
-
-    Returns
-    -------
-    ndarray, shape (m,)
-        Force on each hat in the stack's units, over 2π about an axis and over 2 in plane strain; never negative.
-
-    Raises
-    ------
-    ElastomerError
-        The problem does not converge.
+    Returns the force on each hat in the stack's units, over 2π about an axis and over 2 in plane strain; never negative.
+    Raises ElastomerError where the problem does not converge.
     """
     start = system.profile - depth
     matrix = (system.matrix + system.matrix.T) / 2  # symmetric but for roundings of the factorisation
@@ -143,7 +129,7 @@ class _Case:
 
 def _contact(system: Compliance, zone: ContactZone, depth: float, mesh: ContactMesh) -> tuple[FloatArray, float]:
     """Force on every hat at a depth, and the radius where contact ends; the end of the search if it goes so far."""
-    force = hat_forces(system, depth)
+    force = _hat_forces(system, depth)
     if force[-1] > 0:
         return force, zone.search
     return force, contact_radius(system.hats, force / system.mass, mesh.elements // _TAIL)

@@ -148,7 +148,7 @@ def _solve(
         wavenumbers, weights = wavenumber_rule(clearance, extent + radius + width, mesh)
         solved = scatter(dents[worst], wavenumbers, weights, mesh, deepest[worst])
         spectra = coil_spectra(conductors, wavenumbers)
-        cutoff = cutoff_for(coil_profile(solved, spectra, extent), states, centres, error)
+        cutoff = _cutoff(_profile(solved, spectra, extent), states, centres, error)
         if cutoff.coils <= extent or extent == farthest:
             break
         extent = min(max(_WIDER * extent, cutoff.coils if np.isfinite(cutoff.coils) else 0.0), farthest)
@@ -161,15 +161,11 @@ def _solve(
 
 
 @dataclass(frozen=True, eq=False)
-class Profile:
-    """How the inductance changes fall with the distance, relative to the largest.
+class _Profile:
+    """Fall of the inductance changes with the distance of a coil from the indenter's axis, relative to the largest.
 
-    Parameters
-    ----------
-    radius : ndarray, shape (n,)
-        Distances of a coil from the indenter's axis in m, rising from 0.
-    own, mutual : ndarray, shape (n,)
-        Largest |ΔL_aa| of a coil there in any direction, and |ΔL_ab| of one with another anywhere.
+    `radius` are distances in m, rising from 0; `own` and `mutual`, of the same shape (n,), are the largest |ΔL_aa| of a
+    coil there in any direction, and |ΔL_ab| of one with another anywhere.
     """
 
     radius: FloatArray
@@ -183,7 +179,7 @@ class Profile:
         return np.asarray(np.interp(distance, self.radius, self.mutual) * (end / far) ** _DIPOLE)
 
 
-def coil_profile(scattering: Scattering, spectra: CoilSpectra, farthest: float) -> Profile:
+def _profile(scattering: Scattering, spectra: CoilSpectra, farthest: float) -> _Profile:
     """Measure how the changes by a dent fall with the distance of a coil, up to `farthest` in m.
 
     The wavenumbers must resolve that distance. The profile has the largest values of all shapes of coils.
@@ -200,33 +196,15 @@ def coil_profile(scattering: Scattering, spectra: CoilSpectra, farthest: float) 
         change = np.abs((amplitudes * dent.strengths) @ amplitudes.T)
         own = np.maximum(own, np.diag(change).reshape(len(radius), -1).max(axis=1))
         mutual = np.maximum(mutual, change.max(axis=0).reshape(len(radius), -1).max(axis=1))
-    return Profile(radius, own / own.max(), mutual / own.max())
+    return _Profile(radius, own / own.max(), mutual / own.max())
 
 
-def cutoff_for(profile: Profile, states: StateSensitivity, centres: FloatArray, error: float) -> Cutoff:
-    """Choose how far states and coils count.
+def _cutoff(profile: _Profile, states: StateSensitivity, centres: FloatArray, error: float) -> Cutoff:
+    """Choose how far states and coils count, for an error of δ relative to its largest value.
 
-    Parameters
-    ----------
-    profile : Profile
-        Fall of the changes with the distance, from `coil_profile`.
-    states : StateSensitivity
-        States of the scan.
-    centres : ndarray, shape (coils, 2)
-        Centres of the coils in m.
-    error : float
-        Error of δ, relative to its largest value.
-
-    Returns
-    -------
-    Cutoff
-        Infinite distances where the profile ends before it falls to the error.
-
-    Notes
-    -----
     A state that is left out would have responded by ΔL_aa + 2 i_b ΔL_ab or less, with the dent under a coil b. The
     coils beyond a distance add Σ_b 2 |i_b ΔL_ab| or less to a state with the dent under its own coil; they may be
-    nearer to a dent beside it, so half of the error is for them.
+    nearer to a dent beside it, so half of the error is for them. Infinite where the profile ends before.
     """
     distance = np.hypot(*(centres[:, None] - centres[states.measured]).transpose(2, 0, 1))
     shared = 2 * np.abs(states.currents) * profile.mutual_at(distance)
@@ -235,7 +213,7 @@ def cutoff_for(profile: Profile, states: StateSensitivity, centres: FloatArray, 
     return Cutoff(own, max(own, _coil_cutoff(distance, shared, error / 2)))
 
 
-def _state_cutoff(profile: Profile, distance: FloatArray, shared: FloatArray, error: float) -> float:
+def _state_cutoff(profile: _Profile, distance: FloatArray, shared: FloatArray, error: float) -> float:
     """Distance beyond which no state responds; infinite where the profile ends before."""
     order = np.argsort(distance, axis=None)
     beyond = np.maximum.accumulate(shared.ravel()[order][::-1])[::-1]

@@ -6,13 +6,10 @@ against the inverted Table A1; the pipeline of this package against Table A1, on
 Table 2 gives four real positions and the x that the sensor determined; the measured readings are not printed. Each
 position's readings are made instead: the δ of every coil whose ellipse of Table A1 goes through the position. From them
 the model returns the real position again, whatever its polynomials are; only the 0.2 mm that are then added to every A
-move it. The rest of Table 2 is the difference of the measured readings from the model's own; `Row.needed` says how
-large it must have been.
+move it. The rest of Table 2 is the difference of the measured readings from the model's own.
 """
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -23,9 +20,7 @@ from coilarray.localize.ellipse import fit_ellipses
 from coilarray.localize.ellipse_model import (
     SEMIAXIS_ADDITION,
     EllipseModel,
-    EllipsePosition,
     ellipse_model,
-    intersect,
     locate_x,
 )
 from coilarray.localize.published import published_map, published_model, published_rows, table_a1
@@ -39,49 +34,15 @@ def fits():
     return fit_ellipses(published_map(), states=COILS)
 
 
-@dataclass(frozen=True)
-class Row:
-    """A row of Table 2 in m beside what the model with an addition to A makes of the readings of the real position."""
-
-    real: tuple[float, float]
-    determined_x: float
-    error: float
-    readings: dict[str, float]
-    model: EllipsePosition
-    needed: dict[str, float]  # least changes of the two readings used that give `determined_x`
-    needed_by_error: dict[str, float]  # and real x plus `error`
-
-    @property
-    def determined_error(self):
-        return self.determined_x - self.real[0]
-
-
-def table_2_rows(addition=SEMIAXIS_ADDITION):
+def table_2(addition=SEMIAXIS_ADDITION):
+    """Rows of Table 2: real place and determined x in m, the readings of that place, and where the model puts them."""
     rows = []
     for row in published_rows("table_2"):
-        x, y, determined, error = (float(value) * 1e-3 for value in row.values())
+        x, y, determined, _ = (float(value) * 1e-3 for value in row.values())
         readings = {coil.name: max(found) for coil in MODEL.coils if (found := readings_at(coil, x, y))}
         model = EllipseModel(tuple(MODEL[name] for name in readings)).with_semiaxis_addition(addition)
-        place = locate_x(model, readings)
-        needed, by_error = (changes(model, readings, place.coils, target) for target in (determined, x + error))
-        rows.append(Row((x, y), determined, error, readings, place, needed, by_error))
+        rows.append(((x, y), determined, readings, locate_x(model, readings)))
     return rows
-
-
-def changes(model, readings, coils, target):
-    """Small changes of two readings that move x to a target in m: Newton's steps along the slope of x."""
-
-    def x_of(delta):
-        return intersect(model, dict(zip(coils, delta, strict=True)), *coils).x
-
-    delta = start = np.array([readings[name] for name in coils])
-    for _ in range(20):
-        missing = target - x_of(delta)
-        if abs(missing) < 1e-9:  # m, far below the 0.01 mm of Table 2
-            break
-        slope = np.array([(x_of(delta + step) - x_of(delta - step)) / 2e-9 for step in 1e-9 * np.eye(2)])
-        delta = delta + missing * slope / (slope @ slope)
-    return dict(zip(coils, delta - start, strict=True))
 
 
 def x_errors(model, response):
@@ -158,60 +119,31 @@ def test_real_positions_have_one_pair_of_readings():
         {"coil2": 3.559e-4, "coil3": 9.008e-4},
         {"coil2": 1.251e-3, "coil3": 4.774e-4},
     ]
-    for row, readings in zip(table_2_rows(), expected, strict=True):
-        assert row.readings == pytest.approx(readings, rel=5e-4)  # four digits are written here
+    for (real, _, found, _), readings in zip(table_2(), expected, strict=True):
+        assert found == pytest.approx(readings, rel=5e-4)  # four digits are written here
         for coil in MODEL.coils:
-            assert len(readings_at(coil, *row.real)) == (coil.name in readings)
+            assert len(readings_at(coil, *real)) == (coil.name in readings)
 
 
 def test_without_the_addition_the_real_positions_return():
-    for row in table_2_rows(addition=0.0):
+    for (x, y), _, _, place in table_2(addition=0.0):
         # 1e-9: δ is found to 1e-15, and y near the axis is the root of a small difference
-        assert (row.model.x, row.model.y) == pytest.approx((row.real[0], abs(row.real[1])), abs=1e-9)
-        assert row.model.coils == (("coil1", "coil3") if row.real[0] == -0.25e-3 else row.model.coils)
+        assert (place.x, place.y) == pytest.approx((x, abs(y)), abs=1e-9)
+        assert x != -0.25e-3 or place.coils == ("coil1", "coil3")
 
 
 def test_table_2_with_the_addition():
     """The 0.2 mm explain the sign of all four errors, and of two more than half."""
-    rows = table_2_rows()
-    assert [row.model.coils for row in rows] == [
+    real, determined, _, places = zip(*table_2(), strict=True)
+    assert [place.coils for place in places] == [
         ("coil1", "coil2"), ("coil1", "coil3"), ("coil2", "coil3"), ("coil2", "coil3"),
     ]  # fmt: skip
-    assert [row.model.case for row in rows] == ["two points", "adjacent coils", "two points", "two points"]
-    model, printed = np.array([(row.model.x - row.real[0], row.determined_error) for row in rows]).T * 1e3
+    assert [place.case for place in places] == ["two points", "adjacent coils", "two points", "two points"]
+    model, printed = ((np.array(x) - np.array(real)[:, 0]) * 1e3 for x in ([place.x for place in places], determined))
     assert model == pytest.approx([-0.050, -0.020, 0.138, -0.061], abs=0.001)
     assert printed == pytest.approx([-0.08, -0.26, 0.71, -0.11], abs=1e-9)
     assert (np.sign(model) == np.sign(printed)).all()
     assert model[[0, 3]] / printed[[0, 3]] == pytest.approx([0.63, 0.55], abs=0.01)
-
-
-def test_third_row_of_table_2_contradicts_itself():
-    rows = table_2_rows()
-    # to the printed 0.01 mm
-    assert [abs(row.determined_error - row.error) < 0.5e-5 for row in rows] == [True, True, False, True]
-    third = rows[2]
-    assert (third.determined_error, third.error) == pytest.approx((0.71e-3, -0.71e-3), abs=1e-12)
-    # 12.16 mm needs smaller deviations of the readings than 10.74 mm: the sign of the error is the likelier misprint
-    assert np.hypot(*third.needed.values()) == pytest.approx(4.2e-5, abs=0.1e-5)
-    assert np.hypot(*third.needed_by_error.values()) == pytest.approx(7.1e-5, abs=0.1e-5)
-
-
-def test_readings_that_table_2_needs():
-    """Rows 1 and 4 need some 1e-6, less than the ±2e-5 of a level; rows 2 and 3 some 1e-5."""
-    sizes = []
-    for row in table_2_rows():
-        readings = {name: row.readings[name] + change for name, change in row.needed.items()}
-        place = intersect(MODEL.with_semiaxis_addition(), readings, *row.model.coils)
-        assert place.x == pytest.approx(row.determined_x, abs=2e-9)
-        sizes.append(np.hypot(*row.needed.values()) * 1e6)
-    assert sizes == pytest.approx([3.6, 17.8, 42.4, 6.0], abs=0.1)
-
-
-def test_second_row_of_table_2_by_the_other_pair():
-    """Near coil 2 the paper takes coils 1 and 3; coils 2 and 3 would give most of the printed error."""
-    row = table_2_rows()[1]
-    place = intersect(MODEL.with_semiaxis_addition(), row.readings, "coil2", "coil3")
-    assert place.x - row.real[0] == pytest.approx(-0.204e-3, abs=1e-6)
 
 
 # The pipeline on the paper's own ellipses
