@@ -173,9 +173,9 @@ def _computed(design: Design, beside: xr.Dataset | None, largest_shift: float | 
     from coilarray.hardware.scan.kept_parts import keep_folder
     from coilarray.report.figures import map_outlines
     from coilarray.response.map import respond, response_map
+    from coilarray.response.setup import indentation_of
 
-    if design.indentation is None:
-        raise LocalizeError(f"the design {design.name} has no [indenter] and [indentation].")
+    indentation_of(design)  # refused before the network is computed
     network = board_network(design, keep_folder())
     with progress_bar(f"response of {design.name}") as progress:
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 from collections.abc import Callable, Sequence
@@ -214,8 +215,6 @@ def _with_ellipses(model: EllipseModel, coils: Sequence[str] | None, addition: f
 
 
 def _crossed(model: EllipseModel, reading: Reading, names: Sequence[str]) -> Record:
-    import numpy as np
-
     from coilarray.localize.ellipse_model import locate_x
 
     if not isinstance(reading, dict):
@@ -225,7 +224,7 @@ def _crossed(model: EllipseModel, reading: Reading, names: Sequence[str]) -> Rec
     for name in model.names:
         if name not in reading:
             return {"error": f"the reading of {name} is missing."}
-        if not np.isfinite(reading[name]):
+        if not math.isfinite(reading[name]):
             return {"error": f"the reading of {name} must be finite; got {reading[name]}."}
     try:
         place = locate_x(model, reading)

@@ -139,11 +139,10 @@ def one_map(source: str | None, depth: float | None, *, allow_violations: bool) 
     if is_map(source):
         return read_map(Path(str(source))), 0 if depth is None else depth
     from coilarray.response.map import response_map
+    from coilarray.response.setup import indentation_of
 
     design = open_design(source, allow_violations=allow_violations)
-    if design.indentation is None:
-        raise LocalizeError(f"the design {design.name} has no [indenter] and [indentation].")
-    depths = design.indentation.depths[:1] if depth is None else [depth]
+    depths = indentation_of(design).depths[:1] if depth is None else [depth]
     with progress_bar("response") as progress:
         return response_map(design, depths=depths, progress=progress), 0
 

@@ -46,7 +46,7 @@ _RESIDUAL = 1e-9  # of the complementarity problem, relative to the depth
 def _hat_forces(system: Compliance, depth: float) -> FloatArray:
     """Solve the complementarity problem of one depth in thicknesses of the stack, above zero.
 
-    Returns the force on each hat in the stack's units, over 2π about an axis and over 2 in plane strain; never negative.
+    Returns the force on each hat in the stack's units, never negative, over 2π (axial) or 2 (plane strain).
     Raises ElastomerError where the problem does not converge.
     """
     start = system.profile - depth

@@ -28,7 +28,7 @@ from coilarray.elastomer.scattering import Scattering
 FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
 
-_STEPS_A_CLEARANCE = 3  # of a table: the splines err by some 1e-5 of the peak (tests/elastomer/test_dent_amplitudes.py)
+_STEPS_PER_CLEARANCE = 3  # of a table: the splines err by 1e-5 of the peak (tests/elastomer/test_dent_amplitudes.py)
 _DEGREE = 5  # of the splines
 _SPARE_ANGLES = 20  # on half a circle, as in coil_spectrum
 
@@ -61,7 +61,7 @@ def dent_amplitudes(
     spectra : CoilSpectra
         Spectra of the coils, at the wavenumbers of the dent.
     offsets : sequence of ndarray, shape (offsets, 2)
-        One a shape of `spectra`: the indenter's position less the coil's centre in m; within the extent that the
+        Position of the indenter minus centre of the coil in m, for each shape of `spectra`; within the extent that the
         wavenumbers resolve.
     tolerance : float
         Amplitudes below this part of the largest are left out; the energies err by about a tenth of it.
@@ -113,7 +113,7 @@ def offset_grid(extent: float, clearance: float) -> tuple[FloatArray, FloatArray
     points : ndarray, shape (n², 2)
         All of them, x first.
     """
-    half = max(int(np.ceil(_STEPS_A_CLEARANCE * extent / clearance)), _DEGREE)
+    half = max(int(np.ceil(_STEPS_PER_CLEARANCE * extent / clearance)), _DEGREE)
     axis = np.linspace(-extent, extent, 2 * half + 1)
     return axis, np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
 

@@ -257,6 +257,6 @@ def _check(
         raise LocalizeError(f"largest_shift must be two lengths in m that are not negative; got {largest_shift}.")
     if sigma is not None:
         if sigma.shape not in ((), values.shape):
-            raise LocalizeError(f"noise must be one number or one a place; got shape {sigma.shape}.")
+            raise LocalizeError(f"noise must be one number or one for each place; got shape {sigma.shape}.")
         if not (np.isfinite(sigma) & (sigma >= 0)).all():
             raise LocalizeError("noise must be finite and not negative.")

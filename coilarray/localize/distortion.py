@@ -22,7 +22,7 @@ from coilarray.geometry import Conductor
 from coilarray.localize.ellipse import fit_ellipses, refined_map
 from coilarray.localize.published import published_model
 from coilarray.response.map import Imperfections, inductance_changes, respond, response_map
-from coilarray.response.setup import map_axes
+from coilarray.response.setup import indentation_of, map_axes
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -89,7 +89,7 @@ def distortion(
     Notes
     -----
     Causes: ``all neighbours`` and each one (opened), ``window`` (18 and 12 mm wider), ``grid`` (half the step),
-    ``ellipse`` (fitted centre less the middle of the level curve on y = 0, on the wide and fine map), ``winding and
+    ``ellipse`` (fitted centre minus the middle of the level curve on y = 0, on the wide and fine map), ``winding and
     leads`` (each coil averaged with itself turned by half a turn), ``layers`` (all coils at one height), ``tilt`` and
     ``noise`` (switched on, since the computed map has none; for noise the standard deviation of x0).
     """
@@ -139,10 +139,8 @@ class _Maps:
                 self._progress(self._done, self._TOTAL)
 
     def plain(self, widen: tuple[float, float] = (0.0, 0.0), parts: int = 1) -> xr.Dataset:
-        """Compute the map of the first depth, on a window wider by so much in m a side and with a divided step."""
-        setup = self._design.indentation
-        if setup is None:
-            raise LocalizeError(f"the design {self._design.name} has no [indenter] and [indentation].")
+        """Compute the map of the first depth, on a window wider by `widen` in m on each side, with a divided step."""
+        setup = indentation_of(self._design)
         x, y = (_axis(given, more, parts) for given, more in zip((setup.x, setup.y), widen, strict=True))
         return response_map(
             self._design,
@@ -279,8 +277,7 @@ def _dataset(
     opened: EllipseCurves,
     effects: dict[str, FloatArray],
 ) -> xr.Dataset:
-    setup = design.indentation
-    origin = (0.0, 0.0) if setup is None else setup.origin_point
+    origin = indentation_of(design).origin_point
     centre = np.array([design.array.centres[design.array.names.index(state)][0] - origin[0] for state in states])
     dims, metres = ("state", "delta"), {"units": "m"}
     data: dict[str, object] = {}

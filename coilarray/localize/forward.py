@@ -25,6 +25,7 @@ from coilarray.response.interpolation import (
     response_spline,
 )
 from coilarray.response.map import Reach, response_map
+from coilarray.response.setup import indentation_of
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -130,7 +131,7 @@ def checked_noise(model: ForwardModel, noise: npt.ArrayLike) -> FloatArray:
     Raises
     ------
     LocalizeError
-        Values that are not positive and finite, or neither one nor one a state.
+        Values that are not positive and finite, or neither one number nor one for each state.
     """
     values = np.asarray(noise, dtype=np.float64)
     if values.shape not in ((), (len(model.states),)):
@@ -227,8 +228,10 @@ def table_grid(
 
     Raises
     ------
+    ElastomerError
+        A design without an indentation.
     LocalizeError
-        A design that says nothing of an indentation, a spacing or depth that is not positive.
+        A spacing or depth that is not positive.
 
     Examples
     --------
@@ -237,9 +240,7 @@ def table_grid(
     >>> len(depths), len(x), len(y)
     (6, 55, 16)
     """
-    setup = design.indentation
-    if setup is None:
-        raise LocalizeError(f"the design {design.name} has no [indenter] and [indentation].")
+    setup = indentation_of(design)
     step = sum(sheet.thickness for sheet in design.sheets) / _STEPS if spacing is None else spacing
     end = _DEEPEST * max(setup.depths) if deepest is None else deepest
     for name, value in (("spacing", step), ("deepest", end)):

@@ -184,11 +184,11 @@ def response_map(
         changes = {
             "inductance_change": (
                 ("depth", "y", "x", "coil", "other"), change.reshape(*axes.shape, coils, coils),
-                {"units": "H", "long_name": "inductance matrix, dented less flat"},
+                {"units": "H", "long_name": "inductance matrix, dented minus flat"},
             ),
             "capacitance_change": (
                 ("depth", "y", "x", "coil"), capacitance_change.reshape(*axes.shape, coils),
-                {"units": "F", "long_name": "capacitance of each coil, dented less flat"},
+                {"units": "F", "long_name": "capacitance of each coil, dented minus flat"},
             ),
         }  # fmt: skip
         left_out = {"error_of_peak": 0.0}

@@ -64,40 +64,12 @@ def near_response(
     mesh: LayerMesh,
     progress: Progress | None = None,
 ) -> tuple[FloatArray, Cutoff]:
-    """Compute δ of the states near the indenter at every position.
+    """Compute δ of the states near the indenter at every position, (depths, positions, states); 0 for all others.
 
-    Parameters
-    ----------
-    pressed : Experiment
-        Contacts and dents, from `coilarray.response.setup.experiment`.
-    conductors : sequence of Conductor
-        Coils of the board.
-    states : StateSensitivity
-        States of the scan, with the flat sheets.
-    error : float
-        Largest error of δ, relative to its peak.
-    mesh : LayerMesh
-        Accuracy of the magnetic problem.
-    progress : callable, optional
-        Called with (done, total) as the positions are done.
-
-    Returns
-    -------
-    delta : ndarray, shape (depths, positions, states)
-        Relative change of the inductance; 0 for states that are not near.
-    cutoff : Cutoff
-        Distances beyond which states and coils were left out.
-
-    Raises
-    ------
-    MemoryLimitError
-        More positions than there is memory for.
-
-    Notes
-    -----
     δ_a = Re(w_a i_aᵀ ΔL i_a) with the currents of the flat board, to first order in ΔL, see
     `coilarray.circuit.state_sensitivity`. Being linear leaves out 1.4e-5 of the peak for 1 mm in the sheets of gast2020
-    and 4e-5 for 2 mm.
+    and 4e-5 for 2 mm. The distances are chosen for an error of δ relative to its peak. MemoryLimitError for too many
+    positions.
     """
     dents = [(k, level.shares, dent) for level in pressed.levels for k, dent in enumerate(level.dents)]
     moving = [one for one in dents if np.isfinite(one[2].clearance)]

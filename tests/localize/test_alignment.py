@@ -145,7 +145,7 @@ def test_a_place_on_the_edge_but_for_rounding_is_inside():
         ({"measured": np.full(121, np.nan)}, "must be finite"),
         ({"largest_shift": (-1e-3, 0.0)}, "largest_shift must be two lengths"),
         ({"largest_shift": (np.inf, 0.0)}, "largest_shift must be two lengths"),
-        ({"noise": np.ones(3)}, "noise must be one number or one a place"),
+        ({"noise": np.ones(3)}, "noise must be one number or one for each place"),
         ({"noise": -1e-5}, "noise must be finite and not negative"),
     ],
 )
