@@ -134,7 +134,7 @@ def one_map(source: str | None, depth: float | None, *, allow_violations: bool) 
     Raises
     ------
     LocalizeError, DesignError, RuleViolationError, ElastomerError
-        As `read_map`, `open_design` and `coilarray.response.map.response_map`.
+        What is refused by `read_map`, `open_design` and `coilarray.response.map.response_map`.
     """
     if is_map(source):
         return read_map(Path(str(source))), 0 if depth is None else depth
@@ -144,7 +144,7 @@ def one_map(source: str | None, depth: float | None, *, allow_violations: bool) 
     design = open_design(source, allow_violations=allow_violations)
     depths = indentation_of(design).depths[:1] if depth is None else [depth]
     with progress_bar("response") as progress:
-        return response_map(design, depths=depths, progress=progress), 0
+        return response_map(design, depths=depths, reach="auto", progress=progress), 0
 
 
 def kept_table(design: Design, kept: Path | None) -> xr.Dataset:

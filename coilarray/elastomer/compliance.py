@@ -125,7 +125,7 @@ def compliance(
     Returns
     -------
     Compliance
-        Of all hats up to the end of the search.
+        Answer to all hats up to the end of the search.
     """
     end = zone.search + mesh.extent if radius is None else radius
     levels = -np.append(np.cumsum(stack.thicknesses[::-1])[::-1], 0.0)  # from the top: it has the smallest elements

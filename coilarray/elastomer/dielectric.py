@@ -172,7 +172,7 @@ def outlined(outlines: Sequence[FloatArray], potentials: Sequence[float], z: flo
     Returns
     -------
     Segments
-        As `surface_potential` returns them.
+        Edges of the areas, in the form that `surface_potential` returns.
 
     Examples
     --------

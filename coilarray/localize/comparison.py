@@ -72,7 +72,7 @@ def compare_responses(
         ``delta`` (source, depth, y, x, state); ``residual_before`` and ``residual_after`` (depth, y, x, state),
         measured less simulated, as it is and scaled and shifted.
 
-        Of every depth and state ``scale`` and, with an axis, ``shift`` in m of the simulated map onto the measured
+        For every depth and state ``scale`` and, with an axis, ``shift`` in m of the simulated map onto the measured
         one; ``at_limit``, that the best shift is beyond the largest one; ``rms_before``, ``rms_after``,
         ``correlation_before``, ``correlation_after``; each with its ``…_std``. ``noise`` is its level in δ where it is
         known, ``points`` how many positions all this is of.

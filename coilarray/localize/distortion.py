@@ -84,7 +84,7 @@ def distortion(
     LocalizeError
         A state that is not named after a coil.
     ElastomerError, NetworkError
-        As `coilarray.response.map.response_map`.
+        What `coilarray.response.map.response_map` refuses.
 
     Notes
     -----

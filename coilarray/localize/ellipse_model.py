@@ -351,7 +351,7 @@ def intersect(model: EllipseModel, deltas: Mapping[str, float], first: str, seco
     Returns
     -------
     EllipsePosition
-        Of the case "adjacent coils" where a coil lies between the two, else "two points" or "touching".
+        Position of the case "adjacent coils" where a coil lies between the two, else "two points" or "touching".
 
     Raises
     ------

@@ -121,7 +121,7 @@ class Location:
     degrees_of_freedom : int
         Degrees of freedom of that χ²; 0 for a refused reading.
     probability : float or None
-        That noise alone makes χ² as large or larger.
+        Probability that noise alone makes χ² as large or larger.
     """
 
     verdict: Verdict

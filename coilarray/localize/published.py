@@ -63,8 +63,8 @@ def published_model() -> EllipseModel:
     Returns
     -------
     EllipseModel
-        Of coils 1 to 3. The range of δ is not printed: it is taken from 0 to where A or B vanishes, 1.23e-3, 1.87e-3
-        and 1.24e-3.
+        Model of coils 1 to 3. The range of δ is not printed: it is taken from 0 to where A or B vanishes, 1.23e-3,
+        1.87e-3 and 1.24e-3.
 
     Examples
     --------

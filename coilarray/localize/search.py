@@ -109,7 +109,7 @@ def starts(scan: Scan, readings: FloatArray) -> tuple[IntArray, FloatArray]:
     scan : Scan
         Scan of the model.
     readings : ndarray, shape (n, states)
-        Over the noise.
+        δ relative to the noise.
 
     Returns
     -------
@@ -163,7 +163,7 @@ def refine(
     points : ndarray, shape (m, 3)
         Points in m, inside the table or on its border.
     chi_square : ndarray, shape (m,)
-        There.
+        χ² at these points.
     """
     free = model.unknowns
     unit, low, high = _units(model), model.lower[:free], model.upper[:free]

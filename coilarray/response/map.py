@@ -161,22 +161,15 @@ def response_map(
         L0 = L0 + wedge_inductance(pressed.design, true.tilt)
         return _plain_network(design, L0) if network is None else replace(network, inductance=L0)
 
-    flat = None
-    if error is not None:
-        flat = flat_network()
-        try:
-            states = _sensitivity(flat, design.circuit.plan)
-        except NetworkError:
-            if reach != "auto":
-                raise
-            error = None
-            _require_room(axes, coils, len(design.circuit.plan), error)
-    if error is not None and flat is not None:
+    flat = flat_network() if error else None
+    states = None if flat is None else _sensitivity(flat, design.circuit.plan, required=reach != "auto")
+    if flat is not None and states is not None:
         base = states.base_inductance
         delta, cutoff = near_response(pressed, design.array.conductors(), states, error, mesh, progress)
         changes: Variables = {}
         left_out = {"error_of_peak": error, "state_cutoff_m": cutoff.states, "coil_cutoff_m": cutoff.coils}
     else:
+        _require_room(axes, coils, len(design.circuit.plan), 0.0)
         permittivity = design.circuit.elastomer_permittivity if dielectric else None
         change, capacitance_change = _changes(pressed, permittivity, mesh, parts, progress)
         flat = flat or flat_network()
@@ -288,7 +281,7 @@ def inductance_changes(
     Raises
     ------
     ElastomerError
-        As `response_map`.
+        A design, axes or a contact that `response_map` refuses.
     """
     source = design.array.conductors() if paths is None else paths
     pressed = experiment(design, axes, imperfections)
@@ -357,12 +350,12 @@ def response_dataset(
     )  # fmt: skip
 
 
-def _allowed_error(reach: Reach, axes: MapAxes, coils: int, *, dielectric: bool) -> float | None:
-    """Error of δ relative to its peak that the near coils alone may make; None for every coil."""
+def _allowed_error(reach: Reach, axes: MapAxes, coils: int, *, dielectric: bool) -> float:
+    """Error of δ relative to its peak that the near coils alone may make; 0 for every coil."""
     if reach == "auto":
-        return None if dielectric or np.prod(axes.shape) * coils**2 <= _AUTO_VALUES else _AUTO_ERROR
+        return 0.0 if dielectric or np.prod(axes.shape) * coils**2 <= _AUTO_VALUES else _AUTO_ERROR
     if reach is None:
-        return None
+        return 0.0
     if not (isinstance(reach, int | float) and _ERRORS[0] <= reach <= _ERRORS[1]):
         raise ElastomerError(
             f'reach must be None, "auto" or the error of δ, {_ERRORS[0]:g} to {_ERRORS[1]:g} of the peak; got {reach}.'
@@ -372,11 +365,11 @@ def _allowed_error(reach: Reach, axes: MapAxes, coils: int, *, dielectric: bool)
     return reach
 
 
-def _require_room(axes: MapAxes, coils: int, states: int, error: float | None) -> None:
+def _require_room(axes: MapAxes, coils: int, states: int, error: float) -> None:
     """Refuse a map that is too large before anything of it is computed."""
     depths, places = len(axes.depth), len(axes.x) * len(axes.y)
     what = f"{depths} depths at {places} positions with {coils} coils"
-    if error is not None:
+    if error:
         require_memory(8.0 * depths * places * states, f"a map of {what}", "compute it in pieces")
         return
     values = depths * places * coils**2
@@ -443,12 +436,17 @@ def _through_circuit(
     return delta, base
 
 
-def _sensitivity(network: Network, plan: Sequence[ScanState]) -> StateSensitivity:
-    """Solve the states of a scan; NetworkError for strays, which are not treated there."""
-    if network.winding_capacitance.any() or network.mutual_capacitance.any():
-        raise NetworkError("reach is for networks without stray capacitances; compute every coil with reach=None.")
-    resistance = np.diag(network.resistance(0.0))
-    return state_sensitivity(network.names, network.inductance, resistance, network.switches, plan)
+def _sensitivity(network: Network, plan: Sequence[ScanState], *, required: bool) -> StateSensitivity | None:
+    """Solve the states of a scan; NetworkError, or None unless required, for a circuit that is not treated there."""
+    try:
+        if network.winding_capacitance.any() or network.mutual_capacitance.any():
+            raise NetworkError("reach is for networks without stray capacitances; compute every coil with reach=None.")
+        resistance = np.diag(network.resistance(0.0))
+        return state_sensitivity(network.names, network.inductance, resistance, network.switches, plan)
+    except NetworkError:
+        if required:
+            raise
+        return None
 
 
 def _noisy(delta: FloatArray, imperfections: Imperfections) -> FloatArray:
