@@ -29,6 +29,7 @@ def dent_inductance(
     positions: npt.ArrayLike,
     mesh: LayerMesh | None = None,
     model: Model = "full",
+    *,
     progress: Progress | None = None,
 ) -> FloatArray:
     """Change of the inductance matrix by dents in the magnetic sheets, against the flat sheets.
@@ -94,6 +95,6 @@ def dent_inductance(
         return shortcut(dent, wavenumbers, weights, accuracy.harmonics)
 
     energies = dent_energies(
-        dents, points, coil_centres(paths), lambda k: coil_spectra(paths, k), solve, accuracy, progress
+        dents, points, coil_centres(paths), lambda k: coil_spectra(paths, k), solve, accuracy, progress=progress
     )
     return MU_0 * energies

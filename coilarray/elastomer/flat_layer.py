@@ -119,7 +119,7 @@ def magnetic_slab(sheets: Sequence[Sheet]) -> Slab | None:
 
 
 def layer_inductance(
-    source: Source, sheets: Sequence[Sheet], progress: Progress | None = None, *, accuracy: Accuracy = "full"
+    source: Source, sheets: Sequence[Sheet], *, progress: Progress | None = None, accuracy: Accuracy = "full"
 ) -> FloatArray:
     """Change of the inductance matrix of current paths by flat sheets above them.
 

@@ -165,7 +165,7 @@ def response_map(
     states = None if flat is None else _sensitivity(flat, design.circuit.plan, required=reach != "auto")
     if flat is not None and states is not None:
         base = states.base_inductance
-        delta, cutoff = near_response(pressed, design.array.conductors(), states, error, mesh, progress)
+        delta, cutoff = near_response(pressed, design.array.conductors(), states, error, mesh, progress=progress)
         changes: Variables = {}
         left_out = {"error_of_peak": error, "state_cutoff_m": cutoff.states, "coil_cutoff_m": cutoff.coils}
     else:

@@ -62,6 +62,7 @@ def near_response(
     states: StateSensitivity,
     error: float,
     mesh: LayerMesh,
+    *,
     progress: Progress | None = None,
 ) -> tuple[FloatArray, Cutoff]:
     """Compute δ of the states near the indenter at every position, (depths, positions, states); 0 for all others.

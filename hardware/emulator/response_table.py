@@ -106,6 +106,7 @@ def response_table(
     design: Design,
     folder: Path,
     axes: tuple[FloatArray, FloatArray, FloatArray] | None = None,
+    *,
     progress: Progress | None = None,
 ) -> ResponseTable:
     """Return the table of a design, computed where it is not kept: 12 s for gast2020.
