@@ -25,7 +25,7 @@ def published_rows(name: str) -> list[dict[str, str]]:
 
     Examples
     --------
-    >>> publishedpublished_rows("table_2")[0]
+    >>> published_rows("table_2")[0]
     {'real_x_mm': '-8.75', 'real_y_mm': '-3.6', 'determined_x_mm': '-8.83', 'error_mm': '-0.08'}
     """
     text = resources.files("coilarray.localize").joinpath("published", f"{name}.csv").read_text(encoding="utf-8")
