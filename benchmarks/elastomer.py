@@ -136,7 +136,7 @@ def speeds() -> list[Speed]:
     _, memory = _fresh(_MEMORY)
     coil = load_design("gast_fem")
     depth = [0.5e-3, 1e-3, 1.5e-3]
-    flat = line_response(coil, depths=depth, x=[0.0]).delta.values[:, 0]
+    flat = line_response(coil, depths=depth, x=[0.0]).delta.values[:, 0, 0, 0]
     full = response_map(coil, depths=depth, x=[0.0], y=[0.0]).delta.values[:, 0, 0, 0]
     excess = ", ".join(f"{ratio:.2f}" for ratio in flat / full)
     return [

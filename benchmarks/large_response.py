@@ -22,12 +22,13 @@ from speed import Speed, peak_memory
 from coilarray.circuit.state_sensitivity import state_sensitivity
 from coilarray.design.bundled import read
 from coilarray.design.model import Design, Indentation, parse_design
+from coilarray.elastomer.coil_spectrum import coil_centres
 from coilarray.elastomer.contact import indent
 from coilarray.elastomer.dent import dent_of
 from coilarray.elastomer.dented_layer import dent_inductance
 from coilarray.electromagnetics.inductance import inductance_matrix
 from coilarray.electromagnetics.resistance import dc_resistance
-from coilarray.response.local import dense_response, local_response
+from coilarray.response.map import response_map
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -46,8 +47,8 @@ _MANY = {6: 9000, 64: 750, 256: 750, 1024: 750}
 _ACROSS = 40
 _SPAN_X, _SPAN_Y = 54e-3, 6e-3  # m
 _ALL = {6: 48, 64: 20, 256: 6}  # positions along x and along y where all coils are taken, some seconds of work
-_GROWTH = 1.5  # at most, from 256 to 1024 coils, which have as many within reach
-_BOARD = "import sys; sys.path.insert(0, {folder!r}); import large_response; large_response.tell({count})"
+_GROWTH = 1.5  # at most, from 256 to 1024 coils, which have as many near them
+_BOARD = "import sys; sys.path.insert(0, {folder!r}); import large_response; large_response.measure({count})"
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ class Cost:
         Processor time in s: of one more position, of the first `_FEW` × `_ACROSS` with all that comes before, and of
         the inductance matrix, which is not counted in them.
     states, coils : int
-        Most of them within reach of a position.
+        Largest number of states and of coils near a position.
     memory : float
         Peak of the process in MB with the first map.
     all_coils, error : float or None
@@ -82,7 +83,7 @@ def figures() -> Iterator[Speed]:
     costs = {count: _cost(count) for count in _MANY}
     for count, cost in costs.items():
         note = (
-            f"{cost.states} states and {cost.coils} coils within reach; {cost.first:.1f} s for the first "
+            f"{cost.states} states and {cost.coils} coils near; {cost.first:.1f} s for the first "
             f"{_FEW * _ACROSS}, {cost.matrix:.1f} s for the matrix; peak memory {cost.memory:.0f} MB"
         )
         yield Speed(f"response of {count} coils, one more position", 1e3 * cost.position, "ms", note)
@@ -99,7 +100,7 @@ def figures() -> Iterator[Speed]:
             )  # fmt: skip
 
 
-def tell(count: int) -> None:
+def measure(count: int) -> None:
     """Measure one board, and print its `Cost` as JSON."""
     design = parse_design(read("gast2020")) if count == 6 else lattice(round(count**0.5))
     begun = time.process_time()
@@ -112,7 +113,7 @@ def tell(count: int) -> None:
     position = (many - few) / ((_MANY[count] - _FEW) * _ACROSS)
     peak = float(np.abs(first.delta).max())
     everything, error = _against_all(design, matrix, peak, _ALL[count]) if count in _ALL else (None, None)
-    states, coils = first.sizes["near"], _coils_within(design, first)
+    states, coils = (_most_within(design, first, first.attrs[f"{what}_cutoff_m"]) for what in ("state", "coil"))
     print(json.dumps(asdict(Cost(position, few, taken, states, coils, memory, everything, error))))
 
 
@@ -146,7 +147,7 @@ def _timed(design: Design, along: int, matrix: FloatArray) -> tuple[float, xr.Da
 
 def _respond(design: Design, x: FloatArray, y: FloatArray, matrix: FloatArray) -> xr.Dataset:
     """Take the matrix of the bare board: the sheets' part of it costs the same with any method."""
-    return local_response(design, x=x, y=y, inductance=lambda: matrix)
+    return response_map(design, reach=1e-3, x=x, y=y, inductance=lambda: matrix)
 
 
 def _places(design: Design, along: int, across: int) -> tuple[FloatArray, FloatArray]:
@@ -164,18 +165,18 @@ def _setup(design: Design) -> Indentation:
     return design.indentation
 
 
-def _coils_within(design: Design, response: xr.Dataset) -> int:
-    """Most coils that count at a position."""
-    centres = design.array.centres - _setup(design).origin_point
-    places = np.stack(np.meshgrid(response.x, response.y), axis=-1).reshape(-1, 1, 2)
-    within = np.hypot(*np.moveaxis(places - centres, -1, 0)) <= response.attrs["coil_reach_m"]
+def _most_within(design: Design, response: xr.Dataset, distance: float) -> int:
+    """Most coils within a distance in m of a position."""
+    centres, _ = coil_centres(design.array)
+    places = np.stack(np.meshgrid(response.x, response.y), axis=-1).reshape(-1, 1, 2) + _setup(design).origin_point
+    within = np.hypot(*np.moveaxis(places - centres, -1, 0)) <= distance
     return int(within.sum(axis=1).max())
 
 
 def _against_all(design: Design, matrix: FloatArray, peak: float, along: int) -> tuple[float, float]:
     """Compare with the inductance changes of all coils, without what the circuit would take: time and error of δ.
 
-    The error is told in parts of the map's peak, which few positions may miss.
+    The error is relative to the peak of the whole map, which few positions may miss.
     """
     setup = _setup(design)
     contact = indent(design.sheets, setup.indenter, setup.depths[:1], base=setup.base)
@@ -189,7 +190,7 @@ def _against_all(design: Design, matrix: FloatArray, peak: float, along: int) ->
     between = time.process_time()
     full = states.delta(dent_inductance(design.array, [dent], places)[0])
     taken = ((time.process_time() - between) - (between - begun)) / (len(places) * 3 / 4)
-    found = dense_response(_respond(design, x, y, matrix)).delta.values[0].reshape(full.shape)
+    found = _respond(design, x, y, matrix).delta.values[0].reshape(full.shape)
     return taken, float(np.abs(found - full).max()) / peak
 
 

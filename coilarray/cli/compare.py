@@ -45,9 +45,13 @@ def compare(
         Path | None,
         typer.Option("--calibration", help="Constants of the measured board, of `coilarray calibrate-board` (.toml)."),
     ] = None,
-    reach_mm: Annotated[
+    largest_shift_mm: Annotated[
         float | None,
-        typer.Option("--reach-mm", help="Largest shift that is tried; the measured spacing by default."),
+        typer.Option(
+            "--largest-shift-mm",
+            "--largest_shift-mm",
+            help="Largest shift that is tried; the measured spacing by default.",
+        ),
     ] = None,
     replicates: Annotated[
         int, typer.Option("--replicates", min=0, max=1000, help="Noisy maps for the uncertainty of the ellipses.")
@@ -70,8 +74,8 @@ def compare(
 
     Example: coilarray compare campaign.sqlite gast2020 --out comparison
     """
-    if reach_mm is not None and not (math.isfinite(reach_mm) and 0 <= reach_mm <= _LONGEST_MM):
-        raise LocalizeError(f"--reach-mm must be 0 to {_LONGEST_MM:g}; got {reach_mm:g}.")
+    if largest_shift_mm is not None and not (math.isfinite(largest_shift_mm) and 0 <= largest_shift_mm <= _LONGEST_MM):
+        raise LocalizeError(f"--largest-shift-mm must be 0 to {_LONGEST_MM:g}; got {largest_shift_mm:g}.")
     if calibration is not None and not is_recording(measured):
         raise LocalizeError(f"--calibration is for a recording; {measured} is none.")
     if out is not None and out.suffix.lower() == _PAGE:
@@ -83,12 +87,12 @@ def compare(
     page_alone = out is not None and out.suffix.lower() == _PAGE
     if out is not None and not page_alone:
         make_folder(out)  # a folder that cannot be written is known before the work begins
-    reach = None if reach_mm is None else reach_mm * 1e-3
-    first = _response(measured, None, reach, calibration, allow_violations=allow_violations)
-    second = _response(simulated, first.response, reach, None, allow_violations=allow_violations)
+    largest_shift = None if largest_shift_mm is None else largest_shift_mm * 1e-3
+    first = _response(measured, None, largest_shift, calibration, allow_violations=allow_violations)
+    second = _response(simulated, first.response, largest_shift, None, allow_violations=allow_violations)
     with progress_bar("comparison") as progress:
         result = compare_responses(
-            first.response, second.response, reach=reach, replicates=replicates, progress=progress
+            first.response, second.response, largest_shift=largest_shift, replicates=replicates, progress=progress
         )
     written: list[Path] = []
     outlines = first.outlines or second.outlines
@@ -120,7 +124,12 @@ class _Source:
 
 
 def _response(
-    name: str, beside: xr.Dataset | None, reach: float | None, calibration: Path | None, *, allow_violations: bool
+    name: str,
+    beside: xr.Dataset | None,
+    largest_shift: float | None,
+    calibration: Path | None,
+    *,
+    allow_violations: bool,
 ) -> _Source:
     """Read or compute a response; what is computed beside another one has positions around all of its own."""
     if is_recording(name):
@@ -130,9 +139,9 @@ def _response(
     if name == _PUBLISHED:
         from coilarray.localize.published import published_map
 
-        x, y = (None, None) if beside is None else _around(beside, reach)
+        x, y = (None, None) if beside is None else _around(beside, largest_shift)
         return _Source(published_map(x, y))
-    return _computed(open_design(name, allow_violations=allow_violations), beside, reach)
+    return _computed(open_design(name, allow_violations=allow_violations), beside, largest_shift)
 
 
 def _recorded(path: Path, calibration: Path | None) -> _Source:
@@ -153,7 +162,7 @@ def _recorded(path: Path, calibration: Path | None) -> _Source:
     return _Source(response, map_outlines(design, response))
 
 
-def _computed(design: Design, beside: xr.Dataset | None, reach: float | None) -> _Source:
+def _computed(design: Design, beside: xr.Dataset | None, largest_shift: float | None) -> _Source:
     """Response of a design with all strays of its circuit, at its own positions or around those of another one.
 
     L_0 is by the design's tank capacitor alone, as a recording has it that is not calibrated; beside one that is, by
@@ -164,9 +173,9 @@ def _computed(design: Design, beside: xr.Dataset | None, reach: float | None) ->
     from coilarray.hardware.scan.board_network import board_network
     from coilarray.report.figures import map_outlines
     from coilarray.response.map import respond, response_map
+    from coilarray.response.setup import indentation_of
 
-    if design.indentation is None:
-        raise LocalizeError(f"the design {design.name} has no [indenter] and [indentation].")
+    indentation_of(design)  # refused before the network is computed
     network = board_network(design, open_store())
     with progress_bar(f"response of {design.name}") as progress:
 
@@ -178,7 +187,7 @@ def _computed(design: Design, beside: xr.Dataset | None, reach: float | None) ->
             response = at(None, None, None)
         else:
             try:
-                response = at(beside.depth.values, *_around(beside, reach))
+                response = at(beside.depth.values, *_around(beside, largest_shift))
             except ElastomerError:  # a sample may end where the measured positions do
                 response = at(beside.depth.values, beside.x.values, beside.y.values)
     if beside is not None and "capacitance_from" in beside.attrs:
@@ -186,15 +195,17 @@ def _computed(design: Design, beside: xr.Dataset | None, reach: float | None) ->
     return _Source(response, map_outlines(design, response))
 
 
-def _around(response: xr.Dataset, reach: float | None) -> tuple[FloatArray, FloatArray]:
-    """Positions of a response along x and y in m, and as many beyond as a shift may reach."""
+def _around(response: xr.Dataset, largest_shift: float | None) -> tuple[FloatArray, FloatArray]:
+    """Positions of a response along x and y in m, and as many beyond as a shift may largest_shift."""
     import numpy as np
 
     axes = []
     for name in ("x", "y"):
         axis = np.asarray(response[name].values, dtype=np.float64)
         step = float(np.median(np.diff(axis))) if len(axis) > 1 else _ALONE
-        beyond = step * np.arange(1, 1 + max(1 if len(axis) > 1 else 2, math.ceil((reach or 0.0) / step - 1e-9)))
+        beyond = step * np.arange(
+            1, 1 + max(1 if len(axis) > 1 else 2, math.ceil((largest_shift or 0.0) / step - 1e-9))
+        )
         axes.append(np.concatenate((axis[0] - beyond[::-1], axis, axis[-1] + beyond)))
     return axes[0], axes[1]
 

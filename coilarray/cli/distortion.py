@@ -123,11 +123,11 @@ def _with_predictions(result: xr.Dataset, found: dict[str, Calibration]) -> xr.D
 
     from coilarray.localize.distortion import ellipse_curves
     from coilarray.response.map import response_map
+    from coilarray.response.setup import indentation_of
 
     rows = []
     for one in found.values():
-        setup = one.design.indentation
-        depths = None if setup is None else setup.depths[:1]
+        depths = indentation_of(one.design).depths[:1]
         response = response_map(one.design, depths=depths, imperfections=one.imperfections)
         rows.append(ellipse_curves(response, result.state.values.tolist(), result.delta.values).x0)
     described = {"units": "m", "long_name": "x0 predicted with the calibrated values"}

@@ -54,11 +54,10 @@ def indent(
     from coilarray.elastomer.contact import indent as press
     from coilarray.report.indentation_tables import indentation_table
     from coilarray.report.tables import design_table
+    from coilarray.response.setup import indentation_of
 
     opened = load_design(design)
-    setup = opened.indentation
-    if setup is None:
-        raise ElastomerError(f"the design {opened.name} has no [indenter] and [indentation].")
+    setup = indentation_of(opened)
     wanted = setup.base if base is None else base
     chosen = next((allowed for allowed in get_args(Base) if allowed == wanted), None)
     if chosen is None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 from collections.abc import Callable, Sequence
@@ -69,7 +70,7 @@ def locate(
 ) -> None:
     """Find where, and how deep, an indentation is from the δ of the coils.
 
-    Maximum likelihood over all coils; every position that explains a reading is told, both signs of y on a board that
+    Maximum likelihood over all coils; every position that explains a reading is listed, both signs of y on a board that
     is symmetric. Positions count from the map's origin. A stream gives one JSON line out for each line in, with "error"
     for a bad one; the exit code is 2 only where no line was a reading.
 
@@ -214,8 +215,6 @@ def _with_ellipses(model: EllipseModel, coils: Sequence[str] | None, addition: f
 
 
 def _crossed(model: EllipseModel, reading: Reading, names: Sequence[str]) -> Record:
-    import numpy as np
-
     from coilarray.localize.ellipse_model import locate_x
 
     if not isinstance(reading, dict):
@@ -225,7 +224,7 @@ def _crossed(model: EllipseModel, reading: Reading, names: Sequence[str]) -> Rec
     for name in model.names:
         if name not in reading:
             return {"error": f"the reading of {name} is missing."}
-        if not np.isfinite(reading[name]):
+        if not math.isfinite(reading[name]):
             return {"error": f"the reading of {name} must be finite; got {reading[name]}."}
     try:
         place = locate_x(model, reading)

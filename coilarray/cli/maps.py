@@ -61,7 +61,7 @@ def is_recording(source: str) -> bool:
 
 
 def read_map(path: Path) -> xr.Dataset:
-    """As `read_response`; one of an emulated board is told on standard error."""
+    """Read a response with `read_response`, and say on standard error that it is of an emulated board."""
     response = read_response(path)
     if response.attrs.get("emulated", 0):
         text = f"{path} is of an emulated board: no real one was measured."
@@ -98,25 +98,24 @@ def one_map(source: str | None, depth: float | None, *, allow_violations: bool) 
     source : str or None
         netCDF file, design file or name of a bundled design; gast2020 by default.
     depth : float or None
-        In m; the first one by default.
+        Depth in m; the first one by default.
     allow_violations : bool
-        As for `open_design`.
+        Whether designs that break fabrication rules are read.
 
     Raises
     ------
     LocalizeError, DesignError, RuleViolationError, ElastomerError
-        As `read_map`, `open_design` and `coilarray.response.map.response_map`.
+        What is refused by `read_map`, `open_design` and `coilarray.response.map.response_map`.
     """
     if is_map(source):
         return read_map(Path(str(source))), 0 if depth is None else depth
     from coilarray.response.map import response_map
+    from coilarray.response.setup import indentation_of
 
     design = open_design(source, allow_violations=allow_violations)
-    if design.indentation is None:
-        raise LocalizeError(f"the design {design.name} has no [indenter] and [indentation].")
-    depths = design.indentation.depths[:1] if depth is None else [depth]
+    depths = indentation_of(design).depths[:1] if depth is None else [depth]
     with progress_bar("response") as progress:
-        return response_map(design, depths=depths, progress=progress), 0
+        return response_map(design, depths=depths, reach="auto", progress=progress), 0
 
 
 def kept_table(design: Design, kept: Path | None) -> xr.Dataset:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -21,6 +21,9 @@ from coilarray.cli.shared import (
 )
 from coilarray.errors import ElastomerError, NetworkError
 
+if TYPE_CHECKING:
+    from coilarray.response.map import Reach
+
 
 def response(
     design: DesignArgument = None,
@@ -30,26 +33,34 @@ def response(
     x_mm: Annotated[
         str | None, typer.Option("--x-mm", help="Positions along x from the map's origin, as 0,5 or START:STOP:COUNT.")
     ] = None,
-    y_mm: Annotated[str | None, typer.Option("--y-mm", help="The same along y.")] = None,
+    y_mm: Annotated[str | None, typer.Option("--y-mm", help="Positions along y, in the same form.")] = None,
     tilt: Annotated[
         tuple[float, float], typer.Option("--tilt", help="Rise of the sample along x and y, mm per mm.")
     ] = (0.0, 0.0),
     offset_mm: Annotated[
-        tuple[float, float], typer.Option("--offset-mm", help="True less believed position of the indenter.")
+        tuple[float, float], typer.Option("--offset-mm", help="True minus assumed position of the indenter.")
     ] = (0.0, 0.0),
-    depth_error_mm: Annotated[float, typer.Option("--depth-error-mm", help="True less believed depth.")] = 0.0,
+    depth_error_mm: Annotated[float, typer.Option("--depth-error-mm", help="True minus assumed depth.")] = 0.0,
     thickness_error_mm: Annotated[
         list[str] | None,
-        typer.Option("--thickness-error-mm", help="SHEET=VALUE, true less designed thickness; may be repeated."),
+        typer.Option("--thickness-error-mm", help="SHEET=VALUE, true minus designed thickness; may be repeated."),
     ] = None,
     noise: Annotated[float, typer.Option("--noise", help="Relative standard deviation of each reading of L.")] = 0.0,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the noise.")] = 0,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the noise.")] = 0,
     strays: Annotated[
-        bool, typer.Option("--strays", help="With the capacitance of windings and between coils in the circuit.")
+        bool, typer.Option("--strays", help="Include the capacitance of windings and between coils in the circuit.")
     ] = False,
     dielectric: Annotated[
-        bool, typer.Option("--dielectric", help="Count what the dent does to the coils' capacitance too.")
+        bool, typer.Option("--dielectric", help="Include the change of the coils' capacitance by the dent.")
     ] = False,
+    reach: Annotated[
+        str,
+        typer.Option(
+            "--reach",
+            help="Coils that count at a position: all; a number from 0.0001 to 0.1: those near the indenter, for this "
+            "error of δ relative to its peak; auto: all, on large boards those for 0.001.",
+        ),
+    ] = "auto",
     out: Annotated[Path, typer.Option("--out", "-o", help="File to write: .nc (netCDF) or .csv.")] = Path(
         "response.nc"
     ),
@@ -63,7 +74,8 @@ def response(
 
     δ = (L_peak − L_0)/L_0 of every state of the scan, for every position and depth of the indenter, with the other
     coils as the scan terminates them. The table shows the peak of every map. An interrupted map goes on from the folder
-    FILE.parts when the same command runs again.
+    FILE.parts when the same command runs again. On large boards only the coils near the indenter are counted, and a
+    line says so; --reach all counts every coil.
 
     Example: coilarray response gast2020 --depth-mm 0.5,1 --out map.nc --plot map.png
     """
@@ -74,6 +86,7 @@ def response(
         for option, text in (("--depth-mm", depth_mm), ("--x-mm", x_mm), ("--y-mm", y_mm))
     )
     errors = _thickness_errors(thickness_error_mm or ())
+    counted = _reach(reach)
     from coilarray.circuit.impedance import design_network
     from coilarray.compute.files import write_atomically, write_text
     from coilarray.compute.netcdf import save_dataset
@@ -82,7 +95,8 @@ def response(
     from coilarray.response.map import Imperfections, response_map
 
     opened = open_design(design, allow_violations=allow_violations)
-    faults = Imperfections(tilt, (offset_mm[0] * 1e-3, offset_mm[1] * 1e-3), depth_error_mm * 1e-3, errors, noise, seed)
+    offset = (offset_mm[0] * 1e-3, offset_mm[1] * 1e-3)
+    imperfections = Imperfections(tilt, offset, depth_error_mm * 1e-3, errors, noise, seed)
     network = design_network(opened).network if strays else None
     parts = out.with_name(f"{out.name}.parts")
     store = open_store(parts)
@@ -94,7 +108,8 @@ def response(
                 depths=depths,
                 x=x,
                 y=y,
-                imperfections=faults,
+                reach=counted,
+                imperfections=imperfections,
                 network=network,
                 dielectric=dielectric,
                 parts=parts,
@@ -118,12 +133,30 @@ def response(
 
         write_atomically(plot, response_figure(result, map_outlines(opened, result)).savefig)
     if as_json:
-        print_json({"file": str(out), "design": opened.name, "design_hash": opened.digest, "response": table.records()})
+        answer = {"file": str(out), "design": opened.name, "design_hash": opened.digest}
+        print_json({**answer, "error_of_peak": result.attrs["error_of_peak"], "response": table.records()})
         return
     print_table([column.header for column in table.columns], table.cells())
+    if result.attrs["error_of_peak"]:
+        typer.echo(
+            f"only coils up to {result.attrs['coil_cutoff_m'] * 1e3:.0f} mm from the indenter count: δ is within "
+            f"{result.attrs['error_of_peak']:g} of its peak; --reach all counts every coil"
+        )
     typer.echo(f"wrote {out}: {' × '.join(str(n) for n in result.delta.shape)} values over {result.delta.dims}")
     if plot is not None:
         typer.echo(f"wrote {plot}")
+
+
+def _reach(text: str) -> Reach:
+    """Which coils count; the library checks the number."""
+    if text == "all":
+        return None
+    if text == "auto":
+        return "auto"
+    try:
+        return float(text)
+    except ValueError:
+        raise ElastomerError(f"--reach must be all, auto or an error of δ; got {text!r}.") from None
 
 
 def _thickness_errors(texts: Sequence[str]) -> dict[str, float]:

@@ -39,9 +39,10 @@ class Segments:
     Parameters
     ----------
     start, stop : ndarray, shape (n, 3)
-        In m.
+        Ends of the pieces in m.
     weights : ndarray, shape (n,)
-        Of each piece in S: its current per current of the coil; twice the potential inside a path of an electrode.
+        Weight of each piece in S: its current per current of the coil; for an electrode twice the potential inside its
+        path.
     """
 
     start: FloatArray
@@ -56,15 +57,15 @@ class CoilSpectra:
     Parameters
     ----------
     wavenumbers : ndarray, shape (k,)
-        In 1/m.
+        Wavenumbers in 1/m.
     centres : ndarray, shape (coils, 2)
-        In m.
+        Centres of the coils in m.
     radius : float
         Largest distance of a coil's corner from its centre in m.
     shape_of : tuple of int, length coils
         Index of each coil's spectrum.
     series : tuple of tuple of ndarray
-        For every shape and wavenumber the Fourier series of S over the angle α, m per A (of an electrode m² per V).
+        Fourier series of S over the angle α for every shape and wavenumber, in m per A (electrode: m² per V).
     """
 
     wavenumbers: FloatArray
@@ -100,7 +101,7 @@ def coil_spectra(source: Source, wavenumbers: FloatArray) -> CoilSpectra:
         Paths at z ≤ 0. A path whose ends lie apart is closed by a straight line between them, since only a closed
         current has a potential.
     wavenumbers : ndarray, shape (k,)
-        In 1/m, positive.
+        Wavenumbers in 1/m, positive.
 
     Returns
     -------
@@ -116,9 +117,9 @@ def segment_spectra(coils: Sequence[Segments], wavenumbers: FloatArray) -> CoilS
     Parameters
     ----------
     coils : sequence of Segments
-        At z ≤ 0.
+        Coils at z ≤ 0, by their segments.
     wavenumbers : ndarray, shape (k,)
-        In 1/m, positive.
+        Wavenumbers in 1/m, positive.
 
     Returns
     -------
@@ -146,16 +147,16 @@ def harmonics_about(spectra: CoilSpectra, points: FloatArray, highest: int) -> C
     Parameters
     ----------
     spectra : CoilSpectra
-        As `coil_spectra` returns them.
+        Spectra of the coils, from `coil_spectra`.
     points : ndarray, shape (points, 2)
-        In m.
+        Points in m.
     highest : int
         Highest harmonic.
 
     Returns
     -------
     ndarray of complex, shape (k, points, coils, highest + 1)
-        In m per A; those of −m are the conjugates.
+        Harmonics in m per A; those of −m are the conjugates.
     """
     distance = np.hypot(*(points[:, None] - spectra.centres).T).max()
     order = np.arange(highest + 1)

@@ -38,7 +38,7 @@ class Stack:
     stress : float
         Unit of stress in Pa, the largest Young's modulus.
     thicknesses : ndarray, shape (sheets,)
-        From the board up, in `length`.
+        Thicknesses of the sheets from the board up, in units of `length`.
     shear, squash : ndarray, shape (sheets,)
         Shear modulus μ = E/(2(1 + ν)) in `stress` and compressibility 1/K = 3(1 − 2ν)/E in 1/`stress`.
     """
@@ -80,7 +80,7 @@ class Compliance:
     r : ndarray, shape (n,)
         Radii of all nodes.
     heights : ndarray, shape (interfaces,)
-        From the board to the top.
+        Heights of the interfaces from the board to the top.
     hats : ndarray, shape (m,)
         Radii of the vertices that carry the hats.
     mass : ndarray, shape (m,)
@@ -112,20 +112,20 @@ def compliance(
     stack : Stack
         The sheets.
     indenter : Indenter
-        In SI units.
+        The rigid body, in SI units.
     zone : ContactZone
-        Where the contact is expected, in the stack's unit of length.
+        Expected extent of the contact, in the unit of length of the stack.
     base : {"bonded", "frictionless"}
-        Of the lowest sheet on the board.
+        Support of the lowest sheet on the board.
     radius : float or None
-        Of the sample in the stack's unit of length, half its width in plane strain; None for a wide one.
+        Radius of the sample in the unit of length of the stack, half its width in plane strain; None for a wide one.
     mesh : ContactMesh
         Fineness.
 
     Returns
     -------
     Compliance
-        Of all hats up to the end of the search.
+        Answer to all hats up to the end of the search.
     """
     end = zone.search + mesh.extent if radius is None else radius
     levels = -np.append(np.cumsum(stack.thicknesses[::-1])[::-1], 0.0)  # from the top: it has the smallest elements

@@ -39,29 +39,15 @@ _SEARCH = 4.0  # contact is looked for up to profile = 4 depths; over an incompr
 _COARSE = ContactMesh(elements=8, growth=1.5)  # for the first guess of the contact radius
 _GUESSES = 4
 _NOMINAL = 0.01  # depth in thicknesses that the mesh is made for where no depth is above zero
-_TAIL = 4  # the last quarter of the elements of a contact tells its radius
+_TAIL = 4  # the last quarter of the elements of a contact determines its radius
 _RESIDUAL = 1e-9  # of the complementarity problem, relative to the depth
 
 
-def hat_forces(system: Compliance, depth: float) -> FloatArray:
-    """Solve the complementarity problem of one depth.
+def _hat_forces(system: Compliance, depth: float) -> FloatArray:
+    """Solve the complementarity problem of one depth in thicknesses of the stack, above zero.
 
-    Parameters
-    ----------
-    system : Compliance
-        Of the stack under the indenter.
-    depth : float
-        Above zero, in thicknesses of the stack.
-
-    Returns
-    -------
-    ndarray, shape (m,)
-        Force on each hat in the stack's units, over 2π about an axis and over 2 in plane strain; never negative.
-
-    Raises
-    ------
-    ElastomerError
-        The problem does not converge.
+    Returns the force on each hat in the stack's units, never negative, over 2π (axial) or 2 (plane strain).
+    Raises ElastomerError where the problem does not converge.
     """
     start = system.profile - depth
     matrix = (system.matrix + system.matrix.T) / 2  # symmetric but for roundings of the factorisation
@@ -95,14 +81,14 @@ def contact_radius(hats: FloatArray, pressure: FloatArray, tail: int) -> float:
     hats : ndarray, shape (m,)
         Radii of the hats.
     pressure : ndarray, shape (m,)
-        At the hats; the last one is zero.
+        Pressure at the hats; the last one is zero.
     tail : int
         Elements in the tail.
 
     Returns
     -------
     float
-        In the unit of `hats`.
+        Radius in the unit of `hats`.
 
     Examples
     --------
@@ -143,7 +129,7 @@ class _Case:
 
 def _contact(system: Compliance, zone: ContactZone, depth: float, mesh: ContactMesh) -> tuple[FloatArray, float]:
     """Force on every hat at a depth, and the radius where contact ends; the end of the search if it goes so far."""
-    force = hat_forces(system, depth)
+    force = _hat_forces(system, depth)
     if force[-1] > 0:
         return force, zone.search
     return force, contact_radius(system.hats, force / system.mass, mesh.elements // _TAIL)
@@ -224,16 +210,16 @@ def indent(
     Parameters
     ----------
     sheets : sequence of Sheet
-        From the board up, bonded to each other.
+        Sheets from the board up, bonded to each other.
     indenter : Indenter
         Its symmetry decides between a body of revolution and plane strain.
     depths : array_like, shape (d,) or scalar
-        How far the tip goes below the flat top, in m; 0 is a touch.
+        Distances of the tip below the flat top in m; 0 is a touch.
     base : {"bonded", "frictionless"}
-        How the lowest sheet lies on the board.
+        Support of the lowest sheet on the board.
     radius : float, optional
-        Of a sample with a free edge, the indenter at its centre, in m; half its width in plane strain. Without it the
-        sample is wide.
+        Radius in m of a sample with a free edge, the indenter at its centre; half its width in plane strain. Without it
+        the sample is wide.
     mesh : ContactMesh
         Fineness of the mesh.
 

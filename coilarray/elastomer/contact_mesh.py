@@ -27,7 +27,7 @@ class ContactMesh:
     Parameters
     ----------
     elements : int
-        Across the contact radius.
+        Number of elements across the contact radius.
     growth : float
         Ratio of neighbouring elements away from the contact; it also sets how many elements lie in a sheet.
     extent : float

@@ -28,13 +28,13 @@ class Dent:
     Parameters
     ----------
     thicknesses, permeabilities : tuple of float
-        Of the flat sheets in m and relative, upwards from z = 0.
+        Thicknesses in m and relative permeabilities of the flat sheets, upwards from z = 0.
     radius : ndarray, shape (n,)
         Distances from the indenter's axis in m, rising from 0.
     displacement : ndarray, shape (n, sheets + 1)
         Upward displacement of every face at these distances in m, from the board to the top; negative in the dent.
     symmetry : {"axial", "plane"}
-        About an axis, or the same all along y.
+        Shape of the dent: a body of revolution, or the same all along y.
     below : float
         1 for air under z = 0; the lowest permeability where electrodes at z = 0 leave no contrast there.
 
@@ -76,15 +76,15 @@ class Dent:
     def faces(self, radius: FloatArray, derivative: int = 0) -> FloatArray:
         """Upward displacement of every face in m, or a derivative by the radius, shape (…, sheets + 1).
 
-        A cubic spline that is level on the axis; zero beyond `reach`.
+        A cubic spline that is level on the axis; zero beyond `extent`.
         """
         level, straight = (np.zeros(self.displacement.shape[1]) for _ in range(2))
         spline = CubicSpline(self.radius, self.displacement, bc_type=((1, level), (2, straight)))
-        values = spline(np.minimum(radius, self.reach), derivative)
-        return np.where((radius < self.reach)[..., None], values, 0.0)
+        values = spline(np.minimum(radius, self.extent), derivative)
+        return np.where((radius < self.extent)[..., None], values, 0.0)
 
     @property
-    def reach(self) -> float:
+    def extent(self) -> float:
         """Radius in m beyond which nothing is moved."""
         return float(self.radius[-1])
 
@@ -141,7 +141,7 @@ def dent_of(indentation: xr.Dataset, sheets: Sequence[Sheet]) -> Dent:
     Parameters
     ----------
     indentation : xarray.Dataset
-        As `coilarray.elastomer.contact.indent` returns it, one depth selected.
+        Indentation at one depth, selected from `coilarray.elastomer.contact.indent`.
     sheets : sequence of Sheet
         The sheets of the indentation, upwards.
 

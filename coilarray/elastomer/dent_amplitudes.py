@@ -28,7 +28,7 @@ from coilarray.elastomer.scattering import Scattering
 FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
 
-_STEPS_A_CLEARANCE = 3  # of a table: the splines err by some 1e-5 of the peak (tests/elastomer/test_dent_amplitudes.py)
+_STEPS_PER_CLEARANCE = 3  # of a table: the splines err by 1e-5 of the peak (tests/elastomer/test_dent_amplitudes.py)
 _DEGREE = 5  # of the splines
 _SPARE_ANGLES = 20  # on half a circle, as in coil_spectrum
 
@@ -59,9 +59,9 @@ def dent_amplitudes(
     scattering : Scattering
         The solved dent.
     spectra : CoilSpectra
-        Of the coils, at the wavenumbers of the dent.
+        Spectra of the coils, at the wavenumbers of the dent.
     offsets : sequence of ndarray, shape (offsets, 2)
-        One a shape of `spectra`: the indenter's position less the coil's centre in m; within the extent that the
+        Position of the indenter minus centre of the coil in m, for each shape of `spectra`; within the extent that the
         wavenumbers resolve.
     tolerance : float
         Amplitudes below this part of the largest are left out; the energies err by about a tenth of it.
@@ -96,15 +96,15 @@ def dent_amplitudes(
     return DentAmplitudes(np.concatenate(strengths), tuple(np.ascontiguousarray(values.T) for values in amplitudes))
 
 
-def offset_grid(reach: float, clearance: float) -> tuple[FloatArray, FloatArray]:
+def offset_grid(extent: float, clearance: float) -> tuple[FloatArray, FloatArray]:
     """Grid of offsets on which amplitudes make a table.
 
     Parameters
     ----------
-    reach : float
+    extent : float
         Largest offset along x and y in m.
     clearance : float
-        Of the dent in m.
+        Clearance of the dent in m.
 
     Returns
     -------
@@ -113,8 +113,8 @@ def offset_grid(reach: float, clearance: float) -> tuple[FloatArray, FloatArray]
     points : ndarray, shape (n², 2)
         All of them, x first.
     """
-    half = max(int(np.ceil(_STEPS_A_CLEARANCE * reach / clearance)), _DEGREE)
-    axis = np.linspace(-reach, reach, 2 * half + 1)
+    half = max(int(np.ceil(_STEPS_PER_CLEARANCE * extent / clearance)), _DEGREE)
+    axis = np.linspace(-extent, extent, 2 * half + 1)
     return axis, np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
 
 

@@ -48,6 +48,7 @@ def dent_energies(
     spectra_at: Callable[[FloatArray], CoilSpectra],
     solve: Solver,
     mesh: LayerMesh,
+    *,
     progress: Progress | None = None,
 ) -> FloatArray:
     """Change of the energy between the fields of all coils by dents.
@@ -57,11 +58,11 @@ def dent_energies(
     dents : sequence of Dent
         All in the same sheets.
     points : ndarray, shape (positions, 2)
-        Of the indenter's axis in m.
+        Positions of the indenter's axis in m.
     circle : tuple of ndarray, shape (coils, 2), and float
         Centres of the coils and the radius that encloses each, in m.
     spectra_at : callable
-        Gives the coils' spectra at wavenumbers in 1/m.
+        Function that returns the coils' spectra at wavenumbers in 1/m.
     solve : callable
         Solves one dent.
     mesh : LayerMesh
@@ -95,7 +96,7 @@ def dent_energies(
     solved = []
     for index in moving:
         solved.append(solve(dents[index], wavenumbers, weights, deepest))
-        _tell(progress, len(solved), total)
+        _report(progress, len(solved), total)
     spectra = spectra_at(wavenumbers)
     factors = 2 * np.pi * np.array([1.0, *[2.0] * mesh.harmonics])
     for done, (start, stop) in enumerate(blocks, start=1):
@@ -103,10 +104,10 @@ def dent_energies(
         incident *= wavenumbers[:, None, None, None] / (2 * np.pi)
         for index, one in zip(moving, solved, strict=True):
             change[index, start:stop] = one.change(incident, factors)
-        _tell(progress, len(moving) + done, total)
+        _report(progress, len(moving) + done, total)
     return change
 
 
-def _tell(progress: Progress | None, done: int, total: int) -> None:
+def _report(progress: Progress | None, done: int, total: int) -> None:
     if progress is not None:
         progress(done, total)

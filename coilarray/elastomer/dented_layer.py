@@ -29,6 +29,7 @@ def dent_inductance(
     positions: npt.ArrayLike,
     mesh: LayerMesh | None = None,
     model: Model = "full",
+    *,
     progress: Progress | None = None,
 ) -> FloatArray:
     """Change of the inductance matrix by dents in the magnetic sheets, against the flat sheets.
@@ -38,9 +39,9 @@ def dent_inductance(
     source : CoilArray, Conductor, polyline or sequence of them
         Coils at z ≤ 0; a path whose ends lie apart is closed by a straight line between them.
     dents : sequence of Dent
-        For example one a depth, all in the same sheets.
+        Dents in the same sheets, for example one for each depth.
     positions : array_like, shape (positions, 2)
-        Of the indenter's axis in m.
+        Positions of the indenter's axis in m.
     mesh : LayerMesh, optional
         Accuracy.
     model : {"full", "first order", "Born"}
@@ -53,7 +54,7 @@ def dent_inductance(
     Returns
     -------
     ndarray, shape (dents, positions, coils, coils)
-        In H, symmetric.
+        Inductance in H, dented minus flat; symmetric.
 
     Raises
     ------
@@ -94,6 +95,6 @@ def dent_inductance(
         return shortcut(dent, wavenumbers, weights, accuracy.harmonics)
 
     energies = dent_energies(
-        dents, points, coil_centres(paths), lambda k: coil_spectra(paths, k), solve, accuracy, progress
+        dents, points, coil_centres(paths), lambda k: coil_spectra(paths, k), solve, accuracy, progress=progress
     )
     return MU_0 * energies

@@ -44,22 +44,22 @@ def dent_capacitance(
     array : CoilArray
         The board.
     dents : sequence of Dent
-        For example one a depth, all in the same sheets.
+        Dents in the same sheets, for example one for each depth.
     positions : array_like, shape (positions, 2)
-        Of the indenter's axis in m.
+        Positions of the indenter's axis in m.
     permittivity : float
-        Relative, of all sheets.
+        Relative permittivity of all sheets.
     mesh : LayerMesh, optional
         Accuracy.
     zero_at : float
-        Where the winding is at zero potential, as a part of its length from the first terminal: 0.5 for the
+        Place where the winding is at zero potential, as a part of its length from the first terminal: 0.5 for the
         symmetric drive that the network assumes, 0 or 1 for a terminal at ground.
 
     Returns
     -------
     ndarray, shape (dents, positions, coils)
-        In F, of each coil measured with all others at zero. A converter that takes the total capacitance C for
-        constant sees a relative change ΔC/C of L: less dielectric raises f, as a smaller L does.
+        Capacitance in F of each coil, measured with all others at zero. A converter that takes the total capacitance C
+        for constant sees a relative change ΔC/C of L: less dielectric raises f, as a smaller L does.
 
     Raises
     ------
@@ -115,9 +115,9 @@ def surface_potential(placement: Placement, stackup: Stackup, zero_at: float = 0
     placement : Placement
         The coil.
     stackup : Stackup
-        Of the board.
+        Stack-up of the board.
     zero_at : float
-        As in `dent_capacitance`.
+        Place where the winding is at zero potential, as in `dent_capacitance`.
 
     Returns
     -------
@@ -165,14 +165,14 @@ def outlined(outlines: Sequence[FloatArray], potentials: Sequence[float], z: flo
     outlines : sequence of ndarray, each of shape (n, 2)
         Corners of the areas in m, anticlockwise, the first one not repeated. Where areas overlap potentials add up.
     potentials : sequence of float
-        Of each area in V.
+        Potential of each area in V.
     z : float
         Height of the plane in m.
 
     Returns
     -------
     Segments
-        As `surface_potential` returns them.
+        Edges of the areas, in the form that `surface_potential` returns.
 
     Examples
     --------

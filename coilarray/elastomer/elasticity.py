@@ -47,7 +47,7 @@ class ElasticBody:
     Parameters
     ----------
     basis : skfem.Basis
-        Of the displacement, n functions.
+        Basis of the displacement, n functions.
     """
 
     basis: Any
@@ -91,11 +91,11 @@ def elastic_body(
     mesh : skfem.MeshQuad
         Rectangles in (r, z), with a boundary named "outer".
     symmetry : {"axial", "plane"}
-        About an axis, or plane strain.
+        Symmetry of the body: about an axis, or plane strain.
     shear, squash : ndarray, shape (elements,)
         μ and 1/K of each element.
     held : callable
-        Returns the displacement's degrees of freedom that are zero, from the basis.
+        Function that returns, for the basis, the displacement's degrees of freedom that are zero.
     wide : bool
         The body goes on beyond its outer edge; otherwise nothing pulls at that edge.
 

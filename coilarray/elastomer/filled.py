@@ -18,12 +18,12 @@ def guth_gold_modulus(matrix_modulus: float, volume_fraction: float) -> float:
     matrix_modulus : float
         Young's modulus of the unfilled elastomer in Pa.
     volume_fraction : float
-        Of the filler, 0 to 0.35.
+        Volume fraction of the filler, 0 to 0.35.
 
     Returns
     -------
     float
-        In Pa.
+        Young's modulus in Pa.
 
     Raises
     ------
@@ -61,15 +61,15 @@ def maxwell_garnett_permeability(volume_fraction: float, particle_permeability: 
     Parameters
     ----------
     volume_fraction : float
-        Of the spheres, 0 to 1.
+        Volume fraction of the spheres, 0 to 1.
     particle_permeability : float
-        Relative, of the spheres, at least 1. Infinite by default: that of a sphere of iron is so large that only its
+        Relative permeability of the spheres, at least 1. Infinite by default: that of iron is so large that only the
         shape counts.
 
     Returns
     -------
     float
-        Infinite only where everything is a particle of infinite permeability.
+        Relative permeability; infinite only where everything is a particle of infinite permeability.
 
     Raises
     ------
@@ -105,12 +105,12 @@ def bruggeman_permeability(volume_fraction: float, particle_permeability: float 
     Parameters
     ----------
     volume_fraction, particle_permeability
-        As in `maxwell_garnett_permeability`.
+        Volume fraction of the magnetic spheres and their relative permeability, see `maxwell_garnett_permeability`.
 
     Returns
     -------
     float
-        Infinite where particles of infinite permeability fill a third or more.
+        Relative permeability; infinite where particles of infinite permeability fill a third or more.
 
     Raises
     ------

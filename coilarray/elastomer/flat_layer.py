@@ -58,9 +58,9 @@ class Slab:
     lower : float
         Height of its lower face in m.
     thickness : float
-        In m.
+        Thickness in m.
     relative_permeability : float
-        Above 1.
+        Relative permeability, above 1.
     """
 
     lower: float
@@ -84,7 +84,7 @@ def magnetic_slab(sheets: Sequence[Sheet]) -> Slab | None:
     Parameters
     ----------
     sheets : sequence of Sheet
-        Upwards from z = 0.
+        Sheets upwards from z = 0.
 
     Returns
     -------
@@ -119,7 +119,7 @@ def magnetic_slab(sheets: Sequence[Sheet]) -> Slab | None:
 
 
 def layer_inductance(
-    source: Source, sheets: Sequence[Sheet], progress: Progress | None = None, *, accuracy: Accuracy = "full"
+    source: Source, sheets: Sequence[Sheet], *, progress: Progress | None = None, accuracy: Accuracy = "full"
 ) -> FloatArray:
     """Change of the inductance matrix of current paths by flat sheets above them.
 
@@ -128,16 +128,16 @@ def layer_inductance(
     source : CoilArray, Conductor, polyline or sequence of them
         See `coilarray.electromagnetics.source.as_conductors`; below the magnetic sheet. Thin filaments are allowed.
     sheets : sequence of Sheet
-        Upwards from z = 0, wide against the coils. At most one magnetic region, see `magnetic_slab`.
+        Sheets upwards from z = 0, wide against the coils. At most one magnetic region, see `magnetic_slab`.
     progress : callable, optional
         Called with (done, total) as the work goes on.
     accuracy : {"full", "screen"}
-        As in `coilarray.inductance_matrix`; ``screen`` errs by up to 1e-3 of the change itself.
+        Accuracy as in `coilarray.inductance_matrix`; ``screen`` errs by up to 1e-3 of the change itself.
 
     Returns
     -------
     ndarray, shape (paths, paths)
-        In H, symmetric, to be added to the matrix without sheets. Zero where no sheet is magnetic.
+        Inductance in H, symmetric, to be added to the matrix without sheets. Zero where no sheet is magnetic.
 
     Raises
     ------

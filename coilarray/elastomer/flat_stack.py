@@ -31,20 +31,20 @@ def flat_profile(
     Parameters
     ----------
     wavenumbers : ndarray, shape (k,)
-        Of the pattern in the plane in 1/m, positive.
+        Wavenumbers of the pattern in the plane in 1/m, positive.
     z : ndarray, shape (n,)
         Heights in m, from 0, the lower face of the lowest sheet, upwards.
     thicknesses : sequence of float, length s
-        Of the sheets in m, upwards from z = 0. Air lies above.
+        Thicknesses of the sheets in m, upwards from z = 0. Air lies above.
     permeabilities : sequence of float, length s
-        Relative, of the sheets; permittivities for the electric potential.
+        Relative permeabilities of the sheets; permittivities for the electric potential.
     base : {"open", "grounded"}
         Air below and an incident potential, or electrodes at z = 0 that hold the potential 1.
 
     Returns
     -------
     ndarray, shape (n, k)
-        Dimensionless.
+        Dimensionless potential.
 
     Notes
     -----
@@ -80,7 +80,7 @@ def reflection(wavenumbers: FloatArray, thicknesses: Sequence[float], permeabili
     Parameters
     ----------
     wavenumbers, thicknesses, permeabilities
-        As in `flat_profile`.
+        Pattern and sheets, as in `flat_profile`.
 
     Returns
     -------

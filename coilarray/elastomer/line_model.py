@@ -52,9 +52,9 @@ def cross_section(conductor: Conductor, y: float) -> Wires:
     Parameters
     ----------
     conductor : Conductor
-        With a cross-section.
+        Winding with a cross-section.
     y : float
-        In m.
+        Coordinate of the cut in m.
 
     Returns
     -------
@@ -91,14 +91,14 @@ def line_inductance(wires: Wires, sheets: Sequence[Sheet]) -> float:
     Parameters
     ----------
     wires : Wires
-        At z ≤ 0.
+        Wires at z ≤ 0.
     sheets : sequence of Sheet
-        Upwards from z = 0.
+        Sheets upwards from z = 0.
 
     Returns
     -------
     float
-        In H/m.
+        Inductance per length in H/m.
 
     Raises
     ------
@@ -133,9 +133,9 @@ def line_dent_inductance(
     Parameters
     ----------
     wires : Wires
-        At z ≤ 0.
+        Wires at z ≤ 0.
     dents : sequence of Dent
-        In plane strain, all in the same sheets.
+        Dents in plane strain, all in the same sheets.
     positions : array_like, shape (positions,)
         x of the indenter's middle in m.
     mesh : LayerMesh, optional
@@ -144,7 +144,7 @@ def line_dent_inductance(
     Returns
     -------
     ndarray, shape (dents, positions)
-        In H/m.
+        Inductance per length in H/m, dented minus flat.
 
     Raises
     ------

@@ -51,7 +51,8 @@ class LayerMesh:
     decays : float
         Wavenumbers count up to decays/clearance: what is left out is below e^(−2·decays) of the incident energy.
     width : float
-        Of the elements in the middle, over the radius of the dent's half depth or the clearance, the smaller one.
+        Width of the elements in the middle, relative to the radius of the dent's half depth or the clearance, the
+        smaller one.
     rows : int
         Elements over the height of each sheet and of the moved air.
     growth : float
@@ -77,9 +78,9 @@ class Scattering:
     wavenumbers, weights : ndarray, shape (k,)
         Nodes and weights of the integral over the wavenumber in 1/m.
     patterns : tuple of ndarray, shape (rank, k)
-        For every harmonic: the incident field of each wavenumber in a few patterns.
+        Incident field of each wavenumber in a few patterns, for every harmonic.
     energies : tuple of ndarray, shape (rank, rank)
-        For every harmonic Δa(U_f, U_d) between the patterns, without μ0 and the integral over the angle, in m.
+        Δa(U_f, U_d) between the patterns for every harmonic, without μ0 and the integral over the angle, in m.
     """
 
     wavenumbers: FloatArray
@@ -122,12 +123,12 @@ def wavenumber_rule(clearance: float, extent: float, mesh: LayerMesh) -> tuple[F
     extent : float
         Largest distance between a point of a coil and a point of the dent in m.
     mesh : LayerMesh
-        Gives the highest wavenumber.
+        Accuracy, which decides the highest wavenumber.
 
     Returns
     -------
     wavenumbers, weights : ndarray, shape (k,)
-        In 1/m.
+        Wavenumbers in 1/m and the weights of their integral in 1/m.
 
     Raises
     ------
@@ -160,7 +161,7 @@ def scatter(
     dent : Dent
         The sheets.
     wavenumbers, weights : ndarray, shape (k,)
-        As `wavenumber_rule` returns them.
+        Wavenumbers and weights in 1/m, from `wavenumber_rule`.
     mesh : LayerMesh
         Accuracy.
     deepest : float, optional
@@ -287,8 +288,8 @@ def _grid(dent: Dent, mesh: LayerMesh, deepest: float | None, base: Base) -> Mes
     half = float(dent.radius[max(1, np.flatnonzero(moved > moved.max() / 2)[-1])])
     fine = mesh.width * min(half, dent.clearance)
     far = 2 * float(heights[-1])
-    core = np.arange(0.0, min(3 * half, dent.reach), fine)
-    radii = np.concatenate((core, _growing(core[-1], dent.reach + far, fine, mesh.growth)[1:]))
+    core = np.arange(0.0, min(3 * half, dent.extent), fine)
+    radii = np.concatenate((core, _growing(core[-1], dent.extent + far, fine, mesh.growth)[1:]))
     rows = np.unique(np.concatenate([np.linspace(*pair, mesh.rows + 1) for pair in pairwise(heights.tolist())]))
     first, last = (float(np.diff(rows)[k]) for k in (0, -1))
     down = far if base == "open" else float(rows[0])

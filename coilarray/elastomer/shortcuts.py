@@ -27,9 +27,9 @@ def first_order(dent: Dent, wavenumbers: FloatArray, weights: FloatArray, highes
     Parameters
     ----------
     dent : Dent
-        About an axis.
+        Dent about an axis.
     wavenumbers, weights : ndarray, shape (k,)
-        As `coilarray.elastomer.scattering.wavenumber_rule` returns them.
+        Wavenumbers and weights in 1/m, from `coilarray.elastomer.scattering.wavenumber_rule`.
     highest : int
         Highest harmonic.
 
@@ -65,7 +65,7 @@ def born(dent: Dent, wavenumbers: FloatArray, weights: FloatArray, highest: int)
     Parameters
     ----------
     dent, wavenumbers, weights, highest
-        As in `first_order`.
+        Dent, integration rule and highest harmonic, as in `first_order`.
 
     Returns
     -------
@@ -84,18 +84,18 @@ def born(dent: Dent, wavenumbers: FloatArray, weights: FloatArray, highest: int)
     for face in dent.contrasts:  # ∫ e^{−(k + k')z} dz from where the face was to where it is
         jump = mu[face] - mu[face + 1]
         for here, weight, height in zip(range(len(r)), r * rule, displaced[:, face], strict=True):
-            gained = jump * weight * (np.exp(-both * dent.heights[face]) - np.exp(-both * height)) / both
+            change = jump * weight * (np.exp(-both * dent.heights[face]) - np.exp(-both * height)) / both
             for m, (value, slope, turn) in enumerate(patterns):
                 parts = (slope[here], turn[here], wavenumbers * value[here])
-                energies[m] += gained * sum(np.outer(part, part) for part in parts)
+                energies[m] += change * sum(np.outer(part, part) for part in parts)
     return Scattering(wavenumbers, weights, (np.eye(len(wavenumbers)),) * (highest + 1), tuple(energies))
 
 
 def _radii(dent: Dent, wavenumbers: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Nodes and weights of an integral over the dent's radius, fine enough for the shortest wave."""
-    panels = int(np.ceil(dent.reach * wavenumbers[-1] / np.pi))
+    panels = int(np.ceil(dent.extent * wavenumbers[-1] / np.pi))
     nodes, weights = np.polynomial.legendre.leggauss(_NODES)
-    edges = np.linspace(0, dent.reach, panels + 1)
+    edges = np.linspace(0, dent.extent, panels + 1)
     half = np.diff(edges) / 2
     return ((edges[:-1] + half)[:, None] + half[:, None] * nodes).ravel(), (half[:, None] * weights).ravel()
 

@@ -26,7 +26,7 @@ LEAST_PLACES = 8
 
 _ROUNDING = 1e-9  # of a table's extent: by so much a place may lie outside and still count as on the edge
 _FLAT = 1e-9  # of the other columns: a slope by an unknown that is none
-_CONDITION = 1e12  # of the equations, beyond which they tell nothing
+_CONDITION = 1e12  # of the equations, beyond which they determine nothing
 _AT_END = 1e-3  # of its range: the solver stays inside bounds and stops a little short of them
 _CLOSE = 1e-14  # relative: to where rounding ends it
 
@@ -38,18 +38,19 @@ class Alignment:
     Parameters
     ----------
     scale : float
-        Of the other's δ; NaN where the other map is flat.
+        Factor of the other map's δ; NaN where that map is flat.
     shift : tuple of float
-        Of the other along x and y in m; NaN along an axis that was not sought, or whose standard deviation is greater
-        than the reach: the map does not tell it, and it is taken as 0.
+        Shift of the other map along x and y in m; NaN along an axis that was not sought, or whose standard deviation is
+        greater than the largest shift: the map does not determine it, and it is taken as 0.
     scale_std, shift_std
         Standard deviations by the noise that was given; NaN with the value.
     used : ndarray of bool, shape (places,)
-        Which places took part.
+        Whether each place took part.
     at_limit : bool
         True where a shift stands at the end of the range that was searched: the true one is beyond.
     scatter : float
-        Of what remains, in δ: the root of its sum of squares over the degrees of freedom; NaN where there are none.
+        Scatter of the residuals in δ: the root of its sum of squares over the degrees of freedom; NaN where there are
+        none.
     """
 
     scale: float
@@ -89,9 +90,9 @@ def values_at(model: ForwardModel, places: FloatArray) -> tuple[FloatArray, Floa
     Parameters
     ----------
     model : ForwardModel
-        Of one state.
+        Model of one state.
     places : ndarray, shape (n, 3)
-        For which `inside` holds.
+        Places for which `inside` holds.
     """
     delta, jacobian = model.linear(np.clip(places, model.lower, model.upper))
     return delta[:, 0], jacobian[:, 0, :2]
@@ -102,7 +103,7 @@ def align(
     places: npt.ArrayLike,
     measured: npt.ArrayLike,
     *,
-    reach: tuple[float, float],
+    largest_shift: tuple[float, float],
     noise: npt.ArrayLike | None = None,
 ) -> Alignment:
     """Find scale and shift of a model's map that bring it onto measured values.
@@ -110,14 +111,14 @@ def align(
     Parameters
     ----------
     model : ForwardModel
-        Of the other map, of one state.
+        Model of the other map, of one state.
     places : array_like, shape (n, 3)
         x, y and depth in m.
     measured : array_like, shape (n,)
         δ there.
-    reach : tuple of float
+    largest_shift : tuple of float
         Largest shift to either side along x and y in m. Only places stay that are in the model's table by it; where
-        they are fewer than 8, and along an axis whose reach is 0, no shift is sought.
+        they are fewer than 8, and along an axis where this is 0, no shift is sought.
     noise : array_like, scalar or shape (n,), optional
         Standard deviation of every measured δ; from the scatter of what remains by default.
 
@@ -128,7 +129,7 @@ def align(
     Raises
     ------
     LocalizeError
-        A model of several states, shapes that differ, values that are not finite, a reach or noise that is negative.
+        A model of several states, shapes that differ, values that are not finite, a negative shift or noise.
 
     Notes
     -----
@@ -146,27 +147,27 @@ def align(
     >>> model = forward_model(xr.Dataset({"delta": (("depth", "y", "x", "state"), delta)}, coords))
     >>> x, y = np.meshgrid(axis[5:-5], axis[5:-5])
     >>> places = np.column_stack((x.ravel(), y.ravel(), np.full(x.size, 1e-3)))
-    >>> found = align(model, places, 1.25 * bell(places[:, 0] - 0.5e-3, places[:, 1]), reach=(2e-3, 2e-3))
+    >>> found = align(model, places, 1.25 * bell(places[:, 0] - 0.5e-3, places[:, 1]), largest_shift=(2e-3, 2e-3))
     >>> round(found.scale, 3), round(found.shift[0] * 1e3, 2)
     (1.25, 0.5)
     """
     at, values = np.asarray(places, dtype=np.float64), np.asarray(measured, dtype=np.float64)
     sigma = None if noise is None else np.asarray(noise, dtype=np.float64)
-    _check(model, at, values, reach, sigma)
-    used = inside(model, at, reach)
-    axes = [k for k in (0, 1) if reach[k] > 0]
+    _check(model, at, values, largest_shift, sigma)
+    used = inside(model, at, largest_shift)
+    axes = [k for k in (0, 1) if largest_shift[k] > 0]
     if used.sum() < LEAST_PLACES:
         used, axes = inside(model, at), []
     at, values = at[used], values[used]
     if not values_at(model, at)[0].any():
         return Alignment(np.nan, (np.nan, np.nan), np.nan, (np.nan, np.nan), used, False, np.nan)
     each = None if sigma is None else np.broadcast_to(sigma, used.shape)[used]
-    found = _solve(model, at, values, reach, axes, each)
-    while axes and not (found.deviations[1:] <= 1).all():  # NaN is not told either
-        axes = [axis for axis, told in zip(axes, found.deviations[1:] <= 1, strict=True) if told]
-        found = _solve(model, at, values, reach, axes, each)
+    found = _solve(model, at, values, largest_shift, axes, each)
+    while axes and not (found.deviations[1:] <= 1).all():  # NaN is not determined either
+        axes = [axis for axis, known in zip(axes, found.deviations[1:] <= 1, strict=True) if known]
+        found = _solve(model, at, values, largest_shift, axes, each)
     shift, shift_std = np.full(2, np.nan), np.full(2, np.nan)
-    steps = np.asarray(reach)[axes]
+    steps = np.asarray(largest_shift)[axes]
     shift[axes], shift_std[axes] = found.unknowns[1:] * steps, found.deviations[1:] * steps
     return Alignment(
         float(found.unknowns[0]),
@@ -181,7 +182,7 @@ def align(
 
 @dataclass(frozen=True, eq=False)
 class _Solution:
-    """Scale and shifts over their reach, with standard deviations; the scatter of what remains in δ."""
+    """Scale and shifts relative to the largest ones, with standard deviations; the scatter of what remains in δ."""
 
     unknowns: FloatArray
     deviations: FloatArray
@@ -192,12 +193,12 @@ def _solve(
     model: ForwardModel,
     places: FloatArray,
     values: FloatArray,
-    reach: tuple[float, float],
+    largest_shift: tuple[float, float],
     axes: Sequence[int],
     sigma: FloatArray | None,
 ) -> _Solution:
     """Least squares of the scale and of the shifts along some axes."""
-    steps = np.asarray(reach)[list(axes)]
+    steps = np.asarray(largest_shift)[list(axes)]
     size = float(np.sqrt(np.mean(values**2))) or 1.0
 
     def moved(unknowns: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -227,20 +228,24 @@ def _solve(
 
 
 def _deviations(jacobian: FloatArray, sigma: FloatArray) -> FloatArray:
-    """Give the standard deviations of the unknowns; NaN of those that the places do not tell."""
+    """Give the standard deviations of the unknowns; NaN of those that the places do not determine."""
     result = np.full(jacobian.shape[1], np.nan)
     lengths = np.linalg.norm(jacobian, axis=0)
-    told = np.flatnonzero(lengths > _FLAT * lengths.max())
-    columns = jacobian[:, told] / lengths[told]
-    if len(sigma) < len(told) or np.linalg.cond(columns) > _CONDITION:
+    known = np.flatnonzero(lengths > _FLAT * lengths.max())
+    columns = jacobian[:, known] / lengths[known]
+    if len(sigma) < len(known) or np.linalg.cond(columns) > _CONDITION:
         return result
-    gain = np.linalg.pinv(columns) / lengths[told, None]
-    result[told] = np.sqrt((gain**2 * sigma**2).sum(axis=1))
+    gain = np.linalg.pinv(columns) / lengths[known, None]
+    result[known] = np.sqrt((gain**2 * sigma**2).sum(axis=1))
     return result
 
 
 def _check(
-    model: ForwardModel, places: FloatArray, values: FloatArray, reach: tuple[float, float], sigma: FloatArray | None
+    model: ForwardModel,
+    places: FloatArray,
+    values: FloatArray,
+    largest_shift: tuple[float, float],
+    sigma: FloatArray | None,
 ) -> None:
     if len(model.states) != 1:
         raise LocalizeError(f"a map is aligned by one state; the model has {', '.join(model.states)}.")
@@ -248,10 +253,10 @@ def _check(
         raise LocalizeError(f"places must have shape (n, 3) and measured (n,); got {places.shape} and {values.shape}.")
     if not (np.isfinite(places).all() and np.isfinite(values).all()):
         raise LocalizeError("places and measured values must be finite.")
-    if not (np.isfinite(reach).all() and min(reach) >= 0):
-        raise LocalizeError(f"reach must be two lengths in m that are not negative; got {reach}.")
+    if not (np.isfinite(largest_shift).all() and min(largest_shift) >= 0):
+        raise LocalizeError(f"largest_shift must be two lengths in m that are not negative; got {largest_shift}.")
     if sigma is not None:
         if sigma.shape not in ((), values.shape):
-            raise LocalizeError(f"noise must be one number or one a place; got shape {sigma.shape}.")
+            raise LocalizeError(f"noise must be one number or one for each place; got shape {sigma.shape}.")
         if not (np.isfinite(sigma) & (sigma >= 0)).all():
             raise LocalizeError("noise must be finite and not negative.")

@@ -20,6 +20,7 @@ from coilarray.localize.distortion import ellipse_curves
 from coilarray.localize.ellipse_model import CoilEllipses
 from coilarray.localize.published import published_model
 from coilarray.response.map import Imperfections, response_map
+from coilarray.response.setup import indentation_of
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -73,9 +74,9 @@ class Calibration:
     Parameters
     ----------
     design : Design
-        With the fitted sheets.
+        Design with the fitted sheets.
     imperfections : Imperfections
-        With the fitted depth error and tilt.
+        Imperfections with the fitted depth error and tilt.
     result : xarray.Dataset
         ``start``, ``value``, ``low`` and ``high`` (95 % confidence interval), ``at_bound`` (unknown), ``correlation``
         (unknown, other), ``misfit_before`` and ``misfit_after``: rms of the residuals in units of their trust.
@@ -99,13 +100,13 @@ def calibrate(
     Parameters
     ----------
     design : Design
-        With ``[indenter]`` and ``[indentation]``, one magnetic sheet, and the published coils' names.
+        Design with an indentation, one magnetic sheet, and the published names of the coils.
     states : sequence of str
         Published coils to fit to.
     unknowns : sequence of Unknown
-        From `UNKNOWNS`, bounds and guesses as one likes.
+        Unknowns to fit, those of `UNKNOWNS` or the same with other bounds and starts.
     base : {"bonded", "frictionless"}, optional
-        How the lowest sheet lies on the board; the design's by default.
+        Support of the lowest sheet on the board; the design's by default.
     progress : callable, optional
         Called with (done, total); the total is a guess.
 
@@ -135,8 +136,8 @@ def calibrate(
         calls += 1
         if progress is not None:
             progress(calls, max(calls + 1, 12 * (len(names) + 1)))
-        changed, faults = apply(design, dict(zip(names, values.tolist(), strict=True)), base)
-        return _features(changed, faults, states) - target
+        changed, imperfections = apply(design, dict(zip(names, values.tolist(), strict=True)), base)
+        return _features(changed, imperfections, states) - target
 
     start = np.array([unknown.start for unknown in unknowns])
     low, high = (np.array([getattr(unknown, side) for unknown in unknowns]) for side in ("low", "high"))
@@ -156,9 +157,9 @@ def calibrate(
         max_nfev=25,
     )
     value = low + fitted.x * scale
-    changed, faults = apply(design, dict(zip(names, value.tolist(), strict=True)), base)
+    changed, imperfections = apply(design, dict(zip(names, value.tolist(), strict=True)), base)
     result = _result(unknowns, value, np.asarray(fitted.jac), fitted.fun, scale, residuals(start))
-    return Calibration(changed, faults, result.assign_attrs({**provenance(design), **_base_of(changed)}))
+    return Calibration(changed, imperfections, result.assign_attrs({**provenance(design), **_base_of(changed)}))
 
 
 def apply(design: Design, values: Mapping[str, float], base: str | None = None) -> tuple[Design, Imperfections]:
@@ -167,9 +168,9 @@ def apply(design: Design, values: Mapping[str, float], base: str | None = None) 
     Parameters
     ----------
     design : Design
-        As for `calibrate`.
+        Design to change, as for `calibrate`.
     values : mapping of str to float
-        By the names of `UNKNOWNS`, in SI.
+        Values by the names of `UNKNOWNS`, in SI units.
     base : {"bonded", "frictionless"}, optional
         The design's by default.
 
@@ -190,8 +191,8 @@ def apply(design: Design, values: Mapping[str, float], base: str | None = None) 
     setup = design.indentation
     if setup is not None and base in ("bonded", "frictionless"):
         setup = replace(setup, base="bonded" if base == "bonded" else "frictionless")
-    faults = Imperfections(tilt=(values.get("tilt", 0.0), 0.0), depth_error=values.get("depth_error", 0.0))
-    return replace(design, sheets=tuple(sheets), indentation=setup), faults
+    imperfections = Imperfections(tilt=(values.get("tilt", 0.0), 0.0), depth_error=values.get("depth_error", 0.0))
+    return replace(design, sheets=tuple(sheets), indentation=setup), imperfections
 
 
 def _base_of(design: Design) -> dict[str, str]:
@@ -220,8 +221,7 @@ def _check(design: Design, states: Sequence[str], unknowns: Sequence[Unknown], b
     for state in states:
         if state not in published:
             raise LocalizeError(f"a state must be one of the published {', '.join(published)}; got {state!r}.")
-    if design.indentation is None:
-        raise LocalizeError(f"the design {design.name} has no [indenter] and [indentation].")
+    indentation_of(design)
     _magnetic(design)
 
 
@@ -242,12 +242,10 @@ def _published_peak(coil: CoilEllipses) -> FloatArray:
     return np.asarray(real[(real > _PEAKS[0]) & (real < _PEAKS[1])])
 
 
-def _features(design: Design, faults: Imperfections, states: Sequence[str]) -> FloatArray:
+def _features(design: Design, imperfections: Imperfections, states: Sequence[str]) -> FloatArray:
     """Return the same of a computed map; semi-axes are zero above the peak."""
-    setup = design.indentation
-    if setup is None:
-        raise LocalizeError(f"the design {design.name} has no [indenter] and [indentation].")
-    response = response_map(design, depths=setup.depths[:1], imperfections=faults, mesh=_MESH)
+    depths = indentation_of(design).depths[:1]
+    response = response_map(design, depths=depths, imperfections=imperfections, mesh=_MESH)
     curves = ellipse_curves(response, states, LEVELS)
     known = {coil.name: coil for coil in published_model().coils}
     parts = []

@@ -37,7 +37,7 @@ def compare_responses(
     measured: xr.Dataset,
     simulated: xr.Dataset,
     *,
-    reach: float | None = None,
+    largest_shift: float | None = None,
     replicates: int = REPLICATES,
     seed: int = 0,
     progress: Progress | None = None,
@@ -47,33 +47,33 @@ def compare_responses(
     Parameters
     ----------
     measured : xarray.Dataset
-        With ``delta`` (depth, y, x, state) and the coordinates in m; NaN where a position was not measured. Where it
-        has ``delta_std``, the standard deviation of δ, that is the noise; where the attribute ``repeats`` says that δ
-        is the mean of several, it is that of one.
+        Response with ``delta`` (depth, y, x, state) and coordinates in m; NaN where a position was not measured. Where
+        it has ``delta_std``, the standard deviation of δ, that is the noise; where the attribute ``repeats`` says that
+        δ is the mean of several, it is that of one.
     simulated : xarray.Dataset
-        The same without NaN, at least four x and four y. Another measured response will do; its ``delta_std`` is then
+        Response without NaN, at least four x and four y. Another measured response will do; its ``delta_std`` is then
         added to the noise.
-    reach : float, optional
+    largest_shift : float, optional
         Largest shift that is tried, in m; the measured map's own spacing along each axis by default. Shifts are sought
         with the positions that are in the simulated map by this much: let it be larger than the measured one.
     replicates : int
         Noisy maps for the standard deviations of the ellipses, where ``delta_std`` is there; 0 for none.
     seed : int
-        Of their noise.
+        Seed of their noise.
     progress : callable, optional
         Called with (done, total).
 
     Returns
     -------
     xarray.Dataset
-        Of the states, depths and positions that both have, on the measured positions: dimensions ``depth``, ``y``,
-        ``x``, ``state``, ``axis`` (x, y), ``source`` (measured, simulated), ``level``. NaN is what cannot be told.
+        Comparison of the common states and depths at the measured positions of both: dimensions ``depth``, ``y``,
+        ``x``, ``state``, ``axis`` (x, y), ``source`` (measured, simulated), ``level``. NaN for unknown values.
 
         ``delta`` (source, depth, y, x, state); ``residual_before`` and ``residual_after`` (depth, y, x, state),
         measured less simulated, as it is and scaled and shifted.
 
-        Of every depth and state ``scale`` and, with an axis, ``shift`` in m of the simulated map onto the measured
-        one; ``at_limit``, that the best shift is beyond the reach; ``rms_before``, ``rms_after``,
+        For every depth and state ``scale`` and, with an axis, ``shift`` in m of the simulated map onto the measured
+        one; ``at_limit``, that the best shift is beyond the largest one; ``rms_before``, ``rms_after``,
         ``correlation_before``, ``correlation_after``; each with its ``…_std``. ``noise`` is its level in δ where it is
         known, ``points`` how many positions all this is of.
 
@@ -89,7 +89,7 @@ def compare_responses(
     Raises
     ------
     LocalizeError
-        Datasets that are no responses, no state, depth or position that both have, a reach or replicates that are
+        Datasets that are no responses, no state, depth or position that both have, largest shift or replicates that are
         negative.
 
     Notes
@@ -113,14 +113,14 @@ def compare_responses(
     model = forward_model(simulated).select(states)
     kept, depths_out = _common_depths(reads.sel(state=states), model)
     noise = _noise(kept, simulated.sel(state=states))
-    reaches = _reaches(kept, reach)
+    largest_shifts = _largest_shifts(kept, largest_shift)
     rows = [
         [
             _compared(
                 kept.isel(depth=k, state=j),
                 model.select([state]),
                 None if noise is None else noise[k, ..., j],
-                reaches,
+                largest_shifts,
             )
             for j, state in enumerate(states)
         ]
@@ -171,7 +171,7 @@ class _Compared:
 
 
 def _compared(
-    measured: xr.Dataset, model: ForwardModel, sigma: FloatArray | None, reach: tuple[float, float]
+    measured: xr.Dataset, model: ForwardModel, sigma: FloatArray | None, largest_shift: tuple[float, float]
 ) -> _Compared:
     """Compare a map (y, x) with the model of its state; `sigma` is the noise of δ, of both."""
     shape = measured.delta.shape
@@ -180,7 +180,13 @@ def _compared(
     values = measured.delta.values.ravel()
     there = np.isfinite(values) & inside(model, places)
     given = None if sigma is None else sigma.ravel()
-    found = align(model, places[there], values[there], reach=reach, noise=None if given is None else given[there])
+    found = align(
+        model,
+        places[there],
+        values[there],
+        largest_shift=largest_shift,
+        noise=None if given is None else given[there],
+    )
     used = np.zeros(values.size, dtype=bool)
     used[there] = found.used
     before = np.full(values.size, np.nan)
@@ -214,7 +220,7 @@ def _compared(
 def _rms(measured: FloatArray, other: FloatArray, noise: FloatArray) -> tuple[float, float]:
     """Root mean square of the difference and its standard deviation under noise.
 
-    A residual r is misfit and noise, E r² = μ² + σ² and var r² = 4μ²σ² + 2σ⁴, which r² itself tells as 4r²σ² − 2σ⁴.
+    A residual r is misfit and noise, E r² = μ² + σ² and var r² = 4μ²σ² + 2σ⁴, which r² estimates as 4r²σ² − 2σ⁴.
     """
     remains = measured - other
     if not remains.size or not np.isfinite(remains).all():
@@ -335,7 +341,7 @@ def _common_depths(measured: xr.Dataset, model: ForwardModel) -> tuple[xr.Datase
 
 
 def _noise(measured: xr.Dataset, simulated: xr.Dataset) -> FloatArray | None:
-    """Noise of measured less simulated δ (depth, y, x, state), its standard deviation; None where neither tells any."""
+    """Noise of measured less simulated δ (depth, y, x, state), its standard deviation; None where neither has any."""
     own, other = (_own_noise(data, who) for data, who in zip((measured, simulated), SOURCES, strict=True))
     if own is None and other is None:
         return None
@@ -344,33 +350,33 @@ def _noise(measured: xr.Dataset, simulated: xr.Dataset) -> FloatArray | None:
 
 
 def _own_noise(response: xr.Dataset, who: str) -> FloatArray | None:
-    """``delta_std``; where a position does not tell it, the level of its state."""
+    """``delta_std``; where a position has none, the level of its state."""
     if "delta_std" not in response:
         return None
     if not set(response["delta_std"].dims) <= set(_DIMS):
         raise LocalizeError(f"delta_std of the {who} response must be over depth, y, x and state.")
     spread = response["delta_std"].broadcast_like(response["delta"]).transpose(*_DIMS).values.astype(np.float64)
-    told = np.isfinite(spread)
-    if (spread[told] < 0).any() or np.isinf(spread).any():
+    known = np.isfinite(spread)
+    if (spread[known] < 0).any() or np.isinf(spread).any():
         raise LocalizeError(f"delta_std of the {who} response must be finite and not negative.")
-    if not told.any():
+    if not known.any():
         return None
-    count = told.sum(axis=(0, 1, 2))
+    count = known.sum(axis=(0, 1, 2))
     spread = spread / np.sqrt(float(response.attrs.get("repeats", 1)))
-    squares = np.where(told, spread, 0.0) ** 2
-    level = np.where(count > 0, squares.sum(axis=(0, 1, 2)) / np.maximum(count, 1), squares.sum() / told.sum())
-    return np.asarray(np.where(told, spread, np.sqrt(level)))
+    squares = np.where(known, spread, 0.0) ** 2
+    level = np.where(count > 0, squares.sum(axis=(0, 1, 2)) / np.maximum(count, 1), squares.sum() / known.sum())
+    return np.asarray(np.where(known, spread, np.sqrt(level)))
 
 
-def _reaches(measured: xr.Dataset, reach: float | None) -> tuple[float, float]:
+def _largest_shifts(measured: xr.Dataset, largest_shift: float | None) -> tuple[float, float]:
     """Largest shift along x and y in m; 0 along an axis with too few positions for one."""
-    if reach is not None and not (np.isfinite(reach) and reach >= 0):
-        raise LocalizeError(f"reach must be finite and not negative; got {reach} m.")
+    if largest_shift is not None and not (np.isfinite(largest_shift) and largest_shift >= 0):
+        raise LocalizeError(f"largest_shift must be finite and not negative; got {largest_shift} m.")
     found = []
     for name in ("x", "y"):
         axis = measured[name].values
         few = len(axis) < _LEAST_FOR_SHIFT
-        found.append(0.0 if few else float(np.median(np.diff(axis))) if reach is None else reach)
+        found.append(0.0 if few else float(np.median(np.diff(axis))) if largest_shift is None else largest_shift)
     return found[0], found[1]
 
 

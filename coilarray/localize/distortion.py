@@ -22,6 +22,7 @@ from coilarray.geometry import Conductor
 from coilarray.localize.ellipse import fit_ellipses, refined_map
 from coilarray.localize.published import published_model
 from coilarray.response.map import Imperfections, inductance_changes, respond, response_map
+from coilarray.response.setup import indentation_of, map_axes
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -59,13 +60,13 @@ def distortion(
     Parameters
     ----------
     design : Design
-        With the tables ``[indenter]`` and ``[indentation]``; its first depth and its grid are taken.
+        Design with an indentation; its first depth and its grid are taken.
     states : sequence of str
         States of the scan, each named after its coil.
     deltas : array_like, shape (n,)
         Levels of δ, rising.
     imperfections : Imperfections, optional
-        Of the experiment, in every map; for example from `coilarray.localize.calibration.calibrate`.
+        Deviations of the experiment, in every map; for example from `coilarray.localize.calibration.calibrate`.
     progress : callable, optional
         Called with (done, total) as the maps are computed.
 
@@ -83,12 +84,12 @@ def distortion(
     LocalizeError
         A state that is not named after a coil.
     ElastomerError, NetworkError
-        As `coilarray.response.map.response_map`.
+        What `coilarray.response.map.response_map` refuses.
 
     Notes
     -----
     Causes: ``all neighbours`` and each one (opened), ``window`` (18 and 12 mm wider), ``grid`` (half the step),
-    ``ellipse`` (fitted centre less the middle of the level curve on y = 0, on the wide and fine map), ``winding and
+    ``ellipse`` (fitted centre minus the middle of the level curve on y = 0, on the wide and fine map), ``winding and
     leads`` (each coil averaged with itself turned by half a turn), ``layers`` (all coils at one height), ``tilt`` and
     ``noise`` (switched on, since the computed map has none; for noise the standard deviation of x0).
     """
@@ -97,8 +98,8 @@ def distortion(
         if state not in names or state not in [s.name for s in design.circuit.plan]:
             raise LocalizeError(f"a state must be measured and named after its coil; got {state!r}.")
     levels = np.asarray(deltas, dtype=np.float64)
-    faults = imperfections or Imperfections()
-    maps = _Maps(design, faults, progress)
+    given = imperfections or Imperfections()
+    maps = _Maps(design, given, progress)
     base = maps.plain()
     curves = ellipse_curves(base, states, levels)
 
@@ -115,8 +116,8 @@ def distortion(
     effects["ellipse"] = ellipse_curves(both, states, levels).x0 - _middles(both, states, levels)
     effects["winding and leads"] = without(maps.turned(base))
     effects["layers"] = without(maps.levelled(base))
-    tilted = replace(faults, tilt=(faults.tilt[0] + TILT, faults.tilt[1]))
-    effects["tilt"] = -without(_Maps(design, tilted, maps.tell).plain())
+    tilted = replace(given, tilt=(given.tilt[0] + TILT, given.tilt[1]))
+    effects["tilt"] = -without(_Maps(design, tilted, maps.count).plain())
     effects["noise"] = _scatter(base, states, levels)
     return _dataset(design, states, levels, curves, ellipse_curves(opened, states, levels), effects)
 
@@ -126,11 +127,11 @@ class _Maps:
 
     _TOTAL = 7
 
-    def __init__(self, design: Design, faults: Imperfections, progress: Progress | None) -> None:
-        self._design, self._faults = design, faults
+    def __init__(self, design: Design, imperfections: Imperfections, progress: Progress | None) -> None:
+        self._design, self._imperfections = design, imperfections
         self._progress, self._done = progress, 0
 
-    def tell(self, done: int = 1, total: int = 1) -> None:
+    def count(self, done: int = 1, total: int = 1) -> None:
         """Count a finished map."""
         if done == total:
             self._done += 1
@@ -138,13 +139,16 @@ class _Maps:
                 self._progress(self._done, self._TOTAL)
 
     def plain(self, widen: tuple[float, float] = (0.0, 0.0), parts: int = 1) -> xr.Dataset:
-        """Compute the map of the first depth, on a window wider by so much in m a side and with a divided step."""
-        setup = self._design.indentation
-        if setup is None:
-            raise LocalizeError(f"the design {self._design.name} has no [indenter] and [indentation].")
+        """Compute the map of the first depth, on a window wider by `widen` in m on each side, with a divided step."""
+        setup = indentation_of(self._design)
         x, y = (_axis(given, more, parts) for given, more in zip((setup.x, setup.y), widen, strict=True))
         return response_map(
-            self._design, depths=setup.depths[:1], x=x, y=y, imperfections=self._faults, progress=self.tell
+            self._design,
+            depths=setup.depths[:1],
+            x=x,
+            y=y,
+            imperfections=self._imperfections,
+            progress=self.count,
         )
 
     def turned(self, base: xr.Dataset) -> xr.Dataset:
@@ -168,8 +172,9 @@ class _Maps:
         return respond(self._design, base, inductance_change=self._change(base, level))
 
     def _change(self, base: xr.Dataset, paths: Sequence[Conductor]) -> FloatArray:
-        change = inductance_changes(self._design, paths, base, self._faults)
-        self.tell()
+        axes = map_axes(self._design, base.depth, base.x, base.y)
+        change = inductance_changes(self._design, axes, paths=paths, imperfections=self._imperfections)
+        self.count()
         return change
 
 
@@ -210,11 +215,11 @@ def ellipse_curves(response: xr.Dataset, states: Sequence[str], levels: FloatArr
     Parameters
     ----------
     response : xarray.Dataset
-        As `coilarray.response.map.response_map` returns it.
+        Response map, from `coilarray.response.map.response_map`.
     states : sequence of str
-        Of the scan.
+        States of the scan.
     levels : ndarray, shape (n,)
-        Of δ.
+        Levels of δ.
 
     Returns
     -------
@@ -272,8 +277,7 @@ def _dataset(
     opened: EllipseCurves,
     effects: dict[str, FloatArray],
 ) -> xr.Dataset:
-    setup = design.indentation
-    origin = (0.0, 0.0) if setup is None else setup.origin_point
+    origin = indentation_of(design).origin_point
     centre = np.array([design.array.centres[design.array.names.index(state)][0] - origin[0] for state in states])
     dims, metres = ("state", "delta"), {"units": "m"}
     data: dict[str, object] = {}

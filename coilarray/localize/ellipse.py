@@ -20,7 +20,7 @@ What the paper leaves open, and how it is read here:
 - *Which steps were kept* is not said. Here a step is refused where it has fewer than 6 points (twice the unknowns) and
   where the conic is no ellipse or its centre is outside the map.
 - *The window* ends at x = ±26 and y = ±6 mm, so most curves are open arcs. They are fitted like whole ones. Where one
-  arc alone is left, on one side of the centre, it tells where it crosses y = 0, x0 + A or x0 − A, but hardly x0 and A
+  arc alone is left, on one side of the centre, it shows where it crosses y = 0, x0 + A or x0 − A, but hardly x0 and A
   each for itself, and a level as wide as its arc is high draws the fit inwards. On a map made of Table A1's own
   ellipses that is so for coil 1 below δ = 2.7e-4 and for coil 3 below 1.8e-4: x0 is wrong by 7 to 16 mm there, x0 ± A
   by 0.1 to 0.3 mm (tests/localize/test_published.py). Below these δ the printed x0 and A of the outer coils are
@@ -203,14 +203,14 @@ def fit_ellipses(
     depth : int or float
         An integer is the index of a depth, any other number a depth in m that the response has.
     states : sequence of str, optional
-        By default every state whose largest δ lies within the map and above five levels; the curves around a
-        maximum at the map's edge do not close.
+        States to fit; by default every one whose largest δ lies within the map and above five levels; the curves around
+        a maximum at the map's edge do not close.
     refinement : int
         Parts of every spacing of the grid.
     threshold : float
         Half width of a level in δ.
     step : float
-        From level to level in δ.
+        Distance of neighbouring levels in δ.
     lowest : float, optional
         The first level in δ; one step by default.
     connected : bool

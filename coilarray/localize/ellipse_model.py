@@ -30,7 +30,6 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
-from scipy.optimize import brentq
 
 from coilarray.errors import LocalizeError
 from coilarray.localize.ellipse import Ellipse
@@ -56,7 +55,6 @@ SCHEMA = 1
 
 _KIND = "coilarray ellipse model"
 _RANGE = ("lowest", "highest", "centre")
-_SEARCH = 2000  # parts of the range in which a reading is looked for; the polynomials have few turns
 _TOUCHING = 1e-9  # of B²: how far y² may lie from zero by rounding; y is then within 3e-5 B of the axis
 _FLAT = 1e-6  # 1/x of a root beyond every ellipse, in units of their largest semi-axis: the equation is linear
 
@@ -68,7 +66,7 @@ class CoilEllipses:
     Parameters
     ----------
     name : str
-        Of the coil and of the state in which it is measured.
+        Name of the coil and of the state in which it is measured.
     x0, A, B : tuple of float
         Coefficients p4 … p0 in m.
     lowest, highest : float
@@ -141,7 +139,7 @@ class EllipseModel:
     Parameters
     ----------
     coils : tuple of CoilEllipses
-        In the order of the row; neighbours overlap.
+        Coils in the order of the row; neighbours overlap.
 
     Raises
     ------
@@ -188,9 +186,9 @@ class EllipsePosition:
     Parameters
     ----------
     x : float
-        In m.
+        Coordinate along the row in m.
     y : float
-        In m, not negative: the indentation is at y or at −y.
+        Distance from the row in m, not negative: the indentation is at y or at −y.
     case : {"two points", "touching", "adjacent coils"}
         The paper's case.
     coils : tuple of str
@@ -209,7 +207,7 @@ def ellipse_model(fits: xr.Dataset) -> EllipseModel:
     Parameters
     ----------
     fits : xarray.Dataset
-        As `coilarray.localize.ellipse.fit_ellipses` returns it.
+        Fitted ellipses, from `coilarray.localize.ellipse.fit_ellipses`.
 
     Returns
     -------
@@ -226,7 +224,9 @@ def ellipse_model(fits: xr.Dataset) -> EllipseModel:
     Every step counts the same, as in the paper.
     """
     kept = [_kept(fits.sel(state=state)) for state in fits.state.values.tolist()]
-    kept.sort(key=lambda fit: float(fit.x0[np.argmax(fit.delta.values)]))  # the smallest ellipse tells the centre best
+    kept.sort(
+        key=lambda fit: float(fit.x0[np.argmax(fit.delta.values)])
+    )  # the smallest ellipse determines the centre best
     return EllipseModel(tuple(_polynomials(fit) for fit in kept))
 
 
@@ -237,7 +237,7 @@ def model_to_json(model: EllipseModel, source: str = "") -> str:
     ----------
     model : EllipseModel
     source : str
-        Where it comes from, for people.
+        Free text on the origin of the model.
 
     Returns
     -------
@@ -267,7 +267,7 @@ def model_from_json(text: str) -> EllipseModel:
     Parameters
     ----------
     text : str
-        Of the file.
+        Text of the file.
 
     Returns
     -------
@@ -351,7 +351,7 @@ def intersect(model: EllipseModel, deltas: Mapping[str, float], first: str, seco
     Returns
     -------
     EllipsePosition
-        Of the case "adjacent coils" where a coil lies between the two, else "two points" or "touching".
+        Position of the case "adjacent coils" where a coil lies between the two, else "two points" or "touching".
 
     Raises
     ------
@@ -384,7 +384,7 @@ def locate_x(model: EllipseModel, deltas: Mapping[str, float]) -> EllipsePositio
     Parameters
     ----------
     model : EllipseModel
-        At least two coils.
+        Model of at least two coils.
     deltas : mapping of str to float
         Readings by the coils' names; those of coils that the model does not have are not used.
 
@@ -419,44 +419,6 @@ def locate_x(model: EllipseModel, deltas: Mapping[str, float]) -> EllipsePositio
     greater = max(beside, key=lambda c: readings[c.name])
     pair = sorted((coil.name, greater.name), key=model.names.index)
     return intersect(model, readings, pair[0], pair[1])
-
-
-def readings_at(coil: CoilEllipses, x: float, y: float) -> tuple[float, ...]:
-    """Return every δ at which a position is on the coil's ellipse, rising.
-
-    Parameters
-    ----------
-    coil : CoilEllipses
-    x, y : float
-        Position in m.
-
-    Returns
-    -------
-    tuple of float
-        Empty where no ellipse of the coil goes through the position.
-
-    Notes
-    -----
-    Changes of sign of (x − x0)²/A² + y²/B² − 1 over 2000 parts of the range, each closed in on with Brent's method.
-
-    Examples
-    --------
-    >>> from coilarray.localize.published import published_model
-    >>> coil1, _, coil3 = published_model().coils
-    >>> [round(delta * 1e3, 3) for delta in readings_at(coil1, -8.75e-3, -3.6e-3)]
-    [0.809]
-    >>> readings_at(coil3, -8.75e-3, -3.6e-3)
-    ()
-    """
-
-    def outside(delta: npt.ArrayLike) -> FloatArray:
-        x0, A, B = coil.curves(delta)
-        return np.asarray(np.hypot((x - x0) * B, y * A) - A * B)  # times A B, which may vanish
-
-    deltas = np.linspace(coil.lowest, coil.highest, _SEARCH + 1)
-    sign = outside(deltas) > 0
-    changes = np.flatnonzero(sign[1:] != sign[:-1])
-    return tuple(float(brentq(lambda d: float(outside(d)), deltas[k], deltas[k + 1], xtol=1e-15)) for k in changes)
 
 
 def _reading(deltas: Mapping[str, float], name: str) -> float:
@@ -507,8 +469,8 @@ def _polynomials(fit: xr.Dataset) -> CoilEllipses:
     x0, A, B = (
         tuple((np.polyfit(delta / peak, fit[key].values, DEGREE) / powers).tolist()) for key in ("x0", "A", "B")
     )
-    reach = float(fit.attrs["threshold"])
-    return CoilEllipses(name, x0, A, B, float(delta.min()) - reach, peak + reach, CENTRE_SHARE * peak)
+    threshold = float(fit.attrs["threshold"])
+    return CoilEllipses(name, x0, A, B, float(delta.min()) - threshold, peak + threshold, CENTRE_SHARE * peak)
 
 
 def _shared_x(first: Ellipse, second: Ellipse) -> list[float]:

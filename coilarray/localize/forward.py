@@ -1,10 +1,4 @@
-"""Forward model: δ of every state as a smooth function of where the indenter is and how deep it presses.
-
-A response dataset is a table over x, y and depth. Between its positions δ is a tensor product of cubic splines, so that
-values and derivatives cost the same everywhere and the derivatives are exact for the interpolated function:
-
-    δ_s(x, y, h) = Σ_ijk c_ijks B_i(x) B_j(y) B_k(h).
-"""
+"""Forward model: δ of every state as a smooth function of where the indenter is and how deep it presses."""
 
 from __future__ import annotations
 
@@ -16,61 +10,44 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
-from scipy.interpolate import NdBSpline, make_interp_spline
+from scipy.interpolate import NdBSpline
 
 from coilarray.circuit.network import Network
 from coilarray.compute.threads import Progress
 from coilarray.design.model import Design
 from coilarray.errors import LocalizeError
-from coilarray.response.map import response_map
+from coilarray.response.interpolation import (
+    LEAST_POSITIONS,
+    PARAMETERS,
+    ResponseSpline,
+    coil_extent,
+    even_row,
+    response_spline,
+)
+from coilarray.response.map import Reach, response_map
+from coilarray.response.setup import indentation_of
 
 FloatArray = npt.NDArray[np.float64]
 
-PARAMETERS = ("x", "y", "depth")
-"""What is unknown of an indentation, in the order of every last axis of this package's arrays."""
-
-_DEGREE = 3
-_LEAST_PLACES = 4  # along x and along y; fewer carry no cubic
 _STEPS = 5  # positions of a table in the thickness of all sheets: the convergence study is in the tests
-_DEEPEST = 1.7  # of a table, in the deepest indentation of the design
-_DEPTHS = (0.12, 0.24, 0.41, 0.59, 0.79, 1.0)  # of a table, in its deepest one
+_DEEPEST = 1.7  # of a table, relative to the deepest indentation of the design
+_DEPTHS = (0.12, 0.24, 0.41, 0.59, 0.79, 1.0)  # of a table, relative to its deepest one
 
 
-@dataclass(frozen=True, eq=False)
-class ForwardModel:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ForwardModel(ResponseSpline):
     """δ of every state over position and depth, with derivatives.
 
     Parameters
     ----------
+    x, y, depth, spline, in_root
+        Table of the response, see `coilarray.response.interpolation.ResponseSpline`; its values have the shape
+        (states,).
     states : tuple of str
-        Names in the order of every axis of states.
-    x, y, depth : ndarray, shape (n,)
-        Where the response is known, in m. One depth alone is taken as known: then position is all that is unknown, and
-        the depth of every point is of no effect.
-    spline : NdBSpline
-        Of x, y and, where there is more than one, the depth; values of shape (states,).
+        Names of the states in the order of every axis of states.
     """
 
     states: tuple[str, ...]
-    x: FloatArray
-    y: FloatArray
-    depth: FloatArray
-    spline: NdBSpline
-
-    @property
-    def lower(self) -> FloatArray:
-        """Least x, y and depth in m, shape (3,)."""
-        return np.array([self.x[0], self.y[0], self.depth[0]])
-
-    @property
-    def upper(self) -> FloatArray:
-        """Greatest x, y and depth in m, shape (3,)."""
-        return np.array([self.x[-1], self.y[-1], self.depth[-1]])
-
-    @property
-    def unknowns(self) -> int:
-        """How many of x, y and depth are unknown: 3, or 2 where the table has one depth."""
-        return 3 if len(self.depth) > 1 else 2
 
     def select(self, states: Sequence[str]) -> ForwardModel:
         """Return the model of some of the states, in the given order; for example without a broken coil.
@@ -107,7 +84,7 @@ class ForwardModel:
         LocalizeError
             Another shape, or a point that is not in the table.
         """
-        return self._spline_at(self._checked(points), None)
+        return self.values_at(self._checked(points))
 
     def jacobian(self, points: npt.ArrayLike) -> FloatArray:
         """Differentiate δ of every state by x, y and depth.
@@ -120,7 +97,7 @@ class ForwardModel:
         Returns
         -------
         ndarray, shape (…, states, unknowns)
-            In 1/m; by x and y alone where the depth is known.
+            Slopes in 1/m; by x and y alone where the depth is known.
 
         Raises
         ------
@@ -131,24 +108,16 @@ class ForwardModel:
 
     def linear(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """`delta` and `jacobian` at points in the table, unchecked: for solvers."""
-        slopes = [self._spline_at(points, axis) for axis in range(self.unknowns)]
-        return self._spline_at(points, None), np.stack(slopes, axis=-1)
-
-    def _spline_at(self, points: FloatArray, axis: int | None) -> FloatArray:
-        orders = np.zeros(self.unknowns, dtype=int)
-        if axis is not None:
-            orders[axis] = 1
-        return np.asarray(self.spline(points[..., : self.unknowns], nu=orders))
+        slopes = [self.values_at(points, axis) for axis in range(self.unknowns)]
+        return self.values_at(points), np.stack(slopes, axis=-1)
 
     def _checked(self, points: npt.ArrayLike) -> FloatArray:
         array = np.asarray(points, dtype=np.float64)
         if array.ndim < 1 or array.shape[-1] != 3:
             raise LocalizeError(f"points must have x, y and depth on their last axis; got shape {array.shape}.")
-        free = slice(self.unknowns)
-        inside = (array[..., free] >= self.lower[free]) & (array[..., free] <= self.upper[free])
-        if not inside.all():
-            axis = int(np.argwhere(~inside)[0][-1])
-            value = array[..., free][~inside][0]
+        out = self.outside(array)
+        if out is not None:
+            axis, value = out
             raise LocalizeError(
                 f"{PARAMETERS[axis]} of a point must be in the table, {self.lower[axis]:.4g} to "
                 f"{self.upper[axis]:.4g} m; got {value:.4g} m."
@@ -162,7 +131,7 @@ def checked_noise(model: ForwardModel, noise: npt.ArrayLike) -> FloatArray:
     Raises
     ------
     LocalizeError
-        Values that are not positive and finite, or neither one nor one a state.
+        Values that are not positive and finite, or neither one number nor one for each state.
     """
     values = np.asarray(noise, dtype=np.float64)
     if values.shape not in ((), (len(model.states),)):
@@ -180,7 +149,7 @@ def forward_model(response: xr.Dataset, *, zero_plane: bool = True) -> ForwardMo
     Parameters
     ----------
     response : xarray.Dataset
-        With ``delta`` (depth, y, x, state) and the coordinates depth, y, x in m and state.
+        Response with ``delta`` (depth, y, x, state) and the coordinates depth, y, x in m and state.
     zero_plane : bool
         Add δ = 0 at the depth 0, where nothing is pressed, to a table of more than one depth that has no depth 0.
 
@@ -196,8 +165,7 @@ def forward_model(response: xr.Dataset, *, zero_plane: bool = True) -> ForwardMo
 
     Notes
     -----
-    Cubic in x and y with C. de Boor's not-a-knot ends (A Practical Guide to Splines, ch. IV); in depth cubic from four
-    planes on, with fewer the polynomial through them.
+    Splines of `coilarray.response.interpolation.response_spline`.
 
     Examples
     --------
@@ -209,15 +177,11 @@ def forward_model(response: xr.Dataset, *, zero_plane: bool = True) -> ForwardMo
     array([0.00075])
     """
     delta, (x, y, depth) = _table(response)
-    if zero_plane and len(depth) > 1 and depth[0] > 0:
-        depth = np.concatenate(([0.0], depth))
-        delta = np.concatenate((np.zeros_like(delta[:, :, :1]), delta), axis=2)
     names = tuple(str(name) for name in response["state"].values)
     if len(set(names)) < len(names):
         raise LocalizeError(f"states of a response must have different names; got {', '.join(names)}.")
-    if len(depth) == 1:
-        return ForwardModel(names, x, y, depth, _tensor_spline((x, y), delta[:, :, 0]))
-    return ForwardModel(names, x, y, depth, _tensor_spline((x, y, depth), delta))
+    table = response_spline(x, y, depth, delta, zero_plane=zero_plane)
+    return ForwardModel(states=names, x=table.x, y=table.y, depth=table.depth, spline=table.spline)
 
 
 def _table(response: xr.Dataset) -> tuple[FloatArray, tuple[FloatArray, FloatArray, FloatArray]]:
@@ -232,7 +196,7 @@ def _table(response: xr.Dataset) -> tuple[FloatArray, tuple[FloatArray, FloatArr
     if not delta.size or not np.isfinite(delta).all():
         raise LocalizeError("delta of a response must be finite everywhere.")
     x, y, depth = (np.asarray(response[name].values, dtype=np.float64) for name in PARAMETERS)
-    for name, axis, least in (("x", x, _LEAST_PLACES), ("y", y, _LEAST_PLACES), ("depth", depth, 1)):
+    for name, axis, least in (("x", x, LEAST_POSITIONS), ("y", y, LEAST_POSITIONS), ("depth", depth, 1)):
         if len(axis) < least:
             raise LocalizeError(f"a response must have at least {least} positions along {name}; got {len(axis)}.")
         if not np.isfinite(axis).all() or (np.diff(axis) <= 0).any():
@@ -240,18 +204,6 @@ def _table(response: xr.Dataset) -> tuple[FloatArray, tuple[FloatArray, FloatArr
     if depth[0] < 0:
         raise LocalizeError(f"depth of a response must not be negative; got {depth[0]:.4g} m.")
     return delta, (x, y, depth)
-
-
-def _tensor_spline(axes: Sequence[FloatArray], values: FloatArray) -> NdBSpline:
-    """Interpolate along one axis after the other."""
-    knots, degrees = [], []
-    for k, axis in enumerate(axes):
-        degree = min(_DEGREE, len(axis) - 1)
-        spline = make_interp_spline(axis, np.moveaxis(values, k, 0), k=degree)
-        values = np.moveaxis(spline.c, 0, k)
-        knots.append(spline.t)
-        degrees.append(degree)
-    return NdBSpline(tuple(knots), np.ascontiguousarray(values), tuple(degrees))
 
 
 def table_grid(
@@ -262,7 +214,7 @@ def table_grid(
     Parameters
     ----------
     design : Design
-        With the tables ``[indenter]`` and ``[indentation]``.
+        Design with an indentation.
     spacing : float, optional
         Distance of positions in m, at most; a fifth of the thickness of all sheets by default, which leaves errors of
         less than 1e-6 in δ between them (gast2020).
@@ -272,12 +224,14 @@ def table_grid(
     Returns
     -------
     depths, x, y : ndarray, shape (n,)
-        In m; x and y over the outlines of all coils, from the map's origin.
+        Coordinates in m; x and y over the outlines of all coils, from the map's origin.
 
     Raises
     ------
+    ElastomerError
+        A design without an indentation.
     LocalizeError
-        A design that says nothing of an indentation, a spacing or depth that is not positive.
+        A spacing or depth that is not positive.
 
     Examples
     --------
@@ -286,17 +240,14 @@ def table_grid(
     >>> len(depths), len(x), len(y)
     (6, 55, 16)
     """
-    setup = design.indentation
-    if setup is None:
-        raise LocalizeError(f"the design {design.name} has no [indenter] and [indentation].")
+    setup = indentation_of(design)
     step = sum(sheet.thickness for sheet in design.sheets) / _STEPS if spacing is None else spacing
     end = _DEEPEST * max(setup.depths) if deepest is None else deepest
     for name, value in (("spacing", step), ("deepest", end)):
         if not (math.isfinite(value) and value > 0):
             raise LocalizeError(f"{name} of a table must be positive and finite; got {value} m.")
-    outlines = np.concatenate([place.to_board(place.coil.outline) for place in design.array.placements])
-    (x_min, y_min), (x_max, y_max) = ((f(outlines, axis=0) - setup.origin_point).tolist() for f in (np.min, np.max))
-    return end * np.array(_DEPTHS), _row(x_min, x_max, step), _row(y_min, y_max, step)
+    (x_min, y_min), (x_max, y_max) = coil_extent(design).tolist()
+    return end * np.array(_DEPTHS), even_row(x_min, x_max, step), even_row(y_min, y_max, step)
 
 
 def table_for(
@@ -304,6 +255,7 @@ def table_for(
     *,
     spacing: float | None = None,
     deepest: float | None = None,
+    reach: Reach = "auto",
     network: Network | None = None,
     parts: Path | None = None,
     progress: Progress | None = None,
@@ -313,11 +265,19 @@ def table_for(
     Parameters
     ----------
     design : Design
-        With the tables ``[indenter]`` and ``[indentation]``.
-    spacing, deepest : float, optional
-        As in `table_grid`.
-    network, parts, progress : optional
-        As in `coilarray.response.map.response_map`.
+        Design with an indentation.
+    spacing : float, optional
+        Largest distance of positions in m; a fifth of the thickness of all sheets by default.
+    deepest : float, optional
+        Greatest depth in m; 1.7 times that of the design by default.
+    reach : float, "auto" or None
+        Selection of the coils that count at a position, see `coilarray.response.map.response_map`.
+    network : Network, optional
+        Coils, switches and strays; those of `response_map` by default.
+    parts : Path, optional
+        Folder where finished parts of the table are kept.
+    progress : callable, optional
+        Called with (done, total) as the work goes on.
 
     Returns
     -------
@@ -332,9 +292,4 @@ def table_for(
         What `response_map` refuses, for example positions at which the indenter leaves a small sample.
     """
     depths, x, y = table_grid(design, spacing=spacing, deepest=deepest)
-    return response_map(design, depths=depths, x=x, y=y, network=network, parts=parts, progress=progress)
-
-
-def _row(start: float, stop: float, step: float) -> FloatArray:
-    """Equal steps of at most `step` from one end to the other."""
-    return np.linspace(start, stop, max(_LEAST_PLACES, math.ceil((stop - start) / step - 1e-9) + 1))
+    return response_map(design, depths=depths, x=x, y=y, reach=reach, network=network, parts=parts, progress=progress)

@@ -1,4 +1,4 @@
-"""How well a reading tells position and depth: Fisher information, the Cramér–Rao bound, and its map over the board.
+"""How well a reading determines position and depth: Fisher information, the Cramér–Rao bound, its map over the board.
 
 For Gaussian noise of known covariance Σ in δ, and J the derivatives of the model by the unknowns,
 
@@ -6,7 +6,7 @@ For Gaussian noise of known covariance Σ in δ, and J the derivatives of the mo
 
 for every unbiased estimate (S. M. Kay, Fundamentals of Statistical Signal Processing, vol. 1, sect. 3.9). The bound is
 of first order: on the middle line of a board that is symmetric, where δ has no slope across it, the information is
-singular and δ tells y² alone.
+singular and δ determines y² alone.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def fisher_information(model: ForwardModel, points: npt.ArrayLike, noise: npt.Ar
     Parameters
     ----------
     model : ForwardModel
-        Of the board.
+        Model of the board.
     points : array_like, shape (…, 3)
         x, y and depth in m.
     noise : array_like, scalar or shape (states,)
@@ -38,7 +38,7 @@ def fisher_information(model: ForwardModel, points: npt.ArrayLike, noise: npt.Ar
     Returns
     -------
     ndarray, shape (…, unknowns, unknowns)
-        In 1/m².
+        Fisher information in 1/m².
 
     Raises
     ------
@@ -55,12 +55,13 @@ def covariance_of(information: FloatArray) -> FloatArray:
     Parameters
     ----------
     information : ndarray, shape (…, n, n)
-        About x, y and, with n = 3, the depth, in 1/m².
+        Fisher information about x, y and, with n = 3, the depth, in 1/m².
 
     Returns
     -------
     ndarray, shape (…, n, n)
-        In m². Where the information is singular to rounding all variances are infinite and the covariances 0.
+        Covariance in m². Where the information is singular to rounding all variances are infinite and the covariances
+        0.
 
     Examples
     --------
@@ -90,9 +91,9 @@ def identifiability(
     Parameters
     ----------
     model : ForwardModel
-        Of the board.
+        Model of the board.
     depth : float
-        In m; of no effect where the model has one depth alone.
+        Depth in m; without effect where the model has one depth alone.
     noise : array_like, scalar or shape (states,)
         Standard deviation of δ.
     x, y : array_like, shape (n,), optional
@@ -103,7 +104,7 @@ def identifiability(
     xarray.Dataset
         Dimensions y and x. ``sigma_x``, ``sigma_y`` and, where the depth is unknown, ``sigma_h``: least standard
         deviations in m, infinite where the information is singular. ``condition``: ratio of the largest to the least
-        eigenvalue of the information, x and y in one unit and the depth in its own, which tells how far the unknowns
+        eigenvalue of the information, x and y in one unit and the depth in its own, which shows how far the unknowns
         can stand in for each other; infinite where singular. Attributes depth in m and noise.
 
     Raises

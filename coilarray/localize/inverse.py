@@ -18,16 +18,17 @@ from scipy.special import chdtrc, chdtri
 
 from coilarray.compute.threads import ranges
 from coilarray.errors import LocalizeError
-from coilarray.localize.forward import PARAMETERS, ForwardModel, checked_noise
+from coilarray.localize.forward import ForwardModel, checked_noise
 from coilarray.localize.identifiability import covariance_of
 from coilarray.localize.search import refine, scan_of, starts
+from coilarray.response.interpolation import PARAMETERS
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
 BoolArray = npt.NDArray[np.bool_]
 
 Verdict = Literal["found", "border", "outside", "no fit", "nothing pressed", "refused"]
-"""What a reading tells: a position in the table; one on its border, so that the indenter may be outside; that it is
+"""Result of a reading: a position in the table; one on its border, so that the indenter may be outside; that it is
 outside, or deeper; that no position explains the reading; no indentation beyond noise; or it is no reading at all."""
 
 Reading = Mapping[str, float] | Sequence[float] | FloatArray
@@ -55,16 +56,16 @@ class Mode:
     Parameters
     ----------
     x, y, depth : float
-        In m.
+        Position and depth in m.
     information : ndarray, shape (unknowns, unknowns)
         Fisher information there about x, y and, where it is unknown, the depth, in 1/m².
     chi_square : float
-        Of the residuals.
+        χ² of the residuals.
     gaussian : bool
         True where the ellipsoid of the information describes the likelihood: at the ends of its axes χ² rises by what
-        it should within a factor of 2, all of them in the table. Elsewhere `deviance` tells the region.
+        it should within a factor of 2, all of them in the table. Elsewhere the region follows from `deviance`.
     border : tuple of str
-        Which of x, y and depth are on the border of the table.
+        Names among x, y and depth that are on the border of the table.
     """
 
     x: float
@@ -91,7 +92,7 @@ class Mode:
         return tuple(value if value < UNKNOWN_DEVIATION else None for value in self.deviations.tolist())
 
     def contains(self, points: npt.ArrayLike, confidence: float = CONFIDENCE) -> BoolArray:
-        """Tell which points are in the ellipsoid around the mode that holds the truth with a probability.
+        """Test which points are in the ellipsoid around the mode that holds the truth with a probability.
 
         Parameters
         ----------
@@ -103,7 +104,7 @@ class Mode:
         Returns
         -------
         ndarray of bool, shape (…,)
-            Where (θ − θ̂)ᵀ F (θ − θ̂) is at most the quantile of χ².
+            True where (θ − θ̂)ᵀ F (θ − θ̂) is at most the quantile of χ².
         """
         free = len(self.information)
         away = (np.asarray(points, dtype=np.float64) - [self.x, self.y, self.depth])[..., :free]
@@ -118,17 +119,17 @@ class Location:
     Parameters
     ----------
     verdict : Verdict
-        In two words.
+        Kind of the result.
     reason : str
         Why it is not ``"found"``; empty where it is.
     modes : tuple of Mode
         Best first; none where nothing is pressed or the reading is refused.
     chi_square : float or None
-        Of the best mode, or of no indentation where nothing is pressed; None of a refused reading.
+        χ² of the best mode, or of no indentation where nothing is pressed; None for a refused reading.
     degrees_of_freedom : int
-        Of that χ²; 0 of a refused reading.
+        Degrees of freedom of that χ²; 0 for a refused reading.
     probability : float or None
-        That noise alone makes χ² as large or larger.
+        Probability that noise alone makes χ² as large or larger.
     """
 
     verdict: Verdict
@@ -170,14 +171,14 @@ def locate(
     Parameters
     ----------
     model : ForwardModel
-        Of the board.
+        Model of the board.
     reading : mapping of str to float, or array_like, shape (states,)
         δ by name, or in the model's order. A coil that is missing or NaN is refused; to go without it, locate with
         ``model.select([...])``.
     noise : array_like, scalar or shape (states,)
         Standard deviation of δ.
     confidence : float
-        Of the region whose modes are kept.
+        Confidence of the region whose modes are kept.
     alarm : float
         Least probability of the residuals at which a position is still said to fit, and of the reading itself at which
         it is still said to be noise.
@@ -222,11 +223,11 @@ def locate_all(
     Parameters
     ----------
     model : ForwardModel
-        Of the board.
+        Model of the board.
     readings : iterable of readings, or array_like, shape (n, states)
-        What `locate` takes.
+        Readings as `locate` takes them.
     noise, confidence, alarm
-        As in `locate`.
+        Noise, confidence and alarm rate, as in `locate`.
 
     Returns
     -------
@@ -262,11 +263,11 @@ def deviance(
     Parameters
     ----------
     model : ForwardModel
-        Of the board.
+        Model of the board.
     reading : mapping of str to float, or array_like, shape (states,)
         δ.
     location : Location
-        Of that reading and noise.
+        Location from that reading and noise.
     points : array_like, shape (…, 3)
         x, y and depth in m.
     noise : array_like, scalar or shape (states,)

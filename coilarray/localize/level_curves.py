@@ -16,7 +16,7 @@ FloatArray = npt.NDArray[np.float64]
 PARAMETERS = ("x0", "A", "B")
 """In the order of the rows of `LevelCurves`."""
 
-_LEAST_SHARE = 0.5  # of the noisy maps: where fewer have a level, its scatter is not told
+_LEAST_SHARE = 0.5  # of the noisy maps: where fewer have a level, its scatter is NaN
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +51,7 @@ def level_curves(
     replicates : int
         Noisy copies; fewer than 2 give no standard deviations.
     seed : int
-        Of the noise.
+        Seed of the noise.
 
     Returns
     -------
@@ -88,10 +88,10 @@ def level_curves(
             continue
         run[:, : noisy.shape[1]] = noisy[:, : values.shape[1]]
     count = np.isfinite(runs).sum(axis=0)
-    told = np.isfinite(values) & (count >= max(2.0, _LEAST_SHARE * replicates))
+    known = np.isfinite(values) & (count >= max(2.0, _LEAST_SHARE * replicates))
     mean = np.nansum(runs, axis=0) / np.maximum(count, 1)
     scatter = np.sqrt(np.nansum((runs - mean) ** 2, axis=0) / np.maximum(count - 1, 1))
-    return LevelCurves(values, np.where(told, scatter, unknown))
+    return LevelCurves(values, np.where(known, scatter, unknown))
 
 
 def level_axis(count: int) -> FloatArray:

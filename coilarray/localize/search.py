@@ -49,7 +49,7 @@ class Scan:
     shape : tuple of int
         Cells along x, y and depth.
     size : ndarray, shape (unknowns,)
-        Of a cell in m.
+        Size of a cell in m.
     centres : ndarray, shape (cells, 3)
         x, y and depth in m.
     scaled : ndarray, shape (cells, states)
@@ -107,14 +107,14 @@ def starts(scan: Scan, readings: FloatArray) -> tuple[IntArray, FloatArray]:
     Parameters
     ----------
     scan : Scan
-        Of the model.
+        Scan of the model.
     readings : ndarray, shape (n, states)
-        Over the noise.
+        δ relative to the noise.
 
     Returns
     -------
     owner : ndarray of int, shape (m,)
-        Which reading a start belongs to, rising; every reading has one at least.
+        Number of the reading that a start belongs to, rising; every reading has one at least.
     points : ndarray, shape (m, 3)
         x, y and depth in m; not yet inside the bounds.
     """
@@ -150,7 +150,7 @@ def refine(
     Parameters
     ----------
     model : ForwardModel
-        Of the board.
+        Model of the board.
     readings : ndarray, shape (m, states)
         δ, one row for each start.
     points : ndarray, shape (m, 3)
@@ -161,9 +161,9 @@ def refine(
     Returns
     -------
     points : ndarray, shape (m, 3)
-        In m, inside the table or on its border.
+        Points in m, inside the table or on its border.
     chi_square : ndarray, shape (m,)
-        There.
+        χ² at these points.
     """
     free = model.unknowns
     unit, low, high = _units(model), model.lower[:free], model.upper[:free]

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -12,77 +13,47 @@ import xarray as xr
 
 from coilarray.circuit.coupling import design_inductance, provenance
 from coilarray.circuit.network import Network, resonances_near, resonate
+from coilarray.circuit.state_sensitivity import StateSensitivity, state_sensitivity
 from coilarray.compute.memory import require_memory
 from coilarray.compute.store import Store, content_key
 from coilarray.compute.threads import Progress, ranges
-from coilarray.design.model import Design, Indentation
+from coilarray.design.model import Design
 from coilarray.design.scan_states import ScanState
-from coilarray.elastomer.dent import Dent, dent_of
 from coilarray.elastomer.dented_layer import dent_inductance
 from coilarray.elastomer.dielectric import dent_capacitance
-from coilarray.elastomer.flat_layer import layer_inductance, magnetic_slab
 from coilarray.elastomer.scattering import LayerMesh
 from coilarray.electromagnetics.resistance import dc_resistance
-from coilarray.errors import ElastomerError
-from coilarray.geometry import Conductor, Sheet
-from coilarray.response.setup import contact_at, indentation_of, map_axis, require_inside
+from coilarray.errors import ElastomerError, NetworkError
+from coilarray.geometry import Conductor
+from coilarray.response.near import near_response
+from coilarray.response.setup import (
+    Experiment,
+    Imperfections,
+    Level,
+    MapAxes,
+    experiment,
+    indentation_of,
+    map_axes,
+    wedge_inductance,
+)
+
+__all__ = ["Imperfections", "Reach", "inductance_changes", "respond", "response_dataset", "response_map"]
 
 FloatArray = npt.NDArray[np.float64]
 
+Reach = float | Literal["auto"] | None
+"""Which coils count at a position: None for all, the allowed error of δ relative to its peak, or "auto"."""
+
+Variables = Mapping[str, tuple[tuple[str, ...], FloatArray, Mapping[str, str]]]
+"""Variables of a dataset: dimensions, values and attributes by name."""
+
 _POSITIONS = 1000  # in a part of a resumable map, which is of one depth
-_STEEPEST = 0.1  # slope of a sample; beyond it the wedge's own slope would count
 _MOST_VALUES = 100_000_000  # of the inductance changes: 0.8 GB
 _BYTES_A_VALUE = 24.0  # the change, the inductances that the circuit takes, and a copy on the way
 _CIRCUIT_VALUES = 5_000_000  # of all circuit matrices solved at once: 80 MB
-_LEVEL = 1e-9  # relative difference of heights that is none
-_WEDGE_NODES = (
-    4  # thicknesses at which a tilted sample is solved; between them a cubic (tests/response/test_response.py)
-)
-
-
-@dataclass(frozen=True)
-class Imperfections:
-    """How the experiment differs from the design.
-
-    Parameters
-    ----------
-    tilt : tuple of float
-        Rise of the sample's top along x and y in m per m. The lowest sheet takes it up as a wedge. The indenter finds
-        the contact at the origin of the map and keeps its height, so the depth grows where the sample rises.
-    offset : tuple of float
-        Where the indenter truly is less where it is believed to be, along x and y, in m.
-    depth_error : float
-        True depth less the believed one in m, for example a contact found too late.
-    thickness_errors : mapping of str to float
-        True thickness less the designed one in m, by the sheet's name.
-    noise : float
-        Relative standard deviation of every reading of an inductance; L_peak and L_0 are one reading each.
-    seed : int
-        Of the noise.
-
-    Raises
-    ------
-    ElastomerError
-        A value that is not finite, a tilt above 0.1, or noise or a seed that is negative.
-    """
-
-    tilt: tuple[float, float] = (0.0, 0.0)
-    offset: tuple[float, float] = (0.0, 0.0)
-    depth_error: float = 0.0
-    thickness_errors: Mapping[str, float] = field(default_factory=dict)
-    noise: float = 0.0
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        numbers = [*self.tilt, *self.offset, self.depth_error, *self.thickness_errors.values(), self.noise]
-        if not np.isfinite(numbers).all():
-            raise ElastomerError(f"tilt, offset, errors and noise must be finite; got {numbers}.")
-        if max(map(abs, self.tilt)) > _STEEPEST:
-            raise ElastomerError(f"tilt must be at most {_STEEPEST}, for it is taken as small; got {self.tilt}.")
-        if self.noise < 0:
-            raise ElastomerError(f"noise must not be negative; got {self.noise}.")
-        if self.seed < 0:
-            raise ElastomerError(f"seed must not be negative; got {self.seed}.")
+_ERRORS = (1e-4, 0.1)  # of the peak; being linear leaves out up to 4e-5 (tests/response/test_near_response.py)
+_AUTO_VALUES = 5_000_000  # of the inductance changes; above, "auto" leaves far coils out
+_AUTO_ERROR = 1e-3
 
 
 def response_map(
@@ -91,6 +62,7 @@ def response_map(
     depths: npt.ArrayLike | None = None,
     x: npt.ArrayLike | None = None,
     y: npt.ArrayLike | None = None,
+    reach: Reach = None,
     imperfections: Imperfections | None = None,
     network: Network | None = None,
     inductance: Callable[[], FloatArray] | None = None,
@@ -104,26 +76,33 @@ def response_map(
     Parameters
     ----------
     design : Design
-        With the tables ``[indenter]`` and ``[indentation]``.
+        Design with an indentation.
     depths, x, y : array_like, shape (n,), optional
         Depths and positions of the indenter in m, positions from the map's origin; those of the design by default.
+    reach : float, "auto" or None
+        Coils that count at a position. None: every coil, and the resonance of the whole circuit with all inductance
+        changes. A number from 1e-4 to 0.1: only the coils near the indenter, as far away as keeps the error of δ below
+        this part of its peak; the cost of a position does not grow with the array. "auto": None up to 5 million
+        inductance changes (depths × positions × coils²), above that 1e-3, unless `dielectric` is set.
     imperfections : Imperfections, optional
-        None by default.
+        Deviations of the experiment from the design; none by default.
     network : Network, optional
         Coils, switches and strays, as `coilarray.circuit.impedance.design_network` makes them; its inductance matrix is
         replaced.
         By default the design's switches and direct-current resistances without stray capacitances, which change the
         response by less than 1 %.
     inductance : callable, optional
-        Returns the first of `coilarray.circuit.coupling.design_inductance`, for the sheets as they truly are but for a
-        tilt, where that is known or on its way; it is called after the dents are solved. Computed here by default.
+        Function that returns the inductance matrix in H under the flat sheets with their true thicknesses, where it is
+        known or being computed elsewhere; without `reach` it is called after the dents are solved. Computed by default
+        with `coilarray.circuit.coupling.design_inductance`.
     dielectric : bool
-        Count also what the dent does to the coils' capacitance, which the converter takes for a change of L:
-        `coilarray.elastomer.dielectric.dent_capacitance` with the design's permittivity. It is about 1e-7 of L.
+        Include the change of the coils' capacitance, which the converter takes for a change of L:
+        `coilarray.elastomer.dielectric.dent_capacitance` with the design's permittivity. It is about 1e-7 of L, and
+        needs every coil.
     mesh : LayerMesh, optional
         Accuracy of the magnetic problem.
     parts : Path, optional
-        Folder where finished parts of the map are kept, so that an interrupted run goes on from there.
+        Folder where finished parts of a map of all coils are kept, so that an interrupted run goes on from there.
     progress : callable, optional
         Called with (done, total) as the work goes on.
 
@@ -132,17 +111,22 @@ def response_map(
     xarray.Dataset
         Dimensions ``depth``, ``y``, ``x``, ``state``, ``coil``, ``other``. ``delta`` (depth, y, x, state) is
         (L_peak − L_0)/L_0 as the converter sees it, L = 1/((2πf)² C); ``base_inductance`` (state) L_0 in H;
-        ``inductance_change`` (depth, y, x, coil, other) in H, dented less flat, and ``inductance`` (coil, other) with
-        flat sheets; ``capacitance_change`` (depth, y, x, coil) in F, zero where it is not asked for; ``force`` in N and
-        ``contact_radius`` in m (depth). ``coil_x`` and ``coil_y`` are the centres in m from the map's origin.
+        ``inductance`` (coil, other) in H with flat sheets; ``force`` in N and ``contact_radius`` in m (depth).
+        ``coil_x`` and ``coil_y`` are the centres in m from the map's origin. With every coil also
+        ``inductance_change`` (depth, y, x, coil, other) in H, dented minus flat, and ``capacitance_change`` (depth, y,
+        x, coil) in F, zero without `dielectric`. With only near coils, ``delta`` is 0 for the states beyond the
+        attribute ``state_cutoff_m``, and the currents in coils beyond ``coil_cutoff_m`` are left out. The attribute
+        ``error_of_peak`` is the error allowed by `reach`, 0 for every coil.
 
     Raises
     ------
     ElastomerError
-        A design that says nothing of an indentation, grids that are not finite and rising, a contact that is outside
-        the sample or lost on a tilted one, and what `indent` and `dent_inductance` refuse.
+        A design without an indentation, grids that are not finite and rising, a contact that is outside the sample or
+        lost on a tilted one, a `reach` outside its limits or together with `dielectric`, and what `indent` and
+        `dent_inductance` refuse.
     NetworkError
-        A state without a resonance.
+        A state without a resonance; with `reach` also a network with stray capacitances, and states and switches that
+        `coilarray.circuit.state_sensitivity` does not treat.
     MemoryLimitError
         More values than there is memory for.
     OutputError
@@ -150,8 +134,12 @@ def response_map(
 
     Notes
     -----
-    Eq. 2 of Gast & Zimmermann (2020). Every position is solved: contact, dented sheets, and the resonance of the whole
-    circuit with the changed inductance matrix.
+    Eq. 2 of Gast & Zimmermann (2020). Without `reach` every position is solved: contact, dented sheets, and the
+    resonance of the whole circuit with the changed inductance matrix. With it δ_a = Re(w_a i_aᵀ ΔL i_a) to first order
+    in ΔL, with the currents of the whole flat board, see `coilarray.response.near`. With 1e-3, δ differs from a map of
+    all coils by 8e-4 of the peak for gast2020, by 3e-4 for 4 × 4 of its coils in a hexagonal lattice
+    (tests/response/test_near_response.py), and by 9e-4 for 16 × 16, where 38 states and 110 coils are near
+    (benchmarks/large_response.py).
 
     Examples
     --------
@@ -160,47 +148,46 @@ def response_map(
     >>> response.delta.dims, response.delta.shape
     (('depth', 'y', 'x', 'state'), (1, 1, 2, 6))
     """
-    setup = indentation_of(design)
-    faults = imperfections or Imperfections()
-    depth, along, across = (
-        map_axis(name, default if given is None else given)
-        for name, given, default in (("depths", depths, setup.depths), ("x", x, setup.x), ("y", y, setup.y))
+    true, mesh = imperfections or Imperfections(), mesh or LayerMesh()
+    axes, coils = map_axes(design, depths, x, y), len(design.array.names)
+    error = _allowed_error(reach, axes, coils, dielectric=dielectric)
+    _require_room(axes, coils, len(design.circuit.plan), error)
+    pressed = experiment(design, axes, true)
+
+    def flat_network() -> Network:
+        L0 = design_inductance(pressed.design)[0] if inductance is None else inductance()
+        L0 = L0 + wedge_inductance(pressed.design, true.tilt)
+        return _plain_network(design, L0) if network is None else replace(network, inductance=L0)
+
+    flat = flat_network() if error else None
+    states = None if flat is None else _sensitivity(flat, design.circuit.plan, required=reach != "auto")
+    if flat is not None and states is not None:
+        base = states.base_inductance
+        delta, cutoff = near_response(pressed, design.array.conductors(), states, error, mesh, progress=progress)
+        changes: Variables = {}
+        left_out = {"error_of_peak": error, "state_cutoff_m": cutoff.states, "coil_cutoff_m": cutoff.coils}
+    else:
+        _require_room(axes, coils, len(design.circuit.plan), 0.0)
+        permittivity = design.circuit.elastomer_permittivity if dielectric else None
+        change, capacitance_change = _changes(pressed, permittivity, mesh, parts, progress)
+        flat = flat or flat_network()
+        delta, base = _through_circuit(flat, design.circuit.plan, change, capacitance_change)
+        changes = {
+            "inductance_change": (
+                ("depth", "y", "x", "coil", "other"), change.reshape(*axes.shape, coils, coils),
+                {"units": "H", "long_name": "inductance matrix, dented minus flat"},
+            ),
+            "capacitance_change": (
+                ("depth", "y", "x", "coil"), capacitance_change.reshape(*axes.shape, coils),
+                {"units": "F", "long_name": "capacitance of each coil, dented minus flat"},
+            ),
+        }  # fmt: skip
+        left_out = {"error_of_peak": 0.0}
+    if true.noise:
+        delta = _noisy(delta, true)
+    return response_dataset(
+        design, axes, pressed.contact, delta, base, flat.inductance, variables=changes, attributes=left_out
     )
-    mesh = mesh or LayerMesh()
-    sheets = _true_sheets(design.sheets, faults.thickness_errors)
-    grid = np.stack(np.meshgrid(along, across), axis=-1).reshape(-1, 2)
-    places = grid + faults.offset
-    _require_room(len(depth), len(grid), len(design.array.names))
-    magnetic_slab(sheets)  # more than one magnetic region is refused before the work begins
-    contact = contact_at(setup, sheets, depth + faults.depth_error)
-    levels = _levels(setup, sheets, contact, depth + faults.depth_error, places, faults.tilt)
-    require_inside(setup, places, max(float(level.contact.contact_radius.max()) for level in levels))
-    coils = len(design.array.names)
-    change, gained = np.zeros((len(depth), len(grid), coils, coils)), np.zeros((len(depth), len(grid), coils))
-    steps = _Steps(progress, len(depth) * len(ranges(len(grid), _POSITIONS)) * len(levels))
-    permittivity = design.circuit.elastomer_permittivity if dielectric else None
-    for k in range(len(depth)):
-        pressed = [replace(level, dents=level.dents[k : k + 1]) for level in levels]
-        for start, stop in ranges(len(grid), _POSITIONS):
-            on_board = places[start:stop] + setup.origin_point
-            shares = [level.shares[start:stop] for level in pressed]
-            key = _key(design, pressed, shares, on_board, permittivity, mesh)
-            kept = None if parts is None else Store(parts).get_dataset(key)
-            if kept is None:
-                kept = _computed(design, pressed, shares, on_board, permittivity, mesh, steps)
-                if parts is not None:
-                    Store(parts).put_dataset(key, kept)
-            else:
-                for _ in levels:
-                    steps.next()
-            change[k, start:stop], gained[k, start:stop] = kept.change.values, kept.gained.values
-    L0 = design_inductance(replace(design, sheets=sheets))[0] if inductance is None else inductance()
-    L0 = L0 + _wedge_under_coils(design, setup, sheets, faults.tilt)
-    network = _plain_network(design, L0) if network is None else replace(network, inductance=L0)
-    delta, base = _through_circuit(network, design.circuit.plan, change, gained)
-    if faults.noise:
-        delta = _noisy(delta, faults)
-    return _dataset(design, setup, contact, (depth, along, across), delta, base, change, gained, L0)
 
 
 def respond(
@@ -210,26 +197,28 @@ def respond(
     plan: Sequence[ScanState] | None = None,
     inductance_change: FloatArray | None = None,
 ) -> xr.Dataset:
-    """Put a computed map through the circuit once more, with another scan plan or other inductance changes.
+    """Put a computed map through the circuit again, with another scan plan or other inductance changes.
 
     Parameters
     ----------
     design : Design
-        Of the map.
+        Design of the map.
     response : xarray.Dataset
-        As `response_map` returns it.
+        Response of all coils, from `response_map` without `reach`.
     plan : sequence of ScanState, optional
-        The design's by default.
+        States of the scan; the design's by default.
     inductance_change : ndarray, shape (depth, y, x, coil, other), optional
-        In H; the map's own by default.
+        Changes in H; the map's own by default.
 
     Returns
     -------
     xarray.Dataset
-        As `response_map`, without noise and stray capacitances.
+        Response with the new plan or changes, without noise and stray capacitances.
 
     Raises
     ------
+    ElastomerError
+        A response without inductance changes.
     NetworkError
         A state without a resonance, or one that names a coil that is not there.
 
@@ -243,13 +232,15 @@ def respond(
     >>> alone.delta.shape
     (1, 1, 1, 1)
     """
+    if "inductance_change" not in response:
+        raise ElastomerError("a response of near coils alone has no inductance changes; compute it with reach=None.")
     states = design.circuit.plan if plan is None else tuple(plan)
     change = response.inductance_change.values if inductance_change is None else inductance_change
     n = change.shape[-1]
     flat = change.reshape(change.shape[0], -1, n, n)
-    gained = response.capacitance_change.values.reshape(*flat.shape[:3])
+    capacitance_change = response.capacitance_change.values.reshape(*flat.shape[:3])
     network = _plain_network(design, response.inductance.values)
-    delta, base = _through_circuit(network, states, flat, gained)
+    delta, base = _through_circuit(network, states, flat, capacitance_change)
     others = response.drop_dims("state")
     others["inductance_change"] = (response.inductance_change.dims, change, response.inductance_change.attrs)
     others["delta"] = (("depth", "y", "x", "state"), delta.reshape(*change.shape[:3], -1), response.delta.attrs)
@@ -258,136 +249,160 @@ def respond(
 
 
 def inductance_changes(
-    design: Design, paths: Sequence[Conductor], response: xr.Dataset, imperfections: Imperfections
+    design: Design,
+    axes: MapAxes,
+    *,
+    paths: Sequence[Conductor] | None = None,
+    imperfections: Imperfections | None = None,
+    progress: Progress | None = None,
 ) -> FloatArray:
-    """Inductance changes of other paths than the design's coils at every depth and place of a map.
+    """Compute the inductance changes of coils or other paths at every depth and position of a map.
 
     Parameters
     ----------
     design : Design
-        Of the map; its sheets and indenter count.
-    paths : sequence of Conductor
-        In place of its coils.
-    response : xarray.Dataset
-        As `response_map` returns it, with the same imperfections.
-    imperfections : Imperfections
-        Of the experiment.
+        Design with an indentation.
+    axes : MapAxes
+        Depths and positions, from `coilarray.response.setup.map_axes`.
+    paths : sequence of Conductor, optional
+        Paths on the board; the design's coils by default.
+    imperfections : Imperfections, optional
+        Deviations of the experiment from the design; none by default.
+    progress : callable, optional
+        Called with (done, total) as the work goes on.
 
     Returns
     -------
     ndarray, shape (depth, y, x, paths, paths)
-        In H, dented less flat.
+        Inductance in H, dented minus flat.
 
     Raises
     ------
     ElastomerError
-        As `response_map`.
+        A design, axes or a contact that `response_map` refuses.
     """
-    setup = indentation_of(design)
-    sheets = _true_sheets(design.sheets, imperfections.thickness_errors)
-    depths = response.depth.values + imperfections.depth_error
-    places = np.stack(np.meshgrid(response.x, response.y), axis=-1).reshape(-1, 2) + imperfections.offset
-    levels = _levels(setup, sheets, contact_at(setup, sheets, depths), depths, places, imperfections.tilt)
-    on_board = places + setup.origin_point
-    change = sum(level.shares[:, None, None] * dent_inductance(paths, level.dents, on_board) for level in levels)
-    return np.asarray(change).reshape(len(depths), response.sizes["y"], response.sizes["x"], len(paths), len(paths))
+    source = design.array.conductors() if paths is None else paths
+    pressed = experiment(design, axes, imperfections)
+    change = sum(
+        level.shares[:, None, None] * dent_inductance(source, level.dents, pressed.points, progress=progress)
+        for level in pressed.levels
+    )
+    return np.asarray(change).reshape(*axes.shape, len(source), len(source))
 
 
-def _true_sheets(sheets: Sequence[Sheet], errors: Mapping[str, float]) -> tuple[Sheet, ...]:
-    names = [sheet.name for sheet in sheets]
-    for name in errors:
-        if name not in names:
-            raise ElastomerError(f"thickness_errors names the sheet {name!r}; there are {', '.join(names)}.")
-    return tuple(replace(sheet, thickness=sheet.thickness + errors.get(sheet.name, 0.0)) for sheet in sheets)
+def response_dataset(
+    design: Design,
+    axes: MapAxes,
+    contact: xr.Dataset,
+    delta: FloatArray,
+    base: FloatArray,
+    inductance: FloatArray,
+    *,
+    coils: Sequence[str] | None = None,
+    states: Sequence[str] | None = None,
+    per_length: bool = False,
+    variables: Variables | None = None,
+    attributes: Mapping[str, object] | None = None,
+) -> xr.Dataset:
+    """Assemble the dataset of a computed response: δ (…, states) at the axes, for all coils and states or the named.
+
+    With `per_length` inductances are in H/m and forces in N/m. `variables` are more of them: dimensions, values and
+    attributes by name.
+    """
+    setup, per = indentation_of(design), "/m" if per_length else ""
+    names = list(design.array.names if coils is None else coils)
+    kept = [design.array.names.index(name) for name in names]
+    centres = design.array.centres[kept] - setup.origin_point
+    states = [state.name for state in design.circuit.plan] if states is None else states
+    return xr.Dataset(
+        {
+            "delta": (
+                ("depth", "y", "x", "state"), delta.reshape(*axes.shape, -1),
+                {"units": "1", "long_name": "relative change of inductance"},
+            ),
+            "base_inductance": ("state", base, {"units": f"H{per}", "long_name": "L_0 as the converter sees it"}),
+            **(variables or {}),
+            "inductance": (
+                ("coil", "other"), inductance, {"units": f"H{per}", "long_name": "inductance matrix, flat sheets"}
+            ),
+            "force": ("depth", contact.force.values, {"units": f"N{per}"}),
+            "contact_radius": ("depth", contact.contact_radius.values, {"units": "m"}),
+        },
+        coords={
+            "depth": ("depth", axes.depth, {"units": "m", "long_name": "depth of the indentation"}),
+            "y": ("y", axes.y, {"units": "m"}),
+            "x": ("x", axes.x, {"units": "m"}),
+            "state": list(states),
+            "coil": names,
+            "other": names,
+            "coil_x": ("coil", centres[:, 0], {"units": "m", "long_name": "centre of the coil, x"}),
+            "coil_y": ("coil", centres[:, 1], {"units": "m", "long_name": "centre of the coil, y"}),
+        },
+        attrs={
+            **provenance(design),
+            "indenter": setup.indenter.name,
+            "base": setup.base,
+            "origin": setup.origin or "board",
+            **(attributes or {}),
+        },
+    )  # fmt: skip
 
 
-def _raised(sheets: Sequence[Sheet], height: float) -> tuple[Sheet, ...]:
-    """Return the sheets with a lowest one that is thicker by a height in m."""
-    return (replace(sheets[0], thickness=sheets[0].thickness + height), *sheets[1:])
+def _allowed_error(reach: Reach, axes: MapAxes, coils: int, *, dielectric: bool) -> float:
+    """Error of δ relative to its peak that the near coils alone may make; 0 for every coil."""
+    if reach == "auto":
+        return 0.0 if dielectric or np.prod(axes.shape) * coils**2 <= _AUTO_VALUES else _AUTO_ERROR
+    if reach is None:
+        return 0.0
+    if not (isinstance(reach, int | float) and _ERRORS[0] <= reach <= _ERRORS[1]):
+        raise ElastomerError(
+            f'reach must be None, "auto" or the error of δ, {_ERRORS[0]:g} to {_ERRORS[1]:g} of the peak; got {reach}.'
+        )
+    if dielectric:
+        raise ElastomerError("the change of capacitance needs every coil: dielectric is for reach=None.")
+    return reach
 
 
-def _require_room(depths: int, places: int, coils: int) -> None:
+def _require_room(axes: MapAxes, coils: int, states: int, error: float) -> None:
     """Refuse a map that is too large before anything of it is computed."""
-    values = depths * places * coils**2
+    depths, places = len(axes.depth), len(axes.x) * len(axes.y)
     what = f"{depths} depths at {places} positions with {coils} coils"
+    if error:
+        require_memory(8.0 * depths * places * states, f"a map of {what}", "compute it in pieces")
+        return
+    values = depths * places * coils**2
     if values > _MOST_VALUES:
         raise ElastomerError(
-            f"{what} are {values} inductance changes; at most {_MOST_VALUES} are allowed: compute the map in pieces."
+            f"{what} are {values} inductance changes; at most {_MOST_VALUES} are allowed: compute the map in pieces "
+            "or with reach."
         )
     require_memory(_BYTES_A_VALUE * values, f"a map of {what}", "compute it in pieces")
 
 
-@dataclass(frozen=True, eq=False)
-class _Level:
-    """One of the level samples that stand in for a tilted one: its indentation, and its share at every place."""
-
-    contact: xr.Dataset
-    dents: tuple[Dent, ...]
-    shares: FloatArray
-
-
-def _levels(
-    setup: Indentation,
-    sheets: Sequence[Sheet],
-    contact: xr.Dataset,
-    depths: FloatArray,
-    places: FloatArray,
-    tilt: tuple[float, float],
-) -> list[_Level]:
-    """Level samples whose weighted sum is the sample at every place; one where it is not tilted."""
-    rise = places @ np.array(tilt)
-    if not rise.any():
-        return [_Level(contact, _dents(contact, sheets), np.ones(len(places)))]
-    lowest = float(rise.min())
-    if depths[0] + lowest <= 0:
-        raise ElastomerError(
-            f"the indenter at depth {depths[0] * 1e3:.4g} mm loses contact where the tilted sample is "
-            f"{-lowest * 1e3:.4g} mm lower than at the origin."
-        )
-    if np.ptp(rise) <= _LEVEL * abs(lowest):  # one place, or a line along which nothing rises
-        heights, shares = np.array([lowest]), np.ones((len(places), 1))
-    else:
-        heights = _nodes(lowest, float(rise.max()))
-        shares = _lagrange(heights, rise)
-    levels = []
-    for height, share in zip(heights.tolist(), shares.T, strict=True):
-        raised = _raised(sheets, height)
-        indented = contact_at(setup, raised, depths + height)
-        levels.append(_Level(indented, _dents(indented, raised), share))
-    return levels
-
-
-def _dents(indentation: xr.Dataset, sheets: Sequence[Sheet]) -> tuple[Dent, ...]:
-    return tuple(dent_of(indentation.isel(depth=k), sheets) for k in range(indentation.sizes["depth"]))
-
-
-def _wedge_under_coils(
-    design: Design, setup: Indentation, sheets: Sequence[Sheet], tilt: tuple[float, float]
-) -> FloatArray:
-    """Change of the matrix in H by the tilt of the flat sample, each pair with the thickness between its coils."""
-    centres = design.array.centres - setup.origin_point
-    middle = (centres[:, None] + centres) / 2 @ np.array(tilt)
-    if not middle.any():
-        return np.zeros_like(middle)
-    heights = _nodes(float(min(middle.min(), 0.0)), float(max(middle.max(), 0.0)))
-    level = np.array([layer_inductance(design.array, _raised(sheets, height)) for height in heights.tolist()])
-    shares = _lagrange(heights, middle.ravel()).reshape(*middle.shape, -1)
-    return np.asarray(np.einsum("ijh,hij->ij", shares, level) - layer_inductance(design.array, sheets))
-
-
-def _nodes(low: float, high: float) -> FloatArray:
-    """Chebyshev points of an interval."""
-    angle = np.pi * (np.arange(_WEDGE_NODES) + 0.5) / _WEDGE_NODES
-    return (low + high) / 2 + (high - low) / 2 * np.cos(angle)
-
-
-def _lagrange(nodes: FloatArray, at: FloatArray) -> FloatArray:
-    """Lagrange's polynomials of the nodes at points, shape (points, nodes)."""
-    shares = np.ones((len(at), len(nodes)))
-    for k, node in enumerate(nodes):
-        for other in np.delete(nodes, k):
-            shares[:, k] *= (at - other) / (node - other)
-    return shares
+def _changes(
+    pressed: Experiment, permittivity: float | None, mesh: LayerMesh, parts: Path | None, progress: Progress | None
+) -> tuple[FloatArray, FloatArray]:
+    """Inductance and capacitance changes of all coils, (depths, places, coils, coils) in H and (…, coils) in F."""
+    design, levels, points = pressed.design, pressed.levels, pressed.points
+    depths, coils = len(pressed.axes.depth), len(design.array.names)
+    change, capacitance_change = np.zeros((depths, len(points), coils, coils)), np.zeros((depths, len(points), coils))
+    steps = _Steps(progress, depths * len(ranges(len(points), _POSITIONS)) * len(levels))
+    for k in range(depths):
+        for start, stop in ranges(len(points), _POSITIONS):
+            block = [replace(level, dents=level.dents[k : k + 1], shares=level.shares[start:stop]) for level in levels]
+            on_board = points[start:stop]
+            key = _key(design, block, on_board, permittivity, mesh)
+            part = None if parts is None else Store(parts).get_dataset(key)
+            if part is not None:
+                for _ in levels:
+                    steps.next()
+            else:
+                part = _compute_part(design, block, on_board, permittivity, mesh, steps)
+                if parts is not None:
+                    Store(parts).put_dataset(key, part)
+            change[k, start:stop] = part.change.values
+            capacitance_change[k, start:stop] = part.capacitance_change.values
+    return change, capacitance_change
 
 
 def _plain_network(design: Design, inductance: FloatArray) -> Network:
@@ -397,11 +412,11 @@ def _plain_network(design: Design, inductance: FloatArray) -> Network:
 
 
 def _through_circuit(
-    network: Network, plan: Sequence[ScanState], change: FloatArray, gained: FloatArray
+    network: Network, plan: Sequence[ScanState], change: FloatArray, capacitance_change: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """δ of every depth, place and state, and L_0 of every state in H."""
     inductances = network.inductance + change.reshape(-1, *network.inductance.shape)
-    capacitances = network.winding_capacitance + gained.reshape(-1, len(network.names))
+    capacitances = network.winding_capacitance + capacitance_change.reshape(-1, len(network.names))
     nodes_and_branches = 6 * len(network.names) + 5
     at_once = max(1, _CIRCUIT_VALUES // nodes_and_branches**2)
     delta = np.empty((*change.shape[:2], len(plan)))
@@ -419,29 +434,41 @@ def _through_circuit(
     return delta, base
 
 
-def _noisy(delta: FloatArray, faults: Imperfections) -> FloatArray:
-    random = np.random.default_rng(faults.seed)
-    peak, base = (1 + faults.noise * random.standard_normal(delta.shape) for _ in range(2))
+def _sensitivity(network: Network, plan: Sequence[ScanState], *, required: bool) -> StateSensitivity | None:
+    """Solve the states of a scan; NetworkError, or None unless required, for a circuit that is not treated there."""
+    try:
+        if network.winding_capacitance.any() or network.mutual_capacitance.any():
+            raise NetworkError("reach is for networks without stray capacitances; compute every coil with reach=None.")
+        resistance = np.diag(network.resistance(0.0))
+        return state_sensitivity(network.names, network.inductance, resistance, network.switches, plan)
+    except NetworkError:
+        if required:
+            raise
+        return None
+
+
+def _noisy(delta: FloatArray, imperfections: Imperfections) -> FloatArray:
+    random = np.random.default_rng(imperfections.seed)
+    peak, base = (1 + imperfections.noise * random.standard_normal(delta.shape) for _ in range(2))
     return (1 + delta) * peak / base - 1
 
 
 def _key(
     design: Design,
-    levels: Sequence[_Level],
-    shares: Sequence[FloatArray],
+    levels: Sequence[Level],
     points: FloatArray,
     permittivity: float | None,
     mesh: LayerMesh,
 ) -> str:
     """Return the key of a part: everything that decides its numbers."""
     paths = [conductor.vertices for conductor in design.array.conductors()]
+    shares = [level.shares for level in levels]
     return content_key(permittivity, mesh, points, shares, [level.dents[0] for level in levels], paths)
 
 
-def _computed(
+def _compute_part(
     design: Design,
-    levels: Sequence[_Level],
-    shares: Sequence[FloatArray],
+    levels: Sequence[Level],
     points: FloatArray,
     permittivity: float | None,
     mesh: LayerMesh,
@@ -449,69 +476,18 @@ def _computed(
 ) -> xr.Dataset:
     """Inductance and capacitance changes of one depth at some places."""
     coils = len(design.array.names)
-    change, gained = np.zeros((len(points), coils, coils)), np.zeros((len(points), coils))
-    for level, share in zip(levels, shares, strict=True):
+    change, capacitance_change = np.zeros((len(points), coils, coils)), np.zeros((len(points), coils))
+    for level in levels:
+        share = level.shares[:, None]
         part = dent_inductance(design.array, level.dents, points, mesh, progress=steps.within)
-        change += share[:, None, None] * part[0]
+        change += share[..., None] * part[0]
         if permittivity is not None:
-            gained += share[:, None] * dent_capacitance(design.array, level.dents, points, permittivity, mesh)[0]
+            capacitance_change += share * dent_capacitance(design.array, level.dents, points, permittivity, mesh)[0]
         steps.next()
-    if not (np.isfinite(change).all() and np.isfinite(gained).all()):
+    if not (np.isfinite(change).all() and np.isfinite(capacitance_change).all()):
         raise ElastomerError("the dented sheets gave numbers that are not finite; please report the design.")
     dims = ("place", "coil", "other")
-    return xr.Dataset({"change": (dims, change), "gained": (dims[:2], gained)})
-
-
-def _dataset(
-    design: Design,
-    setup: Indentation,
-    contact: xr.Dataset,
-    axes: tuple[FloatArray, FloatArray, FloatArray],
-    delta: FloatArray,
-    base: FloatArray,
-    change: FloatArray,
-    gained: FloatArray,
-    L0: FloatArray,
-) -> xr.Dataset:
-    depth, x, y = axes
-    shape = (len(depth), len(y), len(x))
-    centres = design.array.centres - setup.origin_point
-    return xr.Dataset(
-        {
-            "delta": (
-                ("depth", "y", "x", "state"), delta.reshape(*shape, -1),
-                {"units": "1", "long_name": "relative change of inductance"},
-            ),
-            "base_inductance": ("state", base, {"units": "H", "long_name": "L_0 as the converter sees it"}),
-            "inductance_change": (
-                ("depth", "y", "x", "coil", "other"), change.reshape(*shape, *L0.shape),
-                {"units": "H", "long_name": "inductance matrix, dented less flat"},
-            ),
-            "capacitance_change": (
-                ("depth", "y", "x", "coil"), gained.reshape(*shape, -1),
-                {"units": "F", "long_name": "capacitance of each coil, dented less flat"},
-            ),
-            "inductance": (("coil", "other"), L0, {"units": "H", "long_name": "inductance matrix, flat sheets"}),
-            "force": ("depth", contact.force.values, contact.force.attrs),
-            "contact_radius": ("depth", contact.contact_radius.values, contact.contact_radius.attrs),
-        },
-        coords={
-            "depth": ("depth", depth, {"units": "m", "long_name": "depth of the indentation"}),
-            "y": ("y", y, {"units": "m", "long_name": "y of the indenter"}),
-            "x": ("x", x, {"units": "m", "long_name": "x of the indenter"}),
-            "state": [state.name for state in design.circuit.plan],
-            "coil": list(design.array.names),
-            "other": list(design.array.names),
-            "coil_x": ("coil", centres[:, 0], {"units": "m", "long_name": "centre of the coil, x"}),
-            "coil_y": ("coil", centres[:, 1], {"units": "m", "long_name": "centre of the coil, y"}),
-        },
-        attrs={
-            **provenance(design),
-            "indenter": setup.indenter.name,
-            "base": setup.base,
-            "origin": setup.origin or "board",
-        },
-    )  # fmt: skip
+    return xr.Dataset({"change": (dims, change), "capacitance_change": (dims[:2], capacitance_change)})
 
 
 class _Steps:
@@ -522,13 +498,13 @@ class _Steps:
 
     def within(self, done: int, total: int) -> None:
         """Count within a part."""
-        self._tell(self._done + 99 * done // total)
+        self._report(self._done + 99 * done // total)
 
     def next(self) -> None:
         """Count a whole part."""
         self._done += 100
-        self._tell(self._done)
+        self._report(self._done)
 
-    def _tell(self, done: int) -> None:
+    def _report(self, done: int) -> None:
         if self._progress is not None:
             self._progress(done, self._total)

@@ -1,8 +1,9 @@
-"""Where and how deep a map presses, and the contact there: what every kind of response map begins with."""
+"""What a response map presses: its axes, the true sheets and positions, the contacts and the dents of every depth."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
@@ -12,23 +13,153 @@ import xarray as xr
 from coilarray.design.model import Design, Indentation
 from coilarray.elastomer.compliance import Base
 from coilarray.elastomer.contact import indent
+from coilarray.elastomer.dent import Dent, dent_of
+from coilarray.elastomer.flat_layer import layer_inductance, magnetic_slab
 from coilarray.errors import ElastomerError
 from coilarray.geometry import Indenter, Sheet
 
 FloatArray = npt.NDArray[np.float64]
 
 _FARTHEST = 1.0  # m
+_STEEPEST = 0.1  # slope of a sample; beyond it the wedge's own slope would count
+_LEVEL = 1e-9  # relative difference of heights that counts as none
+# Thicknesses at which a tilted sample is solved; between them a cubic (tests/response/test_response.py).
+_WEDGE_NODES = 4
+
+
+@dataclass(frozen=True)
+class Imperfections:
+    """How the experiment differs from the design.
+
+    Parameters
+    ----------
+    tilt : tuple of float
+        Rise of the sample's top along x and y in m per m. The lowest sheet takes it up as a wedge. The indenter finds
+        the contact at the origin of the map and keeps its height, so the depth grows where the sample rises.
+    offset : tuple of float
+        True minus assumed position of the indenter along x and y in m.
+    depth_error : float
+        True minus assumed depth in m, for example because the contact was detected too late.
+    thickness_errors : mapping of str to float
+        True minus designed thickness in m, by the name of the sheet.
+    noise : float
+        Relative standard deviation of every reading of an inductance; L_peak and L_0 are one reading each.
+    seed : int
+        Seed of the noise.
+
+    Raises
+    ------
+    ElastomerError
+        A value that is not finite, a tilt above 0.1, or noise or a seed that is negative.
+    """
+
+    tilt: tuple[float, float] = (0.0, 0.0)
+    offset: tuple[float, float] = (0.0, 0.0)
+    depth_error: float = 0.0
+    thickness_errors: Mapping[str, float] = field(default_factory=dict)
+    noise: float = 0.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        numbers = [*self.tilt, *self.offset, self.depth_error, *self.thickness_errors.values(), self.noise]
+        if not np.isfinite(numbers).all():
+            raise ElastomerError(f"tilt, offset, errors and noise must be finite; got {numbers}.")
+        if max(map(abs, self.tilt)) > _STEEPEST:
+            raise ElastomerError(f"tilt must be at most {_STEEPEST}, for it is taken as small; got {self.tilt}.")
+        for name in ("noise", "seed"):
+            if getattr(self, name) < 0:
+                raise ElastomerError(f"{name} must not be negative; got {getattr(self, name)}.")
+
+
+@dataclass(frozen=True, eq=False)
+class MapAxes:
+    """Depths and positions of a map in m, rising, each of shape (n,); positions from the map's origin."""
+
+    depth: FloatArray
+    x: FloatArray
+    y: FloatArray
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Number of depths, of positions along y and along x."""
+        return len(self.depth), len(self.y), len(self.x)
+
+    @property
+    def places(self) -> FloatArray:
+        """All positions in m, x fastest, shape (n, 2)."""
+        return np.stack(np.meshgrid(self.x, self.y), axis=-1).reshape(-1, 2)
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """One of the level samples whose weighted sum is a tilted one.
+
+    Parameters
+    ----------
+    contact : xarray.Dataset
+        Contact of the indenter at all depths, from `coilarray.elastomer.contact.indent`.
+    dents : tuple of Dent
+        Dented sheets at all depths.
+    shares : ndarray, shape (places,)
+        Weight of this sample at every position.
+    """
+
+    contact: xr.Dataset
+    dents: tuple[Dent, ...]
+    shares: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Experiment:
+    """Everything that is pressed in a map.
+
+    Parameters
+    ----------
+    design : Design
+        The design with the true thicknesses of its sheets.
+    axes : MapAxes
+        Assumed depths and positions.
+    points : ndarray, shape (n, 2)
+        True positions of the indenter on the board in m, x fastest.
+    contact : xarray.Dataset
+        Contact at the map's origin, at all depths.
+    levels : tuple of Level
+        The sample; several level ones for a tilted sample.
+    """
+
+    design: Design
+    axes: MapAxes
+    points: FloatArray
+    contact: xr.Dataset
+    levels: tuple[Level, ...]
 
 
 def indentation_of(design: Design) -> Indentation:
-    """Return how a design is indented; ElastomerError where it says nothing of it."""
+    """Return how a design is indented; ElastomerError where it does not say."""
     if design.indentation is None:
         raise ElastomerError(f"the design {design.name} has no [indenter] and [indentation].")
     return design.indentation
 
 
-def map_axis(name: str, values: npt.ArrayLike) -> FloatArray:
-    """Return depths or positions in m, shape (n,); ElastomerError where they are not finite and rising."""
+def map_axes(
+    design: Design,
+    depths: npt.ArrayLike | None = None,
+    x: npt.ArrayLike | None = None,
+    y: npt.ArrayLike | None = None,
+) -> MapAxes:
+    """Return the axes of a map; those of the design where None is given.
+
+    Raises
+    ------
+    ElastomerError
+        A design without an indentation, or values that are not finite and rising, or beyond 1 m.
+    """
+    setup = indentation_of(design)
+    given = (("depths", depths, setup.depths), ("x", x, setup.x), ("y", y, setup.y))
+    return MapAxes(*(_axis(name, default if values is None else values) for name, values, default in given))
+
+
+def _axis(name: str, values: npt.ArrayLike) -> FloatArray:
     array = np.atleast_1d(np.asarray(values, dtype=np.float64))
     if array.ndim != 1 or not array.size or not np.isfinite(array).all() or (np.diff(array) <= 0).any():
         raise ElastomerError(f"{name} must be finite and rising, in m; got {array}.")
@@ -37,22 +168,59 @@ def map_axis(name: str, values: npt.ArrayLike) -> FloatArray:
     return array
 
 
+def experiment(design: Design, axes: MapAxes, imperfections: Imperfections | None = None) -> Experiment:
+    """Solve the contacts of a map and the dents that they make.
+
+    Parameters
+    ----------
+    design : Design
+        Design with an indentation.
+    axes : MapAxes
+        Depths and positions, from `map_axes`.
+    imperfections : Imperfections, optional
+        How the experiment differs from the design; not at all by default.
+
+    Returns
+    -------
+    Experiment
+
+    Raises
+    ------
+    ElastomerError
+        Sheets with more than one magnetic region, a contact that is outside the sample or lost on a tilted one, and
+        what `coilarray.elastomer.contact.indent` refuses.
+    """
+    setup, true = indentation_of(design), imperfections or Imperfections()
+    sheets = _true_sheets(design.sheets, true.thickness_errors)
+    magnetic_slab(sheets)  # more than one magnetic region is refused before the work begins
+    depths, places = axes.depth + true.depth_error, axes.places + true.offset
+    contact = contact_at(setup, sheets, depths)
+    levels = _levels(setup, sheets, contact, depths, places, true.tilt)
+    _require_inside(setup, places, max(float(level.contact.contact_radius.max()) for level in levels))
+    return Experiment(replace(design, sheets=sheets), axes, places + setup.origin_point, contact, levels)
+
+
 def contact_at(setup: Indentation, sheets: Sequence[Sheet], depths: FloatArray) -> xr.Dataset:
-    """As `coilarray.elastomer.contact.indent`; what was solved last is kept, as coils may change under one sheet."""
-    return _kept_contact(
+    """Return the contact of `coilarray.elastomer.contact.indent`; the last ones are cached, as only coils may vary."""
+    return _cached_contact(
         tuple(sheets), setup.indenter, setup.base, setup.sample_radius, tuple(np.atleast_1d(depths).tolist())
     )
 
 
 @lru_cache(maxsize=8)
-def _kept_contact(
+def _cached_contact(
     sheets: tuple[Sheet, ...], indenter: Indenter, base: Base, radius: float | None, depths: tuple[float, ...]
 ) -> xr.Dataset:
     return indent(sheets, indenter, depths, base=base, radius=radius)
 
 
-def require_inside(setup: Indentation, places: FloatArray, contact_radius: float) -> None:
-    """Refuse places, shape (n, 2) in m from the map's origin, where the contact leaves the sample: ElastomerError."""
+def dents_of(contact: xr.Dataset, sheets: Sequence[Sheet]) -> tuple[Dent, ...]:
+    """Return the dented sheets at every depth of a contact."""
+    return tuple(dent_of(contact.isel(depth=k), sheets) for k in range(contact.sizes["depth"]))
+
+
+def _require_inside(setup: Indentation, places: FloatArray, contact_radius: float) -> None:
+    """Refuse places, shape (n, 2) in m from the map's origin, where the contact leaves the sample."""
     if setup.sample_bounds is None:
         return
     x_min, y_min, x_max, y_max = setup.sample_bounds
@@ -64,3 +232,77 @@ def require_inside(setup: Indentation, places: FloatArray, contact_radius: float
             f"at ({x:.4g}, {y:.4g}) mm the contact of {contact_radius * 1e3:.3g} mm radius is outside the sample, "
             f"which reaches from ({x_min * 1e3:.4g}, {y_min * 1e3:.4g}) to ({x_max * 1e3:.4g}, {y_max * 1e3:.4g}) mm."
         )
+
+
+def _true_sheets(sheets: Sequence[Sheet], errors: Mapping[str, float]) -> tuple[Sheet, ...]:
+    names = [sheet.name for sheet in sheets]
+    for name in errors:
+        if name not in names:
+            raise ElastomerError(f"thickness_errors names the sheet {name!r}; there are {', '.join(names)}.")
+    return tuple(replace(sheet, thickness=sheet.thickness + errors.get(sheet.name, 0.0)) for sheet in sheets)
+
+
+def _raised(sheets: Sequence[Sheet], height: float) -> tuple[Sheet, ...]:
+    """Return the sheets with the lowest one thicker by a height in m."""
+    return (replace(sheets[0], thickness=sheets[0].thickness + height), *sheets[1:])
+
+
+def _levels(
+    setup: Indentation,
+    sheets: Sequence[Sheet],
+    contact: xr.Dataset,
+    depths: FloatArray,
+    places: FloatArray,
+    tilt: tuple[float, float],
+) -> tuple[Level, ...]:
+    """Level samples whose weighted sum is the sample at every place; one where it is not tilted."""
+    rise = places @ np.array(tilt)
+    if not rise.any():
+        return (Level(contact, dents_of(contact, sheets), np.ones(len(places))),)
+    lowest = float(rise.min())
+    if depths[0] + lowest <= 0:
+        raise ElastomerError(
+            f"the indenter at depth {depths[0] * 1e3:.4g} mm loses contact where the tilted sample is "
+            f"{-lowest * 1e3:.4g} mm lower than at the origin."
+        )
+    if np.ptp(rise) <= _LEVEL * abs(lowest):  # one place, or a line along which nothing rises
+        heights, shares = np.array([lowest]), np.ones((len(places), 1))
+    else:
+        heights = _nodes(lowest, float(rise.max()))
+        shares = _lagrange(heights, rise)
+    levels = []
+    for height, share in zip(heights.tolist(), shares.T, strict=True):
+        raised = _raised(sheets, height)
+        indented = contact_at(setup, raised, depths + height)
+        levels.append(Level(indented, dents_of(indented, raised), share))
+    return tuple(levels)
+
+
+def wedge_inductance(design: Design, tilt: tuple[float, float]) -> FloatArray:
+    """Change of the inductance matrix in H by the tilt of the flat sample, shape (coils, coils).
+
+    Each pair of coils takes the thickness of the sample in the middle between them.
+    """
+    centres = design.array.centres - indentation_of(design).origin_point
+    middle = (centres[:, None] + centres) / 2 @ np.array(tilt)
+    if not middle.any():
+        return np.zeros_like(middle)
+    heights = _nodes(float(min(middle.min(), 0.0)), float(max(middle.max(), 0.0)))
+    level = np.array([layer_inductance(design.array, _raised(design.sheets, height)) for height in heights.tolist()])
+    shares = _lagrange(heights, middle.ravel()).reshape(*middle.shape, -1)
+    return np.asarray(np.einsum("ijh,hij->ij", shares, level) - layer_inductance(design.array, design.sheets))
+
+
+def _nodes(low: float, high: float) -> FloatArray:
+    """Chebyshev points of an interval."""
+    angle = np.pi * (np.arange(_WEDGE_NODES) + 0.5) / _WEDGE_NODES
+    return (low + high) / 2 + (high - low) / 2 * np.cos(angle)
+
+
+def _lagrange(nodes: FloatArray, at: FloatArray) -> FloatArray:
+    """Lagrange polynomials of the nodes at points, shape (points, nodes)."""
+    shares = np.ones((len(at), len(nodes)))
+    for k, node in enumerate(nodes):
+        for other in np.delete(nodes, k):
+            shares[:, k] *= (at - other) / (node - other)
+    return shares

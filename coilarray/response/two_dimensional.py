@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from coilarray.circuit.coupling import provenance
 from coilarray.design.model import Design
-from coilarray.elastomer.contact import indent
-from coilarray.elastomer.dent import dent_of
 from coilarray.elastomer.line_model import cross_section, line_dent_inductance, line_inductance
 from coilarray.elastomer.scattering import LayerMesh
 from coilarray.errors import ElastomerError
 from coilarray.geometry import CylinderEdge, Hemisphere, Paraboloid
+from coilarray.response.map import response_dataset
+from coilarray.response.setup import contact_at, dents_of, indentation_of, map_axes
 
 
 def line_response(
@@ -29,19 +30,22 @@ def line_response(
     Parameters
     ----------
     design : Design
-        With the tables ``[indenter]`` and ``[indentation]``; a round indenter becomes a cylinder of its radius.
+        Design with an indentation; its round indenter becomes a cylinder of the same radius.
     coil : str, optional
         Name of the coil, cut at its centre along x; the first one by default. Its neighbours are left out.
     depths, x : array_like, shape (n,), optional
-        In m; those of the design by default. x counts from the map's origin.
+        Depths and positions along x of the indenter in m, positions from the map's origin; those of the design by
+        default.
     mesh : LayerMesh, optional
         Accuracy of the magnetic problem.
 
     Returns
     -------
     xarray.Dataset
-        ``delta`` (depth, x) is the change of the inductance per length over it; ``line_inductance`` in H/m under flat
-        sheets; ``force`` (depth) in N/m and ``contact_radius`` (depth), half the contact's width, in m.
+        Response as of `coilarray.response.map.response_map` for one state, named after the coil, and at one position
+        along y, the coil's centre. ``delta`` is the change of the inductance per length divided by that inductance;
+        ``base_inductance`` and ``inductance`` are in H/m, ``force`` is in N/m, and ``contact_radius`` is half the width
+        of the contact in m.
 
     Raises
     ------
@@ -57,35 +61,26 @@ def line_response(
     --------
     >>> from coilarray import load_design
     >>> line = line_response(load_design("gast_fem"), depths=[1e-3], x=[0.0])
-    >>> line.delta.dims
-    ('depth', 'x')
+    >>> line.delta.dims, line.delta.shape
+    (('depth', 'y', 'x', 'state'), (1, 1, 1, 1))
     """
-    setup = design.indentation
-    if setup is None:
-        raise ElastomerError(f"the design {design.name} has no [indenter] and [indentation].")
+    setup = indentation_of(design)
     if not isinstance(setup.indenter, Hemisphere | Paraboloid | CylinderEdge):
         raise ElastomerError(f"the two-dimensional model needs a round indenter; got a {setup.indenter.name}.")
     names = design.array.names
     name = names[0] if coil is None else coil
     if name not in names:
         raise ElastomerError(f"there is no coil {name!r}; there are {', '.join(names)}.")
-    depth = np.atleast_1d(np.asarray(setup.depths if depths is None else depths, dtype=np.float64))
-    along = np.atleast_1d(np.asarray(setup.x if x is None else x, dtype=np.float64))
     place = design.array.placements[names.index(name)]
+    axes = map_axes(design, depths, x, [place.y - setup.origin_point[1]])
     wires = cross_section(design.array.conductors()[names.index(name)], place.y)
-    contact = indent(
-        design.sheets, CylinderEdge(setup.indenter.radius), depth, base=setup.base, radius=setup.sample_radius
-    )
-    dents = [dent_of(contact.isel(depth=k), design.sheets) for k in range(len(depth))]
-    change = line_dent_inductance(wires, dents, along + setup.origin_point[0], mesh)
+    cylinder = replace(setup, indenter=CylinderEdge(setup.indenter.radius))
+    contact = contact_at(cylinder, design.sheets, axes.depth)
+    dents = dents_of(contact, design.sheets)
+    change = line_dent_inductance(wires, dents, axes.x + setup.origin_point[0], mesh)
     flat = line_inductance(wires, design.sheets)
-    return xr.Dataset(
-        {
-            "delta": (("depth", "x"), change / flat, {"units": "1", "long_name": "relative change of inductance, 2-D"}),
-            "line_inductance": ((), flat, {"units": "H/m"}),
-            "force": ("depth", contact.force.values, {"units": "N/m"}),
-            "contact_radius": ("depth", contact.contact_radius.values, {"units": "m"}),
-        },
-        coords={"depth": ("depth", depth, {"units": "m"}), "x": ("x", along, {"units": "m"})},
-        attrs={**provenance(design), "coil": name, "indenter": "cylinder_edge", "base": setup.base},
-    )
+    return response_dataset(
+        design, axes, contact, change / flat, np.array([flat]), np.array([[flat]]),
+        coils=[name], states=[name], per_length=True,
+        attributes={"coil": name, "indenter": "cylinder_edge", "error_of_peak": 0.0},
+    )  # fmt: skip

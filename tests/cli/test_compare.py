@@ -149,7 +149,7 @@ def test_published_and_responses(capsys, files):
         assert row["scale"] == pytest.approx(1.0, abs=1e-9)
         assert abs(row["shift_x_m"]) < 1e-12
         assert row["points"] == 189  # Table A1 is continued around the measured positions
-    answer = json.loads(run(capsys, "published", "a1.nc", "--json", "--reach-mm", "1")[1])
+    answer = json.loads(run(capsys, "published", "a1.nc", "--json", "--largest-shift-mm", "1")[1])
     assert answer["scales"][0]["points"] == 25 * 5
     assert run(capsys, "published", "published", "--json", "--replicates", "0")[0] == 0
     answer = json.loads(run(capsys, "a1.nc", files / "quick.nc", "--json")[1])
@@ -185,9 +185,9 @@ def test_an_unfinished_campaign_is_compared_as_far_as_it_is(capsys, tmp_path):
         (("a1.nc", "other.nc"), "no state in common: measured coil1, coil2, coil3; simulated a, b"),
         (("a1.nc", "deep.nc"), "no depth in common: measured 1 mm; simulated 2 mm"),
         (("a1.nc", "far.nc"), "no measured position is in the simulated map"),
-        (("a1.nc", "published", "--reach-mm", "-1"), "--reach-mm must be 0 to 1000; got -1"),
-        (("a1.nc", "published", "--reach-mm", "nan"), "--reach-mm must be 0 to 1000; got nan"),
-        (("a1.nc", "published", "--reach-mm", "x"), "reach-mm"),
+        (("a1.nc", "published", "--reach-mm", "-1"), "--largest-shift-mm must be 0 to 1000; got -1"),
+        (("a1.nc", "published", "--largest-shift-mm", "nan"), "--largest-shift-mm must be 0 to 1000; got nan"),
+        (("a1.nc", "published", "--largest-shift-mm", "x"), "largest-shift-mm"),
         (("a1.nc", "published", "--replicates", "-1"), "replicates"),
         (("a1.nc", "published", "--picture", "p.txt"), "--picture must end in .png, .svg or .pdf"),
         (("a1.nc", "published", "--out", "none/page.html"), "there is no folder none"),

@@ -125,7 +125,7 @@ def test_noise_is_repeatable_by_its_seed(capsys, expected):
 
 
 def test_imperfections_of_the_experiment(capsys, monkeypatch, starter, expected):
-    monkeypatch.setattr(coilarray.response.map, "_WEDGE_NODES", 2)  # each is a contact to be solved
+    monkeypatch.setattr("coilarray.response.setup._WEDGE_NODES", 2)  # each is a contact to be solved
     code, _, _ = run(
         capsys,
         *SMALL,
@@ -136,13 +136,15 @@ def test_imperfections_of_the_experiment(capsys, monkeypatch, starter, expected)
         *("--out", "r.csv"),
     )
     assert code == 0
-    faults = Imperfections(
+    imperfections = Imperfections(
         tilt=(0.01, -0.02),
         offset=(-0.3e-3, 0.4e-3),
         depth_error=0.05e-3,
         thickness_errors={"base": -0.2e-3, "magnetic": 0.1e-3},
     )
-    np.testing.assert_allclose(delta_of("r.csv"), library(starter, imperfections=faults).delta.values[0, 0], rtol=1e-9)
+    np.testing.assert_allclose(
+        delta_of("r.csv"), library(starter, imperfections=imperfections).delta.values[0, 0], rtol=1e-9
+    )
     assert np.abs(delta_of("r.csv") / expected.delta.values[0, 0] - 1).max() > 0.1  # they do not pass unnoticed
 
 
@@ -156,6 +158,20 @@ def test_strays_and_permittivity_enter_the_circuit(capsys, starter, expected):
         # strays of some pF beside a tank of 330 pF
         change = np.abs(saved.delta - expected.delta).max() / np.abs(expected.delta).max()
         assert 1e-5 < float(change) < 0.02
+
+
+def test_large_boards_count_the_coils_near_the_indenter(capsys, monkeypatch, starter, expected):
+    wanted = library(starter, reach=1e-3).delta.values[0, 0]
+    assert 0 < np.abs(wanted - expected.delta.values[0, 0]).max() < 1e-3 * np.abs(wanted).max()
+    monkeypatch.setattr(coilarray.response.map, "_AUTO_VALUES", 10)  # the map has 18
+    code, out, _ = run(capsys, *SMALL, "--out", "r.csv")
+    assert code == 0
+    assert "mm from the indenter count: δ is within 0.001 of its peak; --reach all counts every coil\n" in out
+    np.testing.assert_allclose(delta_of("r.csv"), wanted, rtol=1e-9)
+    code, out, _ = run(capsys, *SMALL, "--reach", "all", "--json", "--out", "all.csv")
+    assert (code, json.loads(out)["error_of_peak"]) == (0, 0.0)
+    np.testing.assert_allclose(delta_of("all.csv"), expected.delta.values[0, 0], rtol=1e-9, atol=1e-18)
+    assert sorted(path.name for path in Path().iterdir()) == ["all.csv", "r.csv"]
 
 
 @pytest.mark.parametrize(
@@ -189,6 +205,9 @@ def test_strays_and_permittivity_enter_the_circuit(capsys, starter, expected):
         ),
         (("--noise", "-1"), "noise must not be negative; got -1"),
         (("--noise", "nan"), "must be finite"),
+        (("--reach", "near"), "--reach must be all, auto or an error of δ; got 'near'"),
+        (("--reach", "1e-5"), "0.0001 to 0.1 of the peak; got 1e-05"),
+        (("--reach", "0.01", "--dielectric"), "dielectric is for reach=None"),
         (("--seed", "-1"), "'--seed'"),
         (("--seed", "x"), "'--seed'"),
     ],

@@ -386,11 +386,11 @@ def test_circuit_and_table_are_computed_once(folder, table, network, monkeypatch
         raise AssertionError
 
     monkeypatch.setattr("coilarray.hardware.scan.board_network._circuit", never)
-    monkeypatch.setattr("coilarray.hardware.emulator.response_table._computed", never)
+    monkeypatch.setattr("coilarray.hardware.emulator.response_table.inductance_changes", never)
     again = board_network(PAPER, Store(folder))
     assert np.array_equal(again.inductance, network.inductance)
     assert np.array_equal(again.resistance(1.77e6), network.resistance(1.77e6))
-    assert np.array_equal(response_table(PAPER, Store(folder), (DEPTH, Y, X)).change, table.change)
+    assert np.array_equal(response_table(PAPER, Store(folder), (DEPTH, Y, X)).spline.spline.c, table.spline.spline.c)
     for other, axes in ((replace(PAPER, digest="other"), (DEPTH, Y, X)), (PAPER, (DEPTH, Y, X + 1e-4))):
         with pytest.raises(AssertionError):
             response_table(other, Store(folder), axes)

@@ -13,7 +13,7 @@ from coilarray.errors import LocalizeError
 from coilarray.localize.alignment import align, inside, values_at
 from coilarray.localize.forward import forward_model
 
-REACH = (2e-3, 2e-3)
+SHIFT = (2e-3, 2e-3)
 WIDE = response(
     lambda points: bells(points, ROW[:1]), ["coil1"], *(np.arange(-20e-3, 20.1e-3, 1e-3) + at for at in ROW[0]), [1e-3]
 )
@@ -37,7 +37,7 @@ def moved(places, shift):
 )
 @settings(max_examples=25)
 def test_scale_and_shift_are_found_again(scale, shift):
-    found = align(MODEL, grid(), scale * moved(grid(), shift), reach=REACH)
+    found = align(MODEL, grid(), scale * moved(grid(), shift), largest_shift=SHIFT)
     # a cubic spline through positions 1 mm apart follows a bell of 8 mm to 1e-4 of its height
     assert found.scale == pytest.approx(scale, rel=3e-4)
     np.testing.assert_allclose(found.shift, shift, atol=2e-6)
@@ -47,7 +47,7 @@ def test_scale_and_shift_are_found_again(scale, shift):
 
 def test_the_same_map_has_scale_one_and_no_shift():
     places = grid()
-    found = align(MODEL, places, values_at(MODEL, places)[0], reach=REACH)
+    found = align(MODEL, places, values_at(MODEL, places)[0], largest_shift=SHIFT)
     assert found.scale == pytest.approx(1.0, abs=1e-14)  # rounding
     np.testing.assert_allclose(found.shift, 0.0, atol=1e-17)
     assert found.scatter < 1e-17
@@ -59,7 +59,7 @@ def test_deviations_are_those_of_repeated_noisy_maps():
     sigma = np.where(places[:, 0] > ROW[0][0], 3e-5, 1e-5)
     truth, random = 1.2 * moved(places, shift), np.random.default_rng(0)
     runs = [
-        align(MODEL, places, truth + sigma * random.standard_normal(len(sigma)), reach=REACH, noise=sigma)
+        align(MODEL, places, truth + sigma * random.standard_normal(len(sigma)), largest_shift=SHIFT, noise=sigma)
         for _ in range(300)
     ]
     unknowns = np.array([(run.scale, *run.shift) for run in runs])
@@ -72,23 +72,23 @@ def test_deviations_are_those_of_repeated_noisy_maps():
 def test_without_noise_given_the_scatter_of_what_remains_counts():
     places, random = grid(), np.random.default_rng(1)
     values = moved(places, (0.0, 0.0)) + 2e-5 * random.standard_normal(len(places))
-    alone = align(MODEL, places, values, reach=REACH)
-    given_noise = align(MODEL, places, values, reach=REACH, noise=2e-5)
+    alone = align(MODEL, places, values, largest_shift=SHIFT)
+    given_noise = align(MODEL, places, values, largest_shift=SHIFT, noise=2e-5)
     assert alone.scatter == pytest.approx(2e-5, rel=0.3)  # 121 places: 6 % is one standard deviation
     np.testing.assert_allclose(alone.scale_std / given_noise.scale_std, alone.scatter / 2e-5, rtol=1e-9)
     assert alone.scale == given_noise.scale
 
 
 def test_a_shift_beyond_the_reach_is_told():
-    found = align(MODEL, grid(), moved(grid(), (1e-3, 0.0)), reach=(0.5e-3, 0.5e-3))
+    found = align(MODEL, grid(), moved(grid(), (1e-3, 0.0)), largest_shift=(0.5e-3, 0.5e-3))
     assert found.at_limit
     assert found.shift[0] == pytest.approx(0.5e-3, rel=1e-2)
-    assert not align(MODEL, grid(), moved(grid(), (0.4e-3, 0.0)), reach=(0.5e-3, 0.5e-3)).at_limit
+    assert not align(MODEL, grid(), moved(grid(), (0.4e-3, 0.0)), largest_shift=(0.5e-3, 0.5e-3)).at_limit
 
 
 def test_nothing_is_extrapolated():
     places = grid(half=19e-3)
-    found = align(MODEL, places, moved(places, (1e-3, 0.0)), reach=(1.5e-3, 0.0))
+    found = align(MODEL, places, moved(places, (1e-3, 0.0)), largest_shift=(1.5e-3, 0.0))
     far = np.abs(places[:, 0] - ROW[0][0])
     np.testing.assert_array_equal(found.used, far <= 18.5e-3)
     assert np.isnan(found.shift[1])  # its reach is 0
@@ -97,18 +97,18 @@ def test_nothing_is_extrapolated():
 
 def test_few_places_tell_the_scale_alone():
     places = grid()[:7]
-    found = align(MODEL, places, 1.5 * moved(places, (0.0, 0.0)), reach=REACH)
+    found = align(MODEL, places, 1.5 * moved(places, (0.0, 0.0)), largest_shift=SHIFT)
     assert found.scale == pytest.approx(1.5, rel=1e-3)
     assert np.isnan(found.shift).all()
     assert found.used.all()
-    one = align(MODEL, places[:1], 1.5 * moved(places[:1], (0.0, 0.0)), reach=REACH)
+    one = align(MODEL, places[:1], 1.5 * moved(places[:1], (0.0, 0.0)), largest_shift=SHIFT)
     assert one.scale == pytest.approx(1.5, rel=1e-3)
     assert np.isnan([one.scale_std, one.scatter]).all()  # one place has no scatter
 
 
 def test_a_shift_that_the_noise_hides_is_not_told():
     places, random = grid(), np.random.default_rng(2)
-    found = align(MODEL, places, 1e-2 * random.standard_normal(len(places)), reach=REACH, noise=1e-2)
+    found = align(MODEL, places, 1e-2 * random.standard_normal(len(places)), largest_shift=SHIFT, noise=1e-2)
     assert np.isnan(found.shift).all()
     assert found.scale_std > 0.5
     assert not found.at_limit
@@ -116,12 +116,12 @@ def test_a_shift_that_the_noise_hides_is_not_told():
 
 def test_flat_maps_tell_nothing():
     flat = forward_model(WIDE.assign(delta=0 * WIDE.delta))
-    found = align(flat, grid(), moved(grid(), (0.0, 0.0)), reach=REACH)
+    found = align(flat, grid(), moved(grid(), (0.0, 0.0)), largest_shift=SHIFT)
     assert np.isnan([found.scale, found.scale_std, *found.shift, *found.shift_std]).all()
-    zero = align(MODEL, grid(), np.zeros(len(grid())), reach=REACH)
+    zero = align(MODEL, grid(), np.zeros(len(grid())), largest_shift=SHIFT)
     assert zero.scale == 0
     assert np.isnan(zero.shift).all()
-    nowhere = align(MODEL, grid() + np.array([1.0, 0.0, 0.0]), moved(grid(), (0.0, 0.0)), reach=REACH)
+    nowhere = align(MODEL, grid() + np.array([1.0, 0.0, 0.0]), moved(grid(), (0.0, 0.0)), largest_shift=SHIFT)
     assert np.isnan(nowhere.scale)
     assert not nowhere.used.any()
 
@@ -143,14 +143,14 @@ def test_a_place_on_the_edge_but_for_rounding_is_inside():
         ({"places": np.zeros((3, 2))}, "places must have shape"),
         ({"measured": np.zeros(4)}, "places must have shape"),
         ({"measured": np.full(121, np.nan)}, "must be finite"),
-        ({"reach": (-1e-3, 0.0)}, "reach must be two lengths"),
-        ({"reach": (np.inf, 0.0)}, "reach must be two lengths"),
-        ({"noise": np.ones(3)}, "noise must be one number or one a place"),
+        ({"largest_shift": (-1e-3, 0.0)}, "largest_shift must be two lengths"),
+        ({"largest_shift": (np.inf, 0.0)}, "largest_shift must be two lengths"),
+        ({"noise": np.ones(3)}, "noise must be one number or one for each place"),
         ({"noise": -1e-5}, "noise must be finite and not negative"),
     ],
 )
 def test_bad_input(changes, words):
-    values = {"places": grid(), "measured": np.zeros(121), "reach": REACH, "noise": 1e-5} | changes
+    values = {"places": grid(), "measured": np.zeros(121), "largest_shift": SHIFT, "noise": 1e-5} | changes
     with pytest.raises(LocalizeError, match=words):
         align(MODEL, **values)
 
@@ -158,4 +158,4 @@ def test_bad_input(changes, words):
 def test_one_state_alone():
     both = forward_model(xr.concat([WIDE, WIDE.assign_coords(state=["b"])], "state"))
     with pytest.raises(LocalizeError, match="by one state; the model has coil1, b"):
-        align(both, grid(), np.zeros(121), reach=REACH)
+        align(both, grid(), np.zeros(121), largest_shift=SHIFT)

@@ -104,7 +104,7 @@ def test_residuals_are_the_difference():
     # the shift of a few µm that noise feigns moves a slope of 1e-3 a mm by 1e-5 at most
     np.testing.assert_allclose(found.residual_after.sel(inner), remains, atol=1e-5)
     used = found.residual_before.isel(x=slice(1, -1), y=slice(1, -1))
-    assert (found.points == 25 * 7).all()  # by the reach of one spacing inside the simulated map
+    assert (found.points == 25 * 7).all()  # by a shift of one spacing inside the simulated map
     np.testing.assert_allclose(found.rms_before, np.sqrt((used**2).mean(("x", "y"))), rtol=1e-12)
 
 
@@ -263,8 +263,8 @@ def test_bad_responses(change, words):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"reach": -1e-3}, "reach must be finite and not negative"),
-        ({"reach": np.nan}, "reach must be finite and not negative"),
+        ({"largest_shift": -1e-3}, "largest_shift must be finite and not negative"),
+        ({"largest_shift": np.nan}, "largest_shift must be finite and not negative"),
         ({"replicates": -1}, "replicates must not be negative"),
     ],
 )

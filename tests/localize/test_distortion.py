@@ -19,6 +19,7 @@ from coilarray.localize.calibration import UNKNOWNS, Unknown, apply, calibrate
 from coilarray.localize.distortion import distortion, ellipse_curves
 from coilarray.localize.published import published_map, published_model
 from coilarray.response.map import Imperfections, inductance_changes, response_map
+from coilarray.response.setup import map_axes
 
 PAPER = load_design("gast2020")
 LEVELS = np.array([1e-4, 3e-4, 5e-4])
@@ -66,9 +67,9 @@ def test_published_ellipses_come_back():
 
 
 def test_other_paths_meet_the_same_tilted_sample():
-    faults = Imperfections(tilt=(0.001, 0.0), depth_error=0.05e-3, offset=(0.2e-3, 0.0))
-    response = response_map(PAPER, x=[-5e-3, 3e-3], y=[0.0], imperfections=faults)
-    change = inductance_changes(PAPER, PAPER.array.conductors(), response, faults)
+    given = Imperfections(tilt=(0.001, 0.0), depth_error=0.05e-3, offset=(0.2e-3, 0.0))
+    response = response_map(PAPER, x=[-5e-3, 3e-3], y=[0.0], imperfections=given)
+    change = inductance_changes(PAPER, map_axes(PAPER, None, response.x, response.y), imperfections=given)
     assert change == pytest.approx(response.inductance_change.values, rel=1e-12)
 
 
@@ -111,12 +112,12 @@ def test_calibration_marks_bounds(monkeypatch):
 def test_values_enter_the_design():
     material = {"poissons_ratio": 0.45, "modulus_ratio": 2.0, "relative_permeability": 3.0}
     values = {**material, "depth_error": 1e-4, "tilt": 0.002}
-    design, faults = apply(PAPER, values, "frictionless")
+    design, given = apply(PAPER, values, "frictionless")
     assert [sheet.poissons_ratio for sheet in design.sheets] == [0.45, 0.45]
     assert design.sheets[1].youngs_modulus == 2 * design.sheets[0].youngs_modulus
     assert (design.sheets[0].relative_permeability, design.sheets[1].relative_permeability) == (1.0, 3.0)
     assert design.indentation.base == "frictionless"
-    assert faults == Imperfections(tilt=(0.002, 0.0), depth_error=1e-4)
+    assert given == Imperfections(tilt=(0.002, 0.0), depth_error=1e-4)
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ import pytest
 import xarray as xr
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from support.ellipses import readings_at
 
 import coilarray.localize.ellipse as ellipse_module
 from coilarray import load_design, response_map
@@ -28,7 +29,6 @@ from coilarray.localize.ellipse_model import (
     ellipse_model,
     intersect,
     locate_x,
-    readings_at,
 )
 
 COILS = ["coil1", "coil2", "coil3"]

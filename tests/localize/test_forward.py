@@ -13,7 +13,7 @@ import pytest
 from support.localize_boards import FIELD, bells, board, response
 
 from coilarray import load_design
-from coilarray.errors import LocalizeError
+from coilarray.errors import ElastomerError, LocalizeError
 from coilarray.localize.forward import checked_noise, forward_model, table_for, table_grid
 
 X, Y, H = np.linspace(-20e-3, 30e-3, 9), np.linspace(-9e-3, 9e-3, 7), np.linspace(0.3e-3, 1.5e-3, 5)
@@ -213,5 +213,5 @@ def test_bad_spacings(value):
 
 
 def test_design_without_indentation():
-    with pytest.raises(LocalizeError, match=r"gast_fem has no \[indenter\]"):
+    with pytest.raises(ElastomerError, match=r"gast_fem has no \[indenter\]"):
         table_grid(replace(load_design("gast_fem"), indentation=None))

@@ -105,10 +105,10 @@ def test_notes_say_what_was_not_compared(comparison):
     assert re.match(r"\d+ readings at positions outside of the simulated map were not compared", notes[3])
     assert notes[4] == "1 readings of the grid are not measured yet."
     assert notes[5].startswith("The measured response has no noise figures")
-    moved = compare_responses(world(), world(step=1e-3, reach=25e-3), reach=0.1e-3, replicates=0)
+    moved = compare_responses(world(), world(step=1e-3, reach=25e-3), largest_shift=0.1e-3, replicates=0)
     assert not any("beyond the range" in note for note in comparison_notes(moved))
     far = compare_responses(
-        world().assign_coords(x=world().x + 1e-3), world(step=1e-3, reach=25e-3), reach=0.5e-3, replicates=0
+        world().assign_coords(x=world().x + 1e-3), world(step=1e-3, reach=25e-3), largest_shift=0.5e-3, replicates=0
     )
     assert any("beyond the range that was searched" in note for note in comparison_notes(far))
 

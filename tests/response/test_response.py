@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import coilarray.response.map as response_module
+import coilarray.response.setup as setup_module
 from coilarray import load_design
 from coilarray.circuit.active_coil import active_coil
 from coilarray.design.bundled import read
@@ -136,7 +137,7 @@ def test_a_tilted_sample_is_locally_a_thicker_and_deeper_one():
 def test_nodes_of_the_wedge_are_enough(monkeypatch):
     tilted = Imperfections(tilt=(0.02, 0.0))
     few = nominal(imperfections=tilted).delta.values
-    monkeypatch.setattr(response_module, "_WEDGE_NODES", 7)
+    monkeypatch.setattr(setup_module, "_WEDGE_NODES", 7)
     many = nominal(imperfections=tilted).delta.values
     # the contact's own mesh differs from node to node by some 1e-4
     assert few == pytest.approx(many, abs=1e-3 * many.max())
@@ -266,7 +267,10 @@ def test_the_two_dimensional_model_is_symmetric_and_too_strong():
     design = load_design("gast_fem")
     flat = line_response(design, depths=[1e-3], x=[-8e-3, 0.0, 8e-3])
     full = response_map(design, depths=[1e-3], x=[0.0], y=[0.0])
-    left, middle, right = flat.delta.values[0]
+    assert flat.delta.dims == full.delta.dims
+    assert (flat.base_inductance.attrs["units"], flat.force.attrs["units"]) == ("H/m", "N/m")
+    assert flat.inductance.values == [flat.base_inductance.values]
+    left, middle, right = flat.delta.values[0, 0, :, 0]
     assert left == pytest.approx(right, rel=0.02)  # the two sides of the winding differ by part of a turn
     # a groove along the whole coil in place of a dent: a factor of two to three
     assert middle / float(full.delta[0, 0, 0, 0]) == pytest.approx(2.47, abs=0.03)  # as the README says

@@ -19,7 +19,8 @@ from coilarray.compute.workers import Pool, workers
 from coilarray.design.model import Design, build_design
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import GoalError, LocalizeError
-from coilarray.localize.forward import PARAMETERS, forward_model, table_for, table_grid
+from coilarray.localize.forward import forward_model, table_for, table_grid
+from coilarray.response.interpolation import PARAMETERS
 from coilarray.studies.evaluate import Outcome, run_cached
 from coilarray.studies.quantities import QUANTITIES, canonical
 from coilarray.studies.tolerance.outputs import Outputs, default_quantities, evaluate_board, wanted_outputs

@@ -15,9 +15,10 @@ import numpy as np
 import numpy.typing as npt
 
 from coilarray.errors import LocalizeError
-from coilarray.localize.forward import PARAMETERS, ForwardModel
+from coilarray.localize.forward import ForwardModel
 from coilarray.localize.identifiability import covariance_of, fisher_information
 from coilarray.localize.inverse import locate_all
+from coilarray.response.interpolation import PARAMETERS
 from coilarray.studies.tolerance.tolerances import Positions
 
 FloatArray = npt.NDArray[np.float64]

@@ -1,0 +1,275 @@
+"""The response of large arrays: at every position only the coils and states near the indenter.
+
+A dent changes the inductances of few coils: ΔL_aa falls as the sixth power of the distance, so that far states have no
+response to speak of. In a state a that has one, the current of a far coil b meets the dent too, in 2 i_b ΔL_ab, which
+falls as the third power; so the coils whose field counts lie further away than the states that respond. What a position
+costs depends on how many are near it, not on the size of the array.
+
+How far is near, is measured on the design itself: how ΔL_aa and ΔL_ab fall with the distance of a coil from the dent,
+and the currents in all other coils of every state, which say how much ΔL_ab counts there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import KDTree
+
+from coilarray.circuit.state_sensitivity import StateSensitivity
+from coilarray.compute.memory import require_memory
+from coilarray.compute.threads import Progress, ranges, run_blocks
+from coilarray.elastomer.coil_spectrum import CoilSpectra, coil_centres, coil_spectra
+from coilarray.elastomer.dent import Dent
+from coilarray.elastomer.dent_amplitudes import amplitude_table, dent_amplitudes, offset_grid
+from coilarray.elastomer.scattering import LayerMesh, Scattering, scatter, wavenumber_rule
+from coilarray.geometry import Conductor
+from coilarray.response.setup import Experiment
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+_TOLERANCE = 0.3  # of the amplitudes, in parts of the error; δ errs by about a tenth of it
+_FIRST_EXTENT, _WIDER = 6.0, 1.5  # of the profile, in radii of a coil, and of the next one where it ends too early
+_POSITIONS = 32  # at a time, which bounds the memory
+_DIRECTIONS, _STEPS_PER_RADIUS = 8, 8  # of a profile
+_PROFILE_TOLERANCE = 1e-4  # of its amplitudes
+_DIPOLE = 3  # power of the distance with which a coil's field falls
+
+
+@dataclass(frozen=True)
+class Cutoff:
+    """Distances from the indenter's axis beyond which something is left out.
+
+    Parameters
+    ----------
+    states : float
+        Distance of the measured coil's centre in m; states beyond have no response.
+    coils : float
+        Distance of any coil's centre in m; the currents in coils beyond are left out.
+    """
+
+    states: float
+    coils: float
+
+
+def near_response(
+    pressed: Experiment,
+    conductors: Sequence[Conductor],
+    states: StateSensitivity,
+    error: float,
+    mesh: LayerMesh,
+    *,
+    progress: Progress | None = None,
+) -> tuple[FloatArray, Cutoff]:
+    """Compute δ of the states near the indenter at every position, (depths, positions, states); 0 for all others.
+
+    δ_a = Re(w_a i_aᵀ ΔL i_a) with the currents of the flat board, to first order in ΔL, see
+    `coilarray.circuit.state_sensitivity`. Being linear leaves out 1.4e-5 of the peak for 1 mm in the sheets of gast2020
+    and 4e-5 for 2 mm. The distances are chosen for an error of δ relative to its peak. MemoryLimitError for too many
+    positions.
+    """
+    dents = [(k, level.shares, dent) for level in pressed.levels for k, dent in enumerate(level.dents)]
+    moving = [one for one in dents if np.isfinite(one[2].clearance)]
+    delta = np.zeros((len(pressed.axes.depth), len(pressed.points), len(states.measured)))
+    if not moving:
+        return delta, Cutoff(0.0, 0.0)
+    solved = _solve([dent for *_, dent in moving], conductors, states, pressed.points, error, mesh)
+    points, centres = pressed.points, solved.spectra.centres
+    near = _within(centres[states.measured], points, solved.cutoff.states)
+    coils = _within(centres, points, solved.cutoff.coils)
+    blocks = [slice(*block) for block in ranges(len(points), _POSITIONS)]
+    for turn, ((k, shares, _), scattering) in enumerate(zip(moving, solved.scatterings, strict=True)):
+        strengths, fields = _fields(solved, scattering, points, coils)
+        respond = partial(_add_delta, delta[k], shares, _padded(states), near, coils, strengths, fields)
+        run_blocks(respond, blocks, progress and _part(progress, turn, len(moving)))
+    return delta, solved.cutoff
+
+
+@dataclass(frozen=True, eq=False)
+class _Solved:
+    """The solved dents, the spectra of the coils and the distances that count."""
+
+    scatterings: tuple[Scattering, ...]
+    spectra: CoilSpectra
+    clearance: float
+    cutoff: Cutoff
+    error: float
+
+
+def _solve(
+    dents: Sequence[Dent],
+    conductors: Sequence[Conductor],
+    states: StateSensitivity,
+    points: FloatArray,
+    error: float,
+    mesh: LayerMesh,
+) -> _Solved:
+    """Solve the dents for coils as far away as they count."""
+    centres, radius = coil_centres(conductors)
+    corners = np.array([points.min(axis=0), points.max(axis=0)])
+    farthest = float(np.hypot(*np.abs(corners[:, None] - centres).max(axis=0).T).max())
+    clearance = min(dent.clearance for dent in dents)
+    width = max(dent.width for dent in dents)
+    deepest = [float(np.abs(dent.displacement).max()) for dent in dents]
+    worst = int(np.argmax(deepest))
+    extent = min(_FIRST_EXTENT * radius, farthest)
+    while True:
+        wavenumbers, weights = wavenumber_rule(clearance, extent + radius + width, mesh)
+        solved = scatter(dents[worst], wavenumbers, weights, mesh, deepest[worst])
+        spectra = coil_spectra(conductors, wavenumbers)
+        cutoff = _cutoff(_profile(solved, spectra, extent), states, centres, error)
+        if cutoff.coils <= extent or extent == farthest:
+            break
+        extent = min(max(_WIDER * extent, cutoff.coils if np.isfinite(cutoff.coils) else 0.0), farthest)
+    scatterings = tuple(
+        solved if k == worst else scatter(dent, wavenumbers, weights, mesh, deepest[worst])
+        for k, dent in enumerate(dents)
+    )
+    cutoff = Cutoff(min(cutoff.states, extent), min(cutoff.coils, extent))
+    return _Solved(scatterings, spectra, clearance, cutoff, error)
+
+
+@dataclass(frozen=True, eq=False)
+class _Profile:
+    """Fall of the inductance changes with the distance of a coil from the indenter's axis, relative to the largest.
+
+    `radius` are distances in m, rising from 0; `own` and `mutual`, of the same shape (n,), are the largest |ΔL_aa| of a
+    coil there in any direction, and |ΔL_ab| of one with another anywhere.
+    """
+
+    radius: FloatArray
+    own: FloatArray
+    mutual: FloatArray
+
+    def mutual_at(self, distance: FloatArray) -> FloatArray:
+        """Mutual change at distances in m; that of a dipole where the profile ends."""
+        end = self.radius[-1]
+        far = np.maximum(distance, end)
+        return np.asarray(np.interp(distance, self.radius, self.mutual) * (end / far) ** _DIPOLE)
+
+
+def _profile(scattering: Scattering, spectra: CoilSpectra, farthest: float) -> _Profile:
+    """Measure how the changes by a dent fall with the distance of a coil, up to `farthest` in m.
+
+    The wavenumbers must resolve that distance. The profile has the largest values of all shapes of coils.
+    """
+    steps = max(int(np.ceil(_STEPS_PER_RADIUS * farthest / spectra.radius)), 1)
+    radius = np.linspace(0, farthest, steps + 1)
+    angle = 2 * np.pi * (np.arange(_DIRECTIONS) + 0.5) / _DIRECTIONS
+    offsets = (radius[:, None, None] * np.column_stack((np.cos(angle), np.sin(angle)))).reshape(-1, 2)
+    own, mutual = np.zeros((2, len(radius)))
+    for shape in range(len(spectra.series)):
+        places = [offsets if other == shape else offsets[:0] for other in range(len(spectra.series))]
+        dent = dent_amplitudes(scattering, spectra, places, _PROFILE_TOLERANCE)
+        amplitudes = dent.amplitudes[shape]
+        change = np.abs((amplitudes * dent.strengths) @ amplitudes.T)
+        own = np.maximum(own, np.diag(change).reshape(len(radius), -1).max(axis=1))
+        mutual = np.maximum(mutual, change.max(axis=0).reshape(len(radius), -1).max(axis=1))
+    return _Profile(radius, own / own.max(), mutual / own.max())
+
+
+def _cutoff(profile: _Profile, states: StateSensitivity, centres: FloatArray, error: float) -> Cutoff:
+    """Choose how far states and coils count, for an error of δ relative to its largest value.
+
+    A state that is left out would have responded by ΔL_aa + 2 i_b ΔL_ab or less, with the dent under a coil b. The
+    coils beyond a distance add Σ_b 2 |i_b ΔL_ab| or less to a state with the dent under its own coil; they may be
+    nearer to a dent beside it, so half of the error is for them. Infinite where the profile ends before.
+    """
+    distance = np.hypot(*(centres[:, None] - centres[states.measured]).transpose(2, 0, 1))
+    shared = 2 * np.abs(states.currents) * profile.mutual_at(distance)
+    shared[states.measured, np.arange(len(states.measured))] = 0
+    own = _state_cutoff(profile, distance, shared, error)
+    return Cutoff(own, max(own, _coil_cutoff(distance, shared, error / 2)))
+
+
+def _state_cutoff(profile: _Profile, distance: FloatArray, shared: FloatArray, error: float) -> float:
+    """Distance beyond which no state responds; infinite where the profile ends before."""
+    order = np.argsort(distance, axis=None)
+    beyond = np.maximum.accumulate(shared.ravel()[order][::-1])[::-1]
+    most_shared = np.append(beyond, 0.0)[np.searchsorted(distance.ravel()[order], profile.radius)]
+    own = np.maximum.accumulate(profile.own[::-1])[::-1]
+    found = np.flatnonzero(own + most_shared <= error)
+    return float(profile.radius[found[0]]) if len(found) else np.inf
+
+
+def _coil_cutoff(distance: FloatArray, shared: FloatArray, error: float) -> float:
+    """Distance beyond which all coils together add less than the error to any state."""
+    order = np.argsort(distance, axis=0)
+    beyond = np.cumsum(np.take_along_axis(shared, order, axis=0)[::-1], axis=0)[::-1]
+    needed = np.where(beyond > error, np.take_along_axis(distance, order, axis=0), 0.0)
+    return float(needed.max()) * (1 + 1e-9)  # the coil there counts
+
+
+def _within(places: FloatArray, points: FloatArray, distance: float) -> IntArray:
+    """Numbers of the places near every point, shape (points, most), the number of places for none."""
+    tree = KDTree(places)
+    most = max(int(tree.query_ball_point(points, distance, return_length=True).max()), 1)
+    require_memory(16.0 * len(points) * most, f"the response at {len(points)} positions", "compute it in pieces")
+    _, numbers = tree.query(points, k=list(range(1, most + 1)), distance_upper_bound=np.nextafter(distance, np.inf))
+    return np.asarray(numbers, dtype=np.int64)
+
+
+def _fields(
+    solved: _Solved, scattering: Scattering, points: FloatArray, coils: IntArray
+) -> tuple[FloatArray, Callable[[slice], FloatArray]]:
+    """Strengths of a dent, (n,), and what gives the amplitudes of the coils near some points, (points, coils, n)."""
+    spectra = solved.spectra
+    shapes = range(len(spectra.series))
+    shape_of = np.append(spectra.shape_of, -1)[coils]
+    centres = np.vstack((spectra.centres, np.zeros(2)))
+    tolerance = _TOLERANCE * solved.error
+    axis, grid = offset_grid(solved.cutoff.coils, solved.clearance)
+    if np.count_nonzero(shape_of >= 0) <= len(shapes) * len(grid):
+        offsets = points[:, None] - centres[coils]
+        dent = dent_amplitudes(scattering, spectra, [offsets[shape_of == s] for s in shapes], tolerance)
+        known = _spread(shape_of, dent.amplitudes)
+        return dent.strengths, lambda rows: known[rows]
+    dent = dent_amplitudes(scattering, spectra, [grid for _ in shapes], tolerance)
+    tables = [amplitude_table(axis, amplitudes) for amplitudes in dent.amplitudes]
+
+    def from_table(rows: slice) -> FloatArray:
+        offsets = points[rows, None] - centres[coils[rows]]
+        return _spread(shape_of[rows], [table(offsets[shape_of[rows] == s]) for s, table in enumerate(tables)])
+
+    return dent.strengths, from_table
+
+
+def _spread(shape_of: IntArray, amplitudes: Sequence[FloatArray]) -> FloatArray:
+    """Put the amplitudes of every shape where its coils stand, shape (points, coils, n)."""
+    spread = np.zeros((*shape_of.shape, amplitudes[0].shape[1]))
+    for shape, values in enumerate(amplitudes):
+        spread[shape_of == shape] = values
+    return spread
+
+
+def _padded(states: StateSensitivity) -> StateSensitivity:
+    """Add a coil without a current and a state without a response, which stand for those that are not there."""
+    return replace(states, currents=np.pad(states.currents, ((0, 1), (0, 1))), weights=np.append(states.weights, 0))
+
+
+def _add_delta(
+    delta: FloatArray,
+    shares: FloatArray,
+    states: StateSensitivity,
+    near: IntArray,
+    coils: IntArray,
+    strengths: FloatArray,
+    fields: Callable[[slice], FloatArray],
+    rows: slice,
+) -> None:
+    """Add δ of the near states at some points to `delta`, (points, states): fields of all near coils, squared."""
+    currents = states.currents[coils[rows, :, None], near[rows, None, :]]
+    total = fields(rows).transpose(0, 2, 1) @ np.concatenate((currents.real, currents.imag), axis=2)
+    real, imaginary = np.split(total, 2, axis=2)
+    values = (states.weights[near[rows]] * (strengths @ (real + 1j * imaginary) ** 2)).real * shares[rows, None]
+    point, which = np.nonzero(near[rows] < delta.shape[1])
+    delta[rows][point, near[rows][point, which]] += values[point, which]
+
+
+def _part(progress: Progress, turn: int, turns: int) -> Progress:
+    """Count one of several equal passes."""
+    return lambda done, total: progress(turn * total + done, turns * total)

@@ -1,0 +1,223 @@
+"""Response maps of the coils near the indenter alone.
+
+Who checks whom: δ with `reach` against δ without it, which solves every coil at every position and the whole circuit;
+a board of 64 coils against the changes of all of them at some positions; a map from tables against one without.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import xarray as xr
+from support.lattices import hexagonal
+
+import coilarray.response.map as map_module
+import coilarray.response.near as near_module
+from coilarray import load_design
+from coilarray.circuit.active_coil import every_active_coil
+from coilarray.circuit.coupling import design_inductance
+from coilarray.circuit.network import Network
+from coilarray.circuit.state_sensitivity import state_sensitivity
+from coilarray.compute.memory import MemoryLimitError
+from coilarray.design.bundled import read
+from coilarray.design.model import parse_design
+from coilarray.design.scan_states import ScanState
+from coilarray.elastomer.contact import indent
+from coilarray.elastomer.dent import dent_of
+from coilarray.elastomer.dented_layer import dent_inductance
+from coilarray.elastomer.scattering import LayerMesh
+from coilarray.electromagnetics.resistance import dc_resistance
+from coilarray.errors import ElastomerError, NetworkError
+from coilarray.response.map import Imperfections, respond, response_map
+
+PAPER = load_design("gast2020")
+ROW = {"x": np.linspace(-26e-3, 26e-3, 9), "y": np.linspace(-6e-3, 6e-3, 3)}
+LATTICE = {"x": np.linspace(-7e-3, 7e-3, 5), "y": np.linspace(-7e-3, 7e-3, 5)}
+
+
+MESH = LayerMesh(harmonics=6, width=0.5, rows=3)  # coarse, and the same for both
+
+
+def quick(matrix):
+    """Known inductances, so that only what depends on the dent is computed, on a coarse mesh."""
+    return {"inductance": lambda: matrix.inductance.values, "mesh": MESH}
+
+
+def strayed(inductance):
+    """The paper's circuit with 1 pF across every winding."""
+    R = np.diag(dc_resistance(PAPER.array.conductors(), PAPER.circuit.resistivity))
+    none = np.zeros_like(inductance)
+    return Network(PAPER.array.names, inductance, lambda frequency: R, 1e-12 + none[0], none, PAPER.circuit.switches)
+
+
+def largest(a, b):
+    """Largest difference of two maps in parts of the peak of the second."""
+    return float(np.abs(a.delta.values - b.delta.values).max() / np.abs(b.delta.values).max())
+
+
+@pytest.fixture(scope="module")
+def row():
+    return response_map(PAPER, depths=[0.0, 0.5e-3, 1e-3], mesh=MESH, **ROW)
+
+
+@pytest.fixture(scope="module")
+def field():
+    return response_map(hexagonal(4, 4), mesh=MESH, **LATTICE)
+
+
+@pytest.mark.parametrize("error", [1e-2, 1e-3])
+def test_a_row_answers_as_when_all_is_solved(row, error):
+    seen = []
+    near = response_map(
+        PAPER,
+        depths=[0.0, 0.5e-3, 1e-3],
+        reach=error,
+        progress=lambda done, total: seen.append((done, total)),
+        **ROW,
+        **quick(row),
+    )
+    assert seen[-1] == (2, 2)  # one step for each depth above 0
+    assert largest(near, row) < error
+    for depth in (1, 2):  # each depth by its own peak, for the cut-off is that of the deepest
+        assert largest(near.isel(depth=depth), row.isel(depth=depth)) < 1.5 * error
+    assert (near.delta.values[0] == 0).all()  # nothing is moved
+    # both resonances are found to 1e-12
+    assert near.base_inductance.values == pytest.approx(row.base_inductance.values, rel=1e-11)
+    # one dataset type: all but the changes of every coil, and what was left out
+    assert set(near.variables) == set(row.variables) - {"inductance_change", "capacitance_change"}
+    for name in set(near.variables) - {"delta", "base_inductance"}:
+        xr.testing.assert_identical(near[name].variable, row[name].variable)
+    for name in near.variables:
+        assert (near[name].dims, near[name].attrs) == (row[name].dims, row[name].attrs)
+    assert set(near.attrs) - set(row.attrs) == {"state_cutoff_m", "coil_cutoff_m"}
+    assert (near.attrs["error_of_peak"], row.attrs["error_of_peak"]) == (error, 0.0)
+    with pytest.raises(ElastomerError, match="near coils alone has no inductance changes"):
+        respond(PAPER, near)
+
+
+@pytest.mark.parametrize("error", [1e-2, 1e-3])
+def test_a_lattice_answers_as_when_all_is_solved(field, error):
+    near = response_map(hexagonal(4, 4), reach=error, **LATTICE, **quick(field))
+    assert largest(near, field) < error
+    assert (near.delta.values != 0).all(axis=-1).any() == (error == 1e-3)  # somewhere every state is near
+
+
+def test_imperfections_count_with_near_coils_too():
+    given = Imperfections(
+        tilt=(0.01, 0.0), offset=(1e-3, -0.5e-3), depth_error=0.1e-3, thickness_errors={"base": 0.2e-3},
+        noise=1e-5, seed=3,
+    )  # fmt: skip
+    places = {"depths": [0.2e-3], "x": [-11e-3, 2e-3], "y": [0.0], "imperfections": given}
+    near, full = (response_map(load_design("starter"), reach=reach, mesh=MESH, **places) for reach in (1e-3, None))
+    # the same noise in both
+    assert largest(near, full) < 1e-3
+    assert near.inductance.values == pytest.approx(full.inductance.values, rel=1e-12)
+
+
+def test_the_automatic_choice_goes_by_the_size_of_the_map(row, monkeypatch):
+    few = {"x": [0.0], "y": [0.0], **quick(row)}
+    assert response_map(PAPER, reach="auto", **few).attrs["error_of_peak"] == 0
+    monkeypatch.setattr(map_module, "_AUTO_VALUES", 35)  # below the 36 pairs of coils
+    large = response_map(PAPER, reach="auto", **few)
+    assert large.attrs["error_of_peak"] == 1e-3
+    assert "inductance_change" not in large
+    assert response_map(PAPER, reach=None, **few).attrs["error_of_peak"] == 0
+    assert response_map(PAPER, reach="auto", dielectric=True, **few).attrs["error_of_peak"] == 0
+    strays = strayed(row.inductance.values)
+    assert response_map(PAPER, reach="auto", network=strays, **few).attrs["error_of_peak"] == 0
+    with pytest.raises(NetworkError, match="without stray capacitances; compute every coil with reach=None"):
+        response_map(PAPER, reach=1e-3, network=strays, **few)
+    with pytest.raises(ElastomerError, match="dielectric is for reach=None"):
+        response_map(PAPER, reach=1e-3, dielectric=True, **few)
+
+
+def test_to_be_linear_leaves_out_little(row):
+    R = dc_resistance(PAPER.array.conductors(), PAPER.circuit.resistivity)
+    circuit = PAPER.circuit
+    states = state_sensitivity(PAPER.array.names, row.inductance.values, R, circuit.switches, circuit.plan)
+    linear = row.assign(delta=(row.delta.dims, states.delta(row.inductance_change.values)))
+    # second order in ΔL/L of 8e-4, for a part of ΔL that neighbours pass on; measured 1.4e-5
+    assert largest(linear, row) < 3e-5
+
+
+def test_states_beyond_the_cut_off_are_zero(field):
+    near = response_map(hexagonal(4, 4), reach=0.05, **LATTICE, **quick(field))
+    x, y = np.meshgrid(near.x, near.y)
+    distance = np.hypot(x[..., None] - near.coil_x.values, y[..., None] - near.coil_y.values)
+    cutoff, delta = near.attrs["state_cutoff_m"], near.delta.values[0]
+    # a coil's leads put the middle of its rectangle a millimetre off its centre
+    assert (delta[distance > cutoff + 2e-3] == 0).all()
+    assert (delta[distance < cutoff - 2e-3] != 0).all()
+    assert (delta == 0).any()
+
+
+def test_large_boards_answer_as_all_their_coils_together():
+    """Currents of 64 coils and all inductance changes, in place of a whole map."""
+    design = hexagonal(8, 8, turns=10)
+    setup = design.indentation
+    L, R = design_inductance(design)[0], dc_resistance(design.array.conductors(), design.circuit.resistivity)
+    contact = indent(design.sheets, setup.indenter, [1e-3], base=setup.base)
+    x = design.array.centres[27, 0] + [0.0, 5e-3]
+    y = design.array.centres[27, 1]
+    dent = dent_of(contact.isel(depth=0), design.sheets)
+    change = dent_inductance(design.array, [dent], np.column_stack((x, [y, y])), MESH)[0]
+    states = state_sensitivity(design.array.names, L, R, design.circuit.switches, design.circuit.plan)
+    full = states.delta(change)
+    local = response_map(design, reach=1e-3, x=x, y=[y], inductance=lambda: L, mesh=MESH)
+    assert np.abs(local.delta.values[0, 0] - full).max() < 1e-3 * np.abs(full).max()
+    # the same currents as of another solution, with the effective inductance in place of the resonance: losses are 2e-3
+    middle = int(np.argmax(full[0]))
+    frequency = 1 / (2 * np.pi * np.sqrt(states.base_inductance[middle] * design.circuit.capacitance))
+    every = every_active_coil(L, R, frequency, design.circuit.short_resistance)
+    i = every.currents[:, middle]
+    plain = (i @ change[0] @ i).real / every.effective_inductance[middle]
+    assert full[0, middle] == pytest.approx(plain, rel=5e-3)
+
+
+def test_tables_give_what_single_offsets_give(row, monkeypatch):
+    few = response_map(PAPER, reach=0.02, x=[-26e-3, 0.0, 26e-3], y=[-6e-3, 0.0], **quick(row))
+    tables = []
+    whole = near_module.amplitude_table
+    monkeypatch.setattr(near_module, "amplitude_table", lambda *a: tables.append(a) or whole(*a))
+    x, y = np.linspace(-26e-3, 26e-3, 131), np.linspace(-6e-3, 6e-3, 17)
+    many = response_map(PAPER, reach=0.02, x=x, y=y, **quick(row))
+    assert tables
+    picked = many.sel(x=few.x, y=few.y, method="nearest")
+    # amplitudes are left out to 0.3 of the error, of other ones in each
+    assert largest(picked, few) < 0.02 * 0.3
+
+
+def test_open_neighbours_carry_nothing(row):
+    text = read("gast2020").replace('default_termination = "short" ', 'default_termination = "open" ')
+    opened = parse_design(text)
+    places = {"x": [-13.28e-3, -6e-3, 2e-3], "y": [0.0]}
+    local = response_map(opened, reach=1e-3, **places, **quick(row))
+    assert largest(local, response_map(opened, mesh=MESH, **places)) < 1e-3
+
+
+@pytest.mark.parametrize("reach", [1e-5, np.nan, 0.5, "all"])
+def test_bad_errors(reach):
+    with pytest.raises(ElastomerError, match='reach must be None, "auto" or the error of δ, '):
+        response_map(PAPER, reach=reach)
+
+
+def test_designs_that_cannot_be_treated(row, monkeypatch):
+    pair = ScanState("pair", (("coil1", 1), ("coil2", 1)))
+    both = replace(PAPER, circuit=replace(PAPER.circuit, plan=(pair,)))
+    few = {"x": [0.0], "y": [0.0], **quick(row)}
+    with pytest.raises(NetworkError, match="state pair must measure one coil"):
+        response_map(both, reach=1e-3, **few)
+    monkeypatch.setattr(map_module, "_AUTO_VALUES", 0)
+    assert response_map(both, reach="auto", **few).attrs["error_of_peak"] == 0.0  # every coil in its place
+
+
+def test_memory_is_checked_before_it_is_taken(row, monkeypatch):
+    monkeypatch.setenv("COILARRAY_MEMORY_GB", "0.05")
+    across = {"x": np.linspace(-26e-3, 26e-3, 10000), "y": np.linspace(-6e-3, 6e-3, 110)}
+    with pytest.raises(MemoryLimitError, match=r"a map of 1 depths at 1100000 positions with 6 coils needs about"):
+        response_map(PAPER, reach=1e-3, **across, **quick(row))
+    across["y"] = across["y"][:100]
+    with pytest.raises(MemoryLimitError, match=r"the response at 1000000 positions needs about .* GB"):
+        response_map(PAPER, reach=1e-3, **across, **quick(row))
