@@ -49,7 +49,7 @@ def compare(
         float | None,
         typer.Option(
             "--largest-shift-mm",
-            "--largest_shift-mm",
+            "--reach-mm",
             help="Largest shift that is tried; the measured spacing by default.",
         ),
     ] = None,
