@@ -10,7 +10,7 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from coilarray.circuit.active_coil import active_coil, every_active_coil, impedance_matrix, resonance
+    from coilarray.circuit.active_coil import active_coil, every_active_coil, impedance_matrix
     from coilarray.circuit.coupling import couple, couple_design
     from coilarray.circuit.operating_field import operating_currents, operating_field
     from coilarray.design.model import Design, load_design, parse_design
@@ -71,7 +71,6 @@ __all__ = [
     "operating_field",
     "parse_design",
     "rectangular_bars",
-    "resonance",
     "response_map",
     "self_inductance",
     "straight_filaments",
@@ -80,7 +79,7 @@ __all__ = [
 ]
 
 _HOME = {
-    "circuit.active_coil": ("active_coil", "every_active_coil", "impedance_matrix", "resonance"),
+    "circuit.active_coil": ("active_coil", "every_active_coil", "impedance_matrix"),
     "localize.comparison": ("compare_responses",),
     "circuit.coupling": ("couple", "couple_design"),
     "design.model": ("Design", "load_design", "parse_design"),

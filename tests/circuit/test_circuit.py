@@ -26,7 +26,7 @@ def test_two_coils_ideal_short():
     L = np.array([[50e-6, -3e-6], [-3e-6, 40e-6]])
     state = active_coil(L, 0.0, 0, F)
     # L_eff = L1 (1 − k²), i2 = −M/L2
-    assert state.effective_inductance == pytest.approx(50e-6 - 9e-12 / 40e-6, rel=1e-14)
+    assert state.apparent_inductance == pytest.approx(50e-6 - 9e-12 / 40e-6, rel=1e-14)
     assert state.currents[1] == pytest.approx(3 / 40, rel=1e-14)
     assert state.effective_resistance == pytest.approx(0, abs=1e-12)
 
@@ -45,10 +45,10 @@ def test_identities(n, seed, resistance, short):
     L = random_matrix(n, seed)
     state = active_coil(L, resistance, 0, F, short_resistance=short)
     # grounded neighbours take inductance and add loss
-    assert state.effective_inductance <= L[0, 0] * (1 + 1e-14)
+    assert state.apparent_inductance <= L[0, 0] * (1 + 1e-14)
     assert state.effective_resistance >= resistance * (1 - 1e-12)
     # the parts add up
-    assert L[0, 0] + state.contributions.sum() == pytest.approx(state.effective_inductance, rel=1e-12)
+    assert L[0, 0] + state.contributions.sum() == pytest.approx(state.apparent_inductance, rel=1e-12)
     # power: what the source gives is what the resistances take
     power = resistance * abs(state.currents[0]) ** 2 + ((resistance + short) * np.abs(state.currents[1:]) ** 2).sum()
     assert state.effective_resistance == pytest.approx(power, rel=1e-10, abs=1e-9)
@@ -66,7 +66,7 @@ def test_every_active_coil_is_each_one_alone(n, seed, resistance, short):
         alone = active_coil(L, resistance, a, F, short_resistance=short)
         # two ways through matrices of condition up to 1e3; the resistance of the short is taken off again
         assert every.impedances[a] == pytest.approx(alone.impedance, rel=1e-11)
-        assert every.effective_inductance[a] == pytest.approx(alone.effective_inductance, rel=1e-11)
+        assert every.apparent_inductance[a] == pytest.approx(alone.effective_inductance, rel=1e-11)
         np.testing.assert_allclose(every.currents[:, a], alone.currents, rtol=0, atol=1e-11)
     assert (every.effective_resistance >= resistance * (1 - 1e-11) - 1e-9).all()
 
@@ -76,9 +76,9 @@ def test_ideal_shorts_of_many_coils():
     state = active_coil(L, 0.0, 2, F)
     p = [0, 1, 3, 4, 5]
     expected = L[2, 2] - L[2, p] @ np.linalg.solve(L[np.ix_(p, p)], L[p, 2])
-    assert state.effective_inductance == pytest.approx(expected, rel=1e-12)
+    assert state.apparent_inductance == pytest.approx(expected, rel=1e-12)
     # the same by the inverse of the whole matrix
-    assert state.effective_inductance == pytest.approx(1 / np.linalg.inv(L)[2, 2], rel=1e-12)
+    assert state.apparent_inductance == pytest.approx(1 / np.linalg.inv(L)[2, 2], rel=1e-12)
 
 
 def test_impedance_matrix():
@@ -91,13 +91,13 @@ def test_impedance_matrix():
 def test_open_coils_do_nothing():
     L = random_matrix(4, 1)
     state = active_coil(L, 3.0, 1, F, ["open"] * 4)
-    assert state.effective_inductance == pytest.approx(L[1, 1], rel=1e-15)
+    assert state.apparent_inductance == pytest.approx(L[1, 1], rel=1e-15)
     assert state.currents.tolist() == [0, 1, 0, 0]
     # a short behind a huge resistance is as good as open
     nearly = active_coil(L, 3.0, 1, F, short_resistance=1e12)
-    assert nearly.effective_inductance == pytest.approx(L[1, 1], rel=1e-9)
+    assert nearly.apparent_inductance == pytest.approx(L[1, 1], rel=1e-9)
     one = active_coil(L, 3.0, 1, F, ["short", "short", "open", "open"])
-    assert one.effective_inductance == pytest.approx(L[1, 1] - L[0, 1] ** 2 * (OMEGA**2 * L[0, 0]) / (
+    assert one.apparent_inductance == pytest.approx(L[1, 1] - L[0, 1] ** 2 * (OMEGA**2 * L[0, 0]) / (
         9 + (OMEGA * L[0, 0]) ** 2), rel=1e-13)  # fmt: skip
 
 
@@ -109,13 +109,13 @@ def test_reciprocity_of_the_sensitivity():
     after = active_coil(L + change, 0.0, 0, F)
     i = before.currents.real
     # second order in the change: 1e-6 of it
-    assert after.effective_inductance - before.effective_inductance == pytest.approx(i @ change @ i, rel=1e-5)
+    assert after.apparent_inductance - before.apparent_inductance == pytest.approx(i @ change @ i, rel=1e-5)
 
 
 def test_resonance_is_self_consistent():
     L = random_matrix(4, 5)
     state = resonance(L, 15.0, 0, 120e-12, short_resistance=5.0)
-    expected = 1 / (2 * np.pi * np.sqrt(state.effective_inductance * 120e-12))
+    expected = 1 / (2 * np.pi * np.sqrt(state.apparent_inductance * 120e-12))
     assert state.frequency == pytest.approx(expected, rel=1e-13)
     again = active_coil(L, 15.0, 0, state.frequency, short_resistance=5.0)
     assert again.impedance == state.impedance
@@ -131,9 +131,9 @@ def test_couple_gives_one_dataset():
     assert result.current_real.values[0, 1] == 0
     assert result.current_real.values[1, 1] == 1
     total = result.contribution.sum("other")
-    np.testing.assert_allclose(result.open_inductance + total, result.effective_inductance, rtol=1e-12)
+    np.testing.assert_allclose(result.open_inductance + total, result.apparent_inductance, rtol=1e-12)
     np.testing.assert_allclose(
-        result.inductance_change, result.effective_inductance / result.open_inductance - 1, rtol=1e-15
+        result.inductance_change, result.apparent_inductance / result.open_inductance - 1, rtol=1e-15
     )
     assert (result.frequency >= result.open_frequency).all()
 
@@ -148,7 +148,7 @@ def test_resonance_of_strongly_coupled_coils(k):
     L = 1e-5 * np.array([[1, k], [k, 1]])
     for R in (0.0, 2.0, 30.0, 1e4):
         state = resonance(L, R, 0, 100e-12)
-        expected = 1 / (2 * np.pi * np.sqrt(state.effective_inductance * 100e-12))
+        expected = 1 / (2 * np.pi * np.sqrt(state.apparent_inductance * 100e-12))
         assert state.frequency == pytest.approx(expected, rel=1e-12)
 
 
