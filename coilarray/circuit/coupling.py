@@ -12,7 +12,8 @@ import numpy.typing as npt
 import xarray as xr
 
 from coilarray.circuit.active_coil import checked_network
-from coilarray.circuit.network import Network, Resonance, SampledResistance, resonate
+from coilarray.circuit.network import Network, Resonance, SampledResistance
+from coilarray.circuit.state_sensitivity import resonances
 from coilarray.compute.recent import Recent
 from coilarray.compute.threads import Progress
 from coilarray.design.model import Design
@@ -23,6 +24,7 @@ from coilarray.electromagnetics.capacitance import coil_capacitance
 from coilarray.electromagnetics.inductance import Accuracy, coupling_matrix, inductance_matrix
 from coilarray.electromagnetics.resistance import dc_resistance
 from coilarray.errors import GeometryError, NetworkError
+from coilarray.geometry import CoilArray
 
 FloatArray = npt.NDArray[np.float64]
 Termination = Literal["short", "open"]
@@ -32,6 +34,9 @@ LEFT_OUT = ("alternating-current resistance", "stray capacitances and inductance
 """What an ideal network leaves out."""
 _RESISTANCE_POINTS = 9
 _MARGIN = 0.05  # of a frequency; alternating-current resistance shifts a resonance by far less
+_MOST_TOGETHER = 24  # coils whose currents heat each other's copper: the work grows with their square
+_OTHERS_COPPER = "losses in the copper of other coils"
+_SAME = 1e-12  # m
 _KEPT = 4  # designs whose circuit is kept in memory
 
 
@@ -93,7 +98,9 @@ def design_circuit(
 
     Notes
     -----
-    A coil that does not wind around its centre has no model of its capacitance; the network then has none at all.
+    A coil that does not wind around its centre has no model of its capacitance; the network then has none at all. In
+    an array of more than 24 coils the losses that a coil's field has in the copper of others (1 % of its resistance in
+    gast2020) are left out.
 
     Examples
     --------
@@ -165,23 +172,47 @@ def _circuit_parts(design: Design, accuracy: Accuracy, progress: Progress | None
         (LEFT_OUT[0], *([f"capacitance of the windings: {problem}"] if problem else [])),
     )
     states = {_key_of(state): state for state in (*circuit.plan, *states_in_turn(names, circuit.terminations))}
-    found = [resonate(direct, state).frequency for state in states.values()]
+    found = [one.frequency for one in resonances(direct, tuple(states.values()))]
     grid = np.geomspace((1 - _MARGIN) * min(found), (1 + _MARGIN) * max(found), _RESISTANCE_POINTS)
-    resistance = resistance_matrix(design.array, grid, circuit.resistivity)
+    every = len(names) <= _MOST_TOGETHER
+    resistance = (resistance_matrix if every else _own_resistance)(design.array, grid, circuit.resistivity)
     if progress is not None:
         progress(2, 2)
     sampled = SampledResistance(grid, resistance.resistance.values)
-    network = replace(direct, resistance=sampled, left_out=direct.left_out[1:])
+    left_out = () if every else (_OTHERS_COPPER,)
+    network = replace(direct, resistance=sampled, left_out=(*left_out, *direct.left_out[1:]))
     return CircuitParts(network, direct, capacitance, resistance, problem)
 
 
+def _own_resistance(array: CoilArray, grid: FloatArray, resistivity: float) -> xr.Dataset:
+    """As `resistance_matrix`, each coil without the copper of the others: equal coils are computed once."""
+    conductors = array.conductors()
+    known: dict[bytes, xr.Dataset] = {}
+    own = []
+    for conductor in conductors:
+        shape = np.round((conductor.vertices - conductor.vertices[0]) / _SAME)
+        key = shape.tobytes() + conductor.widths.tobytes() + conductor.thicknesses.tobytes() + conductor.areas.tobytes()
+        if key not in known:
+            known[key] = resistance_matrix([conductor], grid, resistivity)
+        own.append(known[key])
+    R = np.zeros((len(grid), len(own), len(own)))
+    number = np.arange(len(own))
+    R[:, number, number] = np.concatenate([one.resistance.values[:, 0] for one in own], axis=1)
+    model = np.concatenate([one.model.values for one in own], axis=1)
+    names = list(array.names)
+    return xr.Dataset(
+        {"resistance": (("frequency", "coil", "other"), R), "model": (("frequency", "coil"), model)},
+        coords={"frequency": grid, "coil": names, "other": names},
+    )
+
+
 def _key(design: Design) -> tuple[Hashable, ...]:
-    """What identifies a design: also what `dataclasses.replace` may have changed."""
+    """Return what identifies a design, also what `dataclasses.replace` may have changed."""
     return design.digest, design.sheets, repr(design.circuit)
 
 
 def _key_of(state: ScanState) -> Hashable:
-    """What identifies a state but for its name."""
+    """Return what identifies a state but for its name."""
     exceptions = frozenset((name, passive) for name, passive in state.exceptions.items() if passive != state.others)
     return state.measured, state.connection, state.others, exceptions, state.load_resistance
 
@@ -235,7 +266,7 @@ def couple_design(design: Design, *, ideal: bool = False, progress: Progress | N
     network = design_circuit(design, ideal=ideal, progress=progress)
     bare = design_circuit(design, ideal=True)
     result = _coupled(network, terminations, np.diag(bare.resistance(1.0)))
-    without = [resonate(bare, state) for state in states_in_turn(names, terminations)]
+    without = resonances(bare, states_in_turn(names, terminations))
     single, centres = ("coil",), design.array.centres
     result = result.assign(
         ideal_effective_inductance=(
@@ -330,7 +361,8 @@ def couple(
         Dimensions ``coil`` (the active one) and ``other``; SI, units in the attributes. ``inductance``, ``coupling``,
         ``current_real`` and ``current_imag`` (A per A), and ``contribution``, the part of each other coil in the active
         one's inductance Re(M i) (coil, other); ``resistance`` at direct current, ``open_inductance``,
-        ``effective_inductance`` 1/(ω²C), ``inductance_change`` (relative), ``effective_resistance`` Re Z,
+        ``effective_inductance`` 1/(ω²C), the same with all others open as ``open_effective_inductance``,
+        ``inductance_change`` L_eff/L − 1, ``effective_resistance`` Re Z,
         ``quality_factor`` Im Z/Re Z, ``open_frequency``, ``frequency`` (coil); and the coils' ``termination``. The
         attribute ``left_out`` says what of the circuit is not in these numbers.
 
@@ -345,11 +377,12 @@ def couple(
     contributions add up to L_eff − L.
     """
     L, R = checked_network(inductance, resistance)
-    ends = ("short",) * len(names) if terminations is None else tuple(terminations)
+    shorted: Termination = "short"
+    ends = [shorted] * len(names) if terminations is None else list(terminations)
     if L.shape != (len(names), len(names)):
         raise NetworkError(f"{len(names)} names need an inductance matrix of that many rows; got shape {L.shape}.")
     if len(ends) != len(names) or not set(ends) <= {"short", "open"}:
-        raise NetworkError(f"terminations must be {len(names)} of 'short' or 'open'; got {list(ends)}.")
+        raise NetworkError(f"terminations must be {len(names)} of 'short' or 'open'; got {ends}.")
     network = bare_network(names, L, R, Switches(short_resistance / 2, tank_capacitance=capacitance))
     return _coupled(network, ends, R)
 
@@ -357,8 +390,8 @@ def couple(
 def _coupled(network: Network, terminations: Sequence[Termination], R: FloatArray) -> xr.Dataset:
     """Solve a network for each coil in turn: the dataset of `couple`."""
     names, L = network.names, network.inductance
-    solved = [resonate(network, state) for state in states_in_turn(names, terminations)]
-    alone = [resonate(network, ScanState(name, ((name, 1),), others="open")) for name in names]
+    solved = resonances(network, states_in_turn(names, terminations))
+    alone = resonances(network, [ScanState(name, ((name, 1),), others="open") for name in names])
     own = np.diag(L).copy()
     currents = np.array([state.currents for state in solved])
     contributions = np.real(L * currents) * (1 - np.eye(len(L)))
@@ -375,6 +408,9 @@ def _coupled(network: Network, terminations: Sequence[Termination], R: FloatArra
             "resistance": (single, R, {"units": "ohm", "long_name": "DC resistance"}),
             "open_inductance": (single, own, {"units": "H", "long_name": "inductance, all other coils open"}),
             "effective_inductance": (single, effective, {"units": "H", "long_name": "inductance as terminated"}),
+            "open_effective_inductance": (
+                single, each("effective_inductance", alone), {"units": "H", "long_name": "L_eff, all other coils open"}
+            ),
             "inductance_change": (single, effective / own - 1, {"units": "1", "long_name": "L_eff/L - 1"}),
             "effective_resistance": (
                 single, each("effective_resistance"), {"units": "ohm", "long_name": "R as terminated"}

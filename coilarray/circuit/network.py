@@ -249,6 +249,32 @@ def impedances(network: Network, state: ScanState, frequencies: FloatArray) -> C
     )
 
 
+def driven(network: Network, state: ScanState, frequencies: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+    """Drive one volt between the sides of the converter, the tank included.
+
+    Parameters
+    ----------
+    network : Network
+        Coils and switches.
+    state : ScanState
+        The multiplexer's state.
+    frequencies : ndarray, shape (f,)
+        Frequencies in Hz.
+
+    Returns
+    -------
+    admittance : ndarray of complex, shape (f,)
+        Admittance in S.
+    currents : ndarray of complex, shape (f, n)
+        Current through every coil in A.
+    """
+    switches = network.switches
+    at_coil = switches.tank_capacitance if switches.tank_at == "coil" else 0.0
+    impedance, currents = _solve(network, state, frequencies, network.winding_capacitance + at_coil, network.inductance)
+    tank = 0.0 if at_coil else 2j * math.pi * frequencies * switches.tank_capacitance
+    return 1 / impedance + tank, currents / impedance[:, None]
+
+
 def _solve_with_tank(
     network: Network,
     state: ScanState,

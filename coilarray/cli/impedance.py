@@ -46,7 +46,7 @@ def impedance(
     check_file("--plot", plot, (".png", ".svg", ".pdf"))
     import numpy as np
 
-    from coilarray.circuit.impedance import close_channels, design_network, scan_design, sweep_design
+    from coilarray.circuit.impedance import close_channels, scan_design, sweep_design
     from coilarray.compute.files import write_atomically, write_text
     from coilarray.compute.netcdf import save_dataset
     from coilarray.report.circuit_tables import (
@@ -59,11 +59,10 @@ def impedance(
     )
 
     opened = open_design(design, allow_violations=allow_violations)
-    network = design_network(opened)
     with progress_bar("states") as progress:
-        scan = scan_design(opened, progress, network)
+        scan = scan_design(opened, progress=progress)
     with progress_bar(f"impedance at {points} frequencies") as progress:
-        sweep = sweep_design(opened, np.geomspace(from_mhz * 1e6, to_mhz * 1e6, points), progress, network)
+        sweep = sweep_design(opened, np.geomspace(from_mhz * 1e6, to_mhz * 1e6, points), progress=progress)
     if out is not None and out.suffix.lower() == ".nc":
         save_dataset(sweep, out)
     elif out is not None:

@@ -39,17 +39,21 @@ def matrix(
     """
     if out is not None and not re.fullmatch(r"\.(nc|csv|cir|sub|inp|s\d+p)", out.suffix.lower()):
         raise OutputError(f"--out must end in .nc, .csv, .cir, .sub, .sNp or .inp; got {out}.")
-    from coilarray.circuit.coupling import couple_design
+    from coilarray.circuit.coupling import couple_design, design_circuit, design_inductance
     from coilarray.circuit.exchange import export_network, fasthenry_input
     from coilarray.compute.files import write_text
     from coilarray.compute.netcdf import save_dataset
+    from coilarray.electromagnetics.inductance import coupling_matrix
     from coilarray.report.tables import coil_table, pair_table
 
     opened = open_design(design, allow_violations=allow_violations)
+    names = list(opened.array.names)
     with progress_bar("inductance matrix") as progress:
-        coupling = couple_design(opened, progress)
+        inductance = design_inductance(opened, progress)[0]
+    suffix = "" if out is None else out.suffix.lower()
+    if as_json or suffix in (".nc", ".csv", ".inp"):  # the matrices alone need no circuit, which takes longer
+        coupling = couple_design(opened)
     if out is not None:
-        suffix = out.suffix.lower()
         if suffix == ".nc":
             save_dataset(coupling, out)
         elif suffix == ".csv":
@@ -58,24 +62,23 @@ def matrix(
             frequencies = [float(coupling.frequency.mean())]
             write_text(out, fasthenry_input(opened.array, frequencies, title=opened.name))
         else:
-            export_network(coupling, out)
+            export_network(design_circuit(opened), out, title=opened.name)
     if as_json:
         print_json(
             {
                 "design": opened.name,
                 "design_hash": opened.digest,
-                "names": coupling.coil.values.tolist(),
-                "inductance_H": coupling.inductance.values.tolist(),
+                "names": names,
+                "inductance_H": inductance.tolist(),
                 "coupling": coupling.coupling.values.tolist(),
                 "coils": coil_table(opened, coupling).records(),
                 "pairs": pair_table(coupling).records(),
             }
         )
         return
-    names = coupling.coil.values.tolist()
-    _print("L and M (µH)", names, coupling.inductance.values * 1e6, 4)
+    _print("L and M (µH)", names, inductance * 1e6, 4)
     typer.echo()
-    _print("k", names, coupling.coupling.values, 5)
+    _print("k", names, coupling_matrix(inductance), 5)
     if out is not None:
         typer.echo(f"wrote {out}")
 

@@ -47,8 +47,9 @@ def response(
     ] = None,
     noise: Annotated[float, typer.Option("--noise", help="Relative standard deviation of each reading of L.")] = 0.0,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of the noise.")] = 0,
-    strays: Annotated[
-        bool, typer.Option("--strays", help="With the capacitance of windings and between coils in the circuit.")
+    ideal: Annotated[
+        bool,
+        typer.Option("--ideal/--strays", help="Leave alternating-current resistance and strays out of the circuit."),
     ] = False,
     dielectric: Annotated[
         bool, typer.Option("--dielectric", help="Count what the dent does to the coils' capacitance too.")
@@ -77,7 +78,6 @@ def response(
         for option, text in (("--depth-mm", depth_mm), ("--x-mm", x_mm), ("--y-mm", y_mm))
     )
     errors = _thickness_errors(thickness_error_mm or ())
-    from coilarray.circuit.impedance import design_network
     from coilarray.compute.files import make_folder, write_atomically, write_text
     from coilarray.compute.netcdf import save_dataset
     from coilarray.report.indentation_tables import response_table
@@ -85,7 +85,6 @@ def response(
 
     opened = open_design(design, allow_violations=allow_violations)
     faults = Imperfections(tilt, (offset_mm[0] * 1e-3, offset_mm[1] * 1e-3), depth_error_mm * 1e-3, errors, noise, seed)
-    network = design_network(opened).network if strays else None
     parts = out.with_name(f"{out.name}.parts")
     make_folder(parts)
     kept = set(parts.iterdir())
@@ -97,7 +96,7 @@ def response(
                 x=x,
                 y=y,
                 imperfections=faults,
-                network=network,
+                ideal=ideal,
                 dielectric=dielectric,
                 parts=parts,
                 progress=progress,

@@ -100,10 +100,13 @@ def coil_table(design: Design, coupling: xr.Dataset) -> Table:
         Column("quality_factor", "Q", 1, 1),
         Column("open_frequency_Hz", "f, others open (MHz)", 1e-6, 4),
         Column("frequency_Hz", "f (MHz)", 1e-6, 4),
+        Column("ideal_effective_inductance_H", "L_eff, ideal: direct current, no strays (µH)", 1e6, 3),
+        Column("ideal_frequency_Hz", "f, ideal: direct current, no strays (MHz)", 1e-6, 4),
     )
     names = (
         "x", "y", "resistance", "open_inductance", "own_sheet_inductance", "effective_inductance",
         "inductance_change", "effective_resistance", "quality_factor", "open_frequency", "frequency",
+        "ideal_effective_inductance", "ideal_frequency",
     )  # fmt: skip
     single = coupling.assign(own_sheet_inductance=("coil", np.diag(coupling.sheet_inductance)))
     rows: list[tuple[Value, ...]] = []

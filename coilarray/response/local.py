@@ -17,7 +17,7 @@ import numpy.typing as npt
 import xarray as xr
 from scipy.spatial import KDTree
 
-from coilarray.circuit.coupling import design_inductance, provenance
+from coilarray.circuit.coupling import bare_network, design_inductance, provenance
 from coilarray.circuit.state_sensitivity import StateSensitivity, state_sensitivity
 from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import Progress, ranges, run_blocks
@@ -121,7 +121,7 @@ def local_response(
     conductors = design.array.conductors()
     L0 = design_inductance(design)[0] if inductance is None else inductance()
     R = dc_resistance(conductors, design.circuit.resistivity)
-    states = state_sensitivity(design.array.names, L0, R, design.circuit.switches, design.circuit.plan)
+    states = state_sensitivity(bare_network(design.array.names, L0, R, design.circuit.switches), design.circuit.plan)
     dented = _solve(dents, conductors, states, places + setup.origin_point, error, mesh or LayerMesh())
     near, delta = _respond(dented, states, places + setup.origin_point, progress)
     shape = (len(across), len(along))

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from coilarray.circuit.coupling import design_inductance, provenance
+from coilarray.circuit.coupling import design_circuit, design_inductance, provenance
 from coilarray.circuit.network import Network, resonances_near, resonate
 from coilarray.compute.memory import require_memory
 from coilarray.compute.netcdf import load_part, save_dataset
@@ -23,7 +23,6 @@ from coilarray.elastomer.dented_layer import dent_inductance
 from coilarray.elastomer.dielectric import dent_capacitance
 from coilarray.elastomer.flat_layer import layer_inductance, magnetic_slab
 from coilarray.elastomer.scattering import LayerMesh
-from coilarray.electromagnetics.resistance import dc_resistance
 from coilarray.errors import ElastomerError
 from coilarray.geometry import Conductor, Sheet
 from coilarray.response.setup import contact_at, indentation_of, map_axis, require_inside
@@ -95,6 +94,7 @@ def response_map(
     y: npt.ArrayLike | None = None,
     imperfections: Imperfections | None = None,
     network: Network | None = None,
+    ideal: bool = False,
     inductance: Callable[[], FloatArray] | None = None,
     dielectric: bool = False,
     mesh: LayerMesh | None = None,
@@ -112,10 +112,10 @@ def response_map(
     imperfections : Imperfections, optional
         None by default.
     network : Network, optional
-        Coils, switches and strays, as `coilarray.circuit.impedance.design_network` makes them; its inductance matrix is
-        replaced.
-        By default the design's switches and direct-current resistances without stray capacitances, which change the
-        response by less than 1 %.
+        Coils, switches and strays; its inductance matrix is replaced. By default
+        `coilarray.circuit.coupling.design_circuit`.
+    ideal : bool
+        Where no network is given: leave out alternating-current resistance and all strays.
     inductance : callable, optional
         Returns the first of `coilarray.circuit.coupling.design_inductance`, for the sheets as they truly are but for a
         tilt, where that is known or on its way; it is called after the dents are solved. Computed here by default.
@@ -200,7 +200,7 @@ def response_map(
             change[k, start:stop], gained[k, start:stop] = kept.change.values, kept.gained.values
     L0 = design_inductance(replace(design, sheets=sheets))[0] if inductance is None else inductance()
     L0 = L0 + _wedge_under_coils(design, setup, sheets, faults.tilt)
-    network = _plain_network(design, L0) if network is None else replace(network, inductance=L0)
+    network = replace(design_circuit(design, ideal=ideal) if network is None else network, inductance=L0)
     delta, base = _through_circuit(network, design.circuit.plan, change, gained)
     if faults.noise:
         delta = _noisy(delta, faults)
@@ -213,6 +213,7 @@ def respond(
     *,
     plan: Sequence[ScanState] | None = None,
     inductance_change: FloatArray | None = None,
+    ideal: bool = False,
 ) -> xr.Dataset:
     """Put a computed map through the circuit once more, with another scan plan or other inductance changes.
 
@@ -226,11 +227,13 @@ def respond(
         The design's by default.
     inductance_change : ndarray, shape (depth, y, x, coil, other), optional
         In H; the map's own by default.
+    ideal : bool
+        Leave out alternating-current resistance and all strays.
 
     Returns
     -------
     xarray.Dataset
-        As `response_map`, without noise and stray capacitances.
+        As `response_map`, without noise.
 
     Raises
     ------
@@ -252,7 +255,7 @@ def respond(
     n = change.shape[-1]
     flat = change.reshape(change.shape[0], -1, n, n)
     gained = response.capacitance_change.values.reshape(*flat.shape[:3])
-    network = _plain_network(design, response.inductance.values)
+    network = replace(design_circuit(design, ideal=ideal), inductance=response.inductance.values)
     delta, base = _through_circuit(network, states, flat, gained)
     others = response.drop_dims("state")
     others["inductance_change"] = (response.inductance_change.dims, change, response.inductance_change.attrs)
@@ -392,12 +395,6 @@ def _lagrange(nodes: FloatArray, at: FloatArray) -> FloatArray:
         for other in np.delete(nodes, k):
             shares[:, k] *= (at - other) / (node - other)
     return shares
-
-
-def _plain_network(design: Design, inductance: FloatArray) -> Network:
-    R = np.diag(dc_resistance(design.array.conductors(), design.circuit.resistivity))
-    none = np.zeros_like(inductance)
-    return Network(design.array.names, inductance, lambda frequency: R, none[0], none, design.circuit.switches)
 
 
 def _through_circuit(

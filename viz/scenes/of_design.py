@@ -191,7 +191,7 @@ class _Making:
 
     @cached_property
     def _coupling(self) -> xr.Dataset:
-        return couple_design(self.design, self.track("inductances"))
+        return couple_design(self.design, progress=self.track("inductances"))
 
     @cached_property
     def _passive_currents(self) -> npt.NDArray[np.complex128]:

@@ -155,6 +155,7 @@ class Page:
                 *self.scene.steps(),
                 self.numbers.rules(design),
                 self.numbers.full(design),
+                self.numbers.solve(design),
             ]
         )
 

@@ -6,7 +6,7 @@ import cmath
 import math
 from typing import TYPE_CHECKING, Any
 
-from coilarray.circuit.network import StateResult
+from coilarray.circuit.network import Resonance
 from coilarray.design.model import Design
 from coilarray.errors import NetworkError
 from coilarray.viz.scenes import Scene
@@ -28,7 +28,7 @@ class SwitchesPanel:
 
     def __init__(self, page: Page) -> None:
         self._page = page
-        self._result: StateResult | None = None
+        self._result: Resonance | None = None
         self._fields: tuple[Design, UnitFields] | None = None
         page.state.update({"settings": {}, "switched": [], "currents": [], "switch_problem": ""})
         page.trigger("switch", self._switch)
@@ -39,19 +39,24 @@ class SwitchesPanel:
         self._result = None
 
     def solve(self) -> None:
-        """Solve the state with the present numbers, which takes some milliseconds."""
-        numbers, state = self._page.numbers.numbers, self._page.state
-        if numbers is None:
+        """Solve the state with the present circuit, which takes some milliseconds."""
+        circuit, state = self._page.numbers.circuit, self._page.state
+        if circuit is None:
             return
         with state:
             try:
-                self._result = switched(self._page.work.design, numbers.inductance, state.settings)
+                self._result = switched(circuit.network, state.settings)
             except NetworkError as error:
-                self._result = None
-                state.switched, state.currents, state.switch_problem = [], [], str(error)
+                self.fail(str(error))
             else:
                 state.switched, state.switch_problem = _rows(self._result), ""
                 state.currents = _currents(self._page.work.design, self._result)
+
+    def fail(self, problem: str) -> None:
+        """Show why there is nothing that the converter sees."""
+        self._result = None
+        with self._page.state as state:
+            state.switched, state.currents, state.switch_problem = [], [], problem
 
     def scene(self, design: Design, board: BoardParts) -> Scene | None:
         """Return the scene of the state; None where there is none to be shown. Computed in a thread."""
@@ -71,7 +76,7 @@ class SwitchesPanel:
         self._page.redraw()
 
 
-def _rows(result: StateResult) -> list[list[str]]:
+def _rows(result: Resonance) -> list[list[str]]:
     """Label, number and unit of what the converter sees, with all digits of the number."""
     values = (
         ("L_eff", result.effective_inductance, 1e6, "µH", 3),
@@ -86,7 +91,7 @@ def _rows(result: StateResult) -> list[list[str]]:
     ]
 
 
-def _currents(design: Design, result: StateResult) -> list[dict[str, Any]]:
+def _currents(design: Design, result: Resonance) -> list[dict[str, Any]]:
     """Amount and phase of every coil's current against that of the first measured one."""
     rows = []
     for name, current in zip(design.array.names, result.currents.tolist(), strict=True):

@@ -10,7 +10,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from coilarray.circuit.coupling import design_inductance
-from coilarray.circuit.impedance import design_network, scan_states
+from coilarray.circuit.impedance import scan_design
 from coilarray.design.model import Design, Indentation
 from coilarray.electromagnetics.inductance import Accuracy, coupling_matrix
 from coilarray.errors import GoalError
@@ -56,8 +56,8 @@ class Evaluation:
 
     @cached_property
     def scan(self) -> xr.Dataset:
-        """Every state of the scan where the converter oscillates: `coilarray.circuit.impedance.scan_states`."""
-        return scan_states(design_network(self.design, lambda: self.inductance))
+        """Every state of the scan where the converter oscillates: `coilarray.circuit.impedance.scan_design`."""
+        return scan_design(self.design, elastomer=False, accuracy=self.accuracy)
 
     @cached_property
     def own_states(self) -> dict[str, int]:
