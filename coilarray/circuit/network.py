@@ -31,8 +31,8 @@ FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
 IntArray = npt.NDArray[np.int64]
 
-# how far from the bare coil a resonance is looked for, and in how many steps of a tenth
-_SEARCH, _SEARCH_POINTS = 30.0, 72
+# how far from the bare coil a resonance is looked for, and in what steps
+_SEARCH, _SEARCH_STEP = 30.0, 0.096
 _FINE_POINTS = 172  # steps of 2 %
 _BYTES_AN_ENTRY = 48.0  # of a circuit's matrix: itself, without the references, and as it is factored
 _AT_ONCE = 16  # frequencies; many at once save time, a search seldom needs all
@@ -314,11 +314,13 @@ def resonate(network: Network, state: ScanState) -> Resonance:
     Raises
     ------
     NetworkError
-        As `solve_state`; also where there is no resonance from a thirtieth to thirty times the frequency of the
-        measured coils alone with one tank capacitor.
+        As `solve_state`; also where there is no resonance from a thirtieth of the frequency of the measured coils
+        alone with one tank capacitor to thirty times that with all others ideally shorted.
     """
     check_state(state, network.names)
-    start = 1 / (2 * math.pi * math.sqrt(_bare_inductance(network, state) * network.switches.tank_capacitance))
+    alone, least = _bare_inductances(network, state)
+    start = 1 / (2 * math.pi * math.sqrt(alone * network.switches.tank_capacitance))
+    low, high = start / _SEARCH, start * _SEARCH * math.sqrt(alone / least)
 
     def susceptance(frequencies: FloatArray) -> FloatArray:
         return _solve_with_tank(network, state, frequencies, network.inductance)[2].imag
@@ -327,11 +329,10 @@ def resonate(network: Network, state: ScanState) -> Resonance:
     # tanks move it far away, the lowest crossing counts.
     crossing = _upward_crossing(susceptance, start / 1.3 * np.array([1.0, 1.3**2]))
     if crossing is None:
-        crossing = _upward_crossing(susceptance, start * np.geomspace(1 / _SEARCH, _SEARCH, _SEARCH_POINTS))
+        points = math.ceil(math.log(high / low) / _SEARCH_STEP) + 1
+        crossing = _upward_crossing(susceptance, np.geomspace(low, high, points))
     if crossing is None:
-        raise NetworkError(
-            f"state {state.name} has no resonance between {start / _SEARCH:.4g} and {start * _SEARCH:.4g} Hz."
-        )
+        raise NetworkError(f"state {state.name} has no resonance between {low:.4g} and {high:.4g} Hz.")
     return Resonance(**vars(solve_state(network, state, crossing)), tank_capacitance=network.switches.tank_capacitance)
 
 
@@ -448,14 +449,15 @@ def _upward_crossing(function: Callable[[FloatArray], FloatArray], grid: FloatAr
     return None
 
 
-def _bare_inductance(network: Network, state: ScanState) -> float:
-    """Inductance of the measured coils joined as in the state, all else left out."""
+def _bare_inductances(network: Network, state: ScanState) -> tuple[float, float]:
+    """Inductance of the measured coils joined as in the state, all other coils open and all ideally shorted."""
     chosen = [network.names.index(name) for name, _ in state.measured]
     sense = np.array([sense for _, sense in state.measured], dtype=np.float64)
-    L = network.inductance[np.ix_(chosen, chosen)] * np.outer(sense, sense)
-    if state.connection == "series":
-        return float(L.sum())
-    return float(1 / np.linalg.inv(L).sum())
+    series = state.connection == "series"
+    inverse = np.linalg.inv(network.inductance)[np.ix_(chosen, chosen)]
+    alone, shorted = network.inductance[np.ix_(chosen, chosen)], np.linalg.inv(inverse)
+    both = [float(sense @ (L if series else np.linalg.inv(L)) @ sense) for L in (alone, shorted)]
+    return (both[0], both[1]) if series else (1 / both[0], 1 / both[1])
 
 
 @dataclass(frozen=True, eq=False)

@@ -117,7 +117,7 @@ def state_sensitivity(network: Network, states: Sequence[ScanState]) -> StateSen
         if len(lost):
             name = states[rows[lost[0]]].name
             raise NetworkError(f"state {name} has no resonance: its resistance is too large for its coil.")
-    for row in np.flatnonzero(np.isnan(omega)):
+    for row in np.flatnonzero(np.isnan(omega)).tolist():
         omega[row], slope[row], currents[:, row] = _alone(network, states[row])
     measured = _measured(network, states)
     own = currents[measured, np.arange(len(states))]
@@ -238,7 +238,7 @@ def _bare_states(network: Network, coils: IntArray, measured: IntArray) -> _Stat
         if not (np.abs(step) > _NEWTON_TOLERANCE * omega).any():
             break
         omega = omega - step
-    omega = np.where(np.abs(step) <= _NEWTON_TOLERANCE * omega, omega, np.nan)
+    omega = np.where((np.abs(step) <= _NEWTON_TOLERANCE * omega) & (omega > 0), omega, np.nan)
     return _States(omega, admittance, slope, np.asarray(V @ (V[measured] * pole).T, dtype=np.complex128))
 
 
@@ -300,7 +300,7 @@ def _interpolated(network: Network, measured: IntArray, omega: FloatArray, low: 
         omega = omega - step
         if not (np.abs(step) > _NEWTON_TOLERANCE * omega).any():
             break
-    omega = np.where(np.abs(step) <= _NEWTON_TOLERANCE * omega, omega, np.nan)
+    omega = np.where((np.abs(step) <= _NEWTON_TOLERANCE * omega) & (omega > 0), omega, np.nan)
     shares = lagrange(omega)
     return _States(
         omega,

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from coilarray import active_coil, couple, every_active_coil, impedance_matrix, resonance
+from coilarray import active_coil, couple, every_active_coil, impedance_matrix
 
 pytestmark = pytest.mark.nojit
 
@@ -66,7 +66,7 @@ def test_every_active_coil_is_each_one_alone(n, seed, resistance, short):
         alone = active_coil(L, resistance, a, F, short_resistance=short)
         # two ways through matrices of condition up to 1e3; the resistance of the short is taken off again
         assert every.impedances[a] == pytest.approx(alone.impedance, rel=1e-11)
-        assert every.apparent_inductance[a] == pytest.approx(alone.effective_inductance, rel=1e-11)
+        assert every.apparent_inductance[a] == pytest.approx(alone.apparent_inductance, rel=1e-11)
         np.testing.assert_allclose(every.currents[:, a], alone.currents, rtol=0, atol=1e-11)
     assert (every.effective_resistance >= resistance * (1 - 1e-11) - 1e-9).all()
 
@@ -112,13 +112,17 @@ def test_reciprocity_of_the_sensitivity():
     assert after.apparent_inductance - before.apparent_inductance == pytest.approx(i @ change @ i, rel=1e-5)
 
 
-def test_resonance_is_self_consistent():
+def test_couple_is_where_the_converter_oscillates():
     L = random_matrix(4, 5)
-    state = resonance(L, 15.0, 0, 120e-12, short_resistance=5.0)
-    expected = 1 / (2 * np.pi * np.sqrt(state.apparent_inductance * 120e-12))
-    assert state.frequency == pytest.approx(expected, rel=1e-13)
-    again = active_coil(L, 15.0, 0, state.frequency, short_resistance=5.0)
-    assert again.impedance == state.impedance
+    state = couple(list("abcd"), L, 15.0, 120e-12, short_resistance=5.0).sel(coil="a")
+    # the closed form has the passive coils' switches, the converter looks through those of the active one as well
+    frequency = float(state.frequency)
+    again = active_coil(L, 15.0, 0, frequency, short_resistance=5.0)
+    assert (1 / (again.impedance + 5.0) + 2j * np.pi * frequency * 120e-12).imag == pytest.approx(0, abs=1e-12)
+    assert float(state.effective_resistance) == pytest.approx(again.effective_resistance + 5.0, rel=1e-10)
+    assert float(state.effective_inductance) == pytest.approx(1 / ((2 * np.pi * frequency) ** 2 * 120e-12), rel=1e-14)
+    np.testing.assert_allclose(state.current_real + 1j * state.current_imag, again.currents, atol=1e-12)
+    np.testing.assert_allclose(state.contribution, again.contributions, atol=1e-12 * L[0, 0])
 
 
 def test_couple_gives_one_dataset():
@@ -130,10 +134,14 @@ def test_couple_gives_one_dataset():
     # b is open while passive: it carries nothing unless it is active
     assert result.current_real.values[0, 1] == 0
     assert result.current_real.values[1, 1] == 1
-    total = result.contribution.sum("other")
-    np.testing.assert_allclose(result.open_inductance + total, result.apparent_inductance, rtol=1e-12)
+    # the parts add up to Im Z/ω, which is less than 1/(ω²C) by 1/Q²
+    total = result.open_inductance + result.contribution.sum("other")
+    np.testing.assert_allclose(total * (1 + 1 / result.quality_factor**2), result.effective_inductance, rtol=1e-12)
     np.testing.assert_allclose(
-        result.inductance_change, result.apparent_inductance / result.open_inductance - 1, rtol=1e-15
+        result.open_effective_inductance, 1 / ((2 * np.pi * result.open_frequency) ** 2 * 120e-12), rtol=1e-14
+    )
+    np.testing.assert_allclose(
+        result.inductance_change, result.effective_inductance / result.open_inductance - 1, rtol=1e-15
     )
     assert (result.frequency >= result.open_frequency).all()
 
@@ -146,10 +154,16 @@ def test_lossless_coil_has_no_quality_factor():
 @pytest.mark.parametrize("k", [0.9, 0.99, 0.9999])
 def test_resonance_of_strongly_coupled_coils(k):
     L = 1e-5 * np.array([[1, k], [k, 1]])
-    for R in (0.0, 2.0, 30.0, 1e4):
-        state = resonance(L, R, 0, 100e-12)
-        expected = 1 / (2 * np.pi * np.sqrt(state.apparent_inductance * 100e-12))
-        assert state.frequency == pytest.approx(expected, rel=1e-12)
+    for R in (0.0, 0.2, 2.0):
+        state = couple(["a", "b"], L, R, 100e-12).sel(coil="a")
+        # Im Y = 0 of the closed form, relative to the susceptance of the coil
+        Z = active_coil(L, R, 0, float(state.frequency)).impedance
+        assert (1 / Z).imag == pytest.approx(-2 * np.pi * float(state.frequency) * 100e-12, rel=1e-11)
+
+
+def test_a_coil_of_too_much_resistance_has_no_resonance():
+    with pytest.raises(ValueError, match="state a has no resonance between"):
+        couple(["a"], [[1e-5]], 1e4, 100e-12)
 
 
 @pytest.mark.parametrize(
@@ -172,10 +186,10 @@ def test_resonance_of_strongly_coupled_coils(k):
             lambda: active_coil([[2, 1], [0, 2]], 0, 0, F),
             "must be symmetric; between coils 1 and 2 it has",
         ),
-        (lambda: resonance([[1, 2], [2, 1]], 0, 0, 1e-12), "must be positive definite"),
+        (lambda: couple(["a", "b"], [[1, 2], [2, 1]], 0, 1e-12), "must be positive definite"),
         (lambda: impedance_matrix([[1e-6]], 0, -1.0), "frequency must be positive and finite; got -1"),
-        (lambda: resonance([[1e-6]], 0, 0, -1e-12), "capacitance must be positive and finite"),
-        (lambda: resonance([[1e-6]], 0, 3, 1e-12), "the active coil must be 0 to 0; got 3"),
+        (lambda: couple(["a"], [[1e-6]], 0, -1e-12), "capacitance must be positive and finite"),
+        (lambda: couple(["a"], [[1e-6]], 0, 1e-12, ["loose"]), "must be 1 of 'short' or 'open'"),
         (lambda: every_active_coil([[1, 2], [2, 1]], 0, F), "must be positive definite"),
         (lambda: every_active_coil([[1e-6]], 0, 0.0), "frequency must be positive and finite; got 0"),
         (lambda: every_active_coil([[1e-6]], 0, F, -1.0), "short_resistance must be finite"),
