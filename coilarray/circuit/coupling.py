@@ -171,9 +171,15 @@ def _circuit_parts(design: Design, accuracy: Accuracy, progress: Progress | None
         circuit.switches,
         (LEFT_OUT[0], *([f"capacitance of the windings: {problem}"] if problem else [])),
     )
-    states = {_key_of(state): state for state in (*circuit.plan, *states_in_turn(names, circuit.terminations))}
-    found = [one.frequency for one in resonances(direct, tuple(states.values()))]
-    grid = np.geomspace((1 - _MARGIN) * min(found), (1 + _MARGIN) * max(found), _RESISTANCE_POINTS)
+    low, high = _band(direct, circuit.plan)
+    apart = {_key_of(state): state for state in states_in_turn(names, circuit.terminations)}
+    for state in circuit.plan:
+        apart.pop(_key_of(state), None)
+    if apart:
+        lowest, highest = _band(direct, tuple(apart.values()), 0.0)
+        if lowest < low or highest > high:  # coils by themselves far from the states of the plan
+            low, high = min(low, (1 - _MARGIN) * lowest), max(high, (1 + _MARGIN) * highest)
+    grid = np.geomspace(low, high, _RESISTANCE_POINTS)
     every = len(names) <= _MOST_TOGETHER
     resistance = (resistance_matrix if every else _own_resistance)(design.array, grid, circuit.resistivity)
     if progress is not None:
@@ -182,6 +188,12 @@ def _circuit_parts(design: Design, accuracy: Accuracy, progress: Progress | None
     left_out = () if every else (_OTHERS_COPPER,)
     network = replace(direct, resistance=sampled, left_out=(*left_out, *direct.left_out[1:]))
     return CircuitParts(network, direct, capacitance, resistance, problem)
+
+
+def _band(network: Network, states: Sequence[ScanState], margin: float = _MARGIN) -> tuple[float, float]:
+    """Lowest and highest frequency in Hz at which states oscillate, and a margin."""
+    found = [one.frequency for one in resonances(network, states)]
+    return (1 - margin) * min(found), (1 + margin) * max(found)
 
 
 def _own_resistance(array: CoilArray, grid: FloatArray, resistivity: float) -> xr.Dataset:
