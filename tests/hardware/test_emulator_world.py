@@ -16,7 +16,7 @@ import xarray as xr
 from support.broken_drivers import RightDriver
 
 from coilarray import load_design
-from coilarray.circuit.impedance import design_network, scan_states
+from coilarray.circuit.impedance import scan_design
 from coilarray.circuit.network import Network
 from coilarray.design.bundled import read
 from coilarray.design.model import parse_design
@@ -54,15 +54,8 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def prepared():
-    return design_network(PAPER)
-
-
-@pytest.fixture(scope="module")
-def network(folder, prepared):
-    with pytest.MonkeyPatch.context() as patch:  # not twice
-        patch.setattr("coilarray.hardware.scan.board_network.design_network", lambda design: prepared)
-        return board_network(PAPER, folder)
+def network(folder):
+    return board_network(PAPER, folder)
 
 
 @pytest.fixture(scope="module")
@@ -116,8 +109,8 @@ STEP = 21.7e6 / 2**28  # of the code in Hz
 
 
 @pytest.fixture(scope="module")
-def scanned(prepared):
-    return scan_states(prepared)
+def scanned():
+    return scan_design(PAPER, elastomer=False)
 
 
 def test_the_tank_of_an_untouched_board_is_that_of_the_scan(network, table, scanned):

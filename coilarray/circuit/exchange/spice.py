@@ -156,9 +156,9 @@ def spice_subcircuit(
 def _capacitances(name: str, given: npt.ArrayLike | None, shape: tuple[int, ...]) -> FloatArray:
     C = np.asarray(0.0 if given is None else given, dtype=np.float64)
     if C.shape not in ((), shape):
-        raise ValueError(f"{name} must be one number or of shape {shape}; got shape {C.shape}.")
+        raise ValueError(f"{name} must be one number or {' × '.join(map(str, shape))}; got shape {C.shape}.")
     if not (np.isfinite(C).all() and (C >= 0).all()):
-        raise ValueError(f"{name} must be finite and not negative; got {C.min()} F.")
+        raise ValueError(f"values of {name} must be finite and not negative; got {C.min()} F.")
     if C.ndim == 2 and not np.array_equal(C, C.T):
         raise ValueError(f"{name} must be symmetric.")
     return np.broadcast_to(C, shape)
