@@ -189,7 +189,7 @@ def solve_state(network: Network, state: ScanState, frequency: float) -> StateRe
     state : ScanState
         The multiplexer's state.
     frequency : float
-        In Hz.
+        Frequency in Hz.
 
     Returns
     -------
@@ -225,15 +225,17 @@ def impedances(network: Network, state: ScanState, frequencies: FloatArray) -> C
 
     Parameters
     ----------
-    network, state
-        As in `solve_state`.
+    network : Network
+        Coils and switches.
+    state : ScanState
+        The multiplexer's state.
     frequencies : ndarray, shape (f,)
-        In Hz, positive and finite.
+        Frequencies in Hz, positive and finite.
 
     Returns
     -------
     ndarray of complex, shape (f,)
-        In Ω.
+        Impedance in Ω.
 
     Raises
     ------
@@ -303,8 +305,10 @@ def resonate(network: Network, state: ScanState) -> Resonance:
 
     Parameters
     ----------
-    network, state
-        As in `solve_state`.
+    network : Network
+        Coils and switches.
+    state : ScanState
+        The multiplexer's state.
 
     Returns
     -------
@@ -347,7 +351,7 @@ def loaded_quality(network: Network, result: StateResult) -> float:
     network : Network
         Coils and switches.
     result : StateResult
-        As `resonate` returns it.
+        Resonance from `resonate`.
 
     Returns
     -------
@@ -368,8 +372,10 @@ def self_resonance_of(network: Network, result: StateResult) -> float:
 
     Parameters
     ----------
-    network, result
-        As in `loaded_quality`.
+    network : Network
+        Coils and switches.
+    result : StateResult
+        Resonance from `resonate`.
 
     Returns
     -------
@@ -395,16 +401,17 @@ def resonances_near(
     network : Network
         Coils and switches.
     result : StateResult
-        As `resonate` returns it for this network.
+        Resonance of this network from `resonate`.
     inductances : ndarray, shape (cases, n, n)
-        In H, in place of the network's own.
+        Inductance matrices in H in place of the network's own.
     winding_capacitances : ndarray, shape (cases, n), optional
-        In F, in place of the network's own; a change may make them negative, as the tank is in parallel.
+        Capacitances in F across the coils in place of the network's own; a change may make them negative, as the tank
+        is in parallel.
 
     Returns
     -------
     ndarray, shape (cases,)
-        In Hz.
+        Frequencies in Hz.
 
     Raises
     ------

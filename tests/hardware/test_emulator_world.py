@@ -1,6 +1,6 @@
 """The physics behind the emulated switches against the package's own: scan, response map, drift.
 
-Who checks whom: an untouched board against `scan_states`; a pressed one against `response_map`, which solves every
+Who checks whom: an untouched board against `scan_design`; a pressed one against `response_map`, which solves every
 position that the emulator interpolates; temperature against the formula of a tank with losses; the time of a scan
 against the paper's.
 """

@@ -21,7 +21,7 @@ def plain_names(names: Sequence[str], count: int | None = None) -> tuple[str, ..
     Parameters
     ----------
     names : sequence of str
-        Of the coils, all different.
+        Names of the coils, all different.
     count : int, optional
         How many there must be.
 
