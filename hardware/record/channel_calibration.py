@@ -281,7 +281,7 @@ def calibrated_response(recording: Recording, calibration: BoardCalibration, *, 
 
 
 def simulated_inductances(recording: Recording) -> dict[str, float]:
-    """Return L_0 in H of every state of the recorded design in an ideal circuit; all strays are then in the capacitance.
+    """Return L_0 in H of every state of the recorded design in an ideal circuit: all strays are then capacitance.
 
     Raises
     ------
