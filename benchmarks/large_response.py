@@ -19,6 +19,7 @@ import numpy.typing as npt
 import xarray as xr
 from speed import Speed, peak_memory
 
+from coilarray.circuit.coupling import bare_network
 from coilarray.circuit.state_sensitivity import state_sensitivity
 from coilarray.design.bundled import read
 from coilarray.design.model import Design, Indentation, parse_design
@@ -182,7 +183,9 @@ def _against_all(design: Design, matrix: FloatArray, peak: float, along: int) ->
     contact = indent(design.sheets, setup.indenter, setup.depths[:1], base=setup.base)
     dent = dent_of(contact.isel(depth=0), design.sheets)
     R = dc_resistance(design.array.conductors(), design.circuit.resistivity)
-    states = state_sensitivity(design.array.names, matrix, R, design.circuit.switches, design.circuit.plan)
+    states = state_sensitivity(
+        bare_network(design.array.names, matrix, R, design.circuit.switches), design.circuit.plan
+    )
     x, y = _places(design, along, along)
     places = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2) + setup.origin_point
     begun = time.process_time()

@@ -1,11 +1,12 @@
-"""Terminations: what every coil of an array looks like from the one that is measured.
+"""Closed forms for coils of plain R and L at one frequency: the checks of `coilarray.circuit.network`.
 
 One coil is active; each other one is shorted to ground through a resistance, or open. With jωL the inductance matrix,
 R the coils' resistances and Z_p the terminations of the passive coils p, the active coil a sees
 
-    Z = R_a + jωL_aa + ω² M_ap (R_p + Z_p + jωL_pp)⁻¹ M_pa,      L_eff = Im Z/ω,      R_eff = Re Z.
+    Z = R_a + jωL_aa + ω² M_ap (R_p + Z_p + jωL_pp)⁻¹ M_pa.
 
-For ideal shorts and no resistance this is L_eff = L_aa − M_ap L_pp⁻¹ M_pa.
+For ideal shorts and no resistance Im Z/ω = L_aa − M_ap L_pp⁻¹ M_pa. Capacitance, switches and the tank are left to the
+network.
 """
 
 from __future__ import annotations
@@ -17,7 +18,6 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import brentq
 
 from coilarray.errors import NetworkError
 
@@ -31,18 +31,6 @@ _ASYMMETRY = 1e-9  # of k; exchanged by hand, a matrix may have lost digits
 _LEAST_EIGENVALUE = 1e-12  # of the coupling matrix; rounding of the entries is 1e-16, their rules err by 1e-6
 
 
-def all_open(count: int) -> tuple[Termination, ...]:
-    """Return the terminations of `count` coils that are all open."""
-    one: tuple[Termination] = ("open",)
-    return one * count
-
-
-def all_shorted(count: int) -> tuple[Termination, ...]:
-    """Return the terminations of `count` coils that are all shorted to ground."""
-    one: tuple[Termination] = ("short",)
-    return one * count
-
-
 @dataclass(frozen=True, eq=False)
 class PortImpedance:
     """What is seen between two terminals at one frequency.
@@ -50,17 +38,17 @@ class PortImpedance:
     Parameters
     ----------
     frequency : float
-        In Hz.
+        Frequency in Hz.
     impedance : complex
-        In Ω.
+        Impedance in Ω.
     """
 
     frequency: float
     impedance: complex
 
     @property
-    def effective_inductance(self) -> float:
-        """L_eff = Im Z/ω in H."""
+    def apparent_inductance(self) -> float:
+        """Im Z/ω in H."""
         return self.impedance.imag / (2 * math.pi * self.frequency)
 
     @property
@@ -76,13 +64,13 @@ class ActiveCoil(PortImpedance):
     Parameters
     ----------
     frequency : float
-        In Hz, where everything below holds.
+        Frequency in Hz at which everything below holds.
     impedance : complex
-        Of the active coil with its passive neighbours, in Ω.
+        Impedance in Ω of the active coil with its passive neighbours.
     currents : ndarray of complex, shape (coils,)
-        In A per A of the active coil: 1 for the active one, 0 for open ones.
+        Current in every coil in A per A of the active coil: 1 for the active one, 0 for open ones.
     contributions : ndarray, shape (coils,)
-        Part of each passive coil in L_eff − L in H: Re(M_ak i_k), 0 for the active one. They add up to L_eff − L.
+        Part of each passive coil in Im Z/ω − L in H: Re(M_ak i_k), 0 for the active one.
     """
 
     currents: ComplexArray
@@ -96,11 +84,11 @@ class EveryActiveCoil:
     Parameters
     ----------
     frequency : float
-        In Hz.
+        Frequency in Hz.
     impedances : ndarray of complex, shape (n,)
-        Of each active coil with its passive neighbours, in Ω.
+        Impedance in Ω of each active coil with its passive neighbours.
     currents : ndarray of complex, shape (n, n)
-        In coil p per ampere of the active coil a, entry (p, a).
+        Current in coil p per ampere of the active coil a, entry (p, a).
     """
 
     frequency: float
@@ -108,8 +96,8 @@ class EveryActiveCoil:
     currents: ComplexArray
 
     @property
-    def effective_inductance(self) -> FloatArray:
-        """L_eff = Im Z/ω in H, shape (n,)."""
+    def apparent_inductance(self) -> FloatArray:
+        """Im Z/ω in H, shape (n,)."""
         return np.asarray(self.impedances.imag / (2 * math.pi * self.frequency))
 
     @property
@@ -126,14 +114,14 @@ def impedance_matrix(inductance: npt.ArrayLike, resistance: npt.ArrayLike, frequ
     inductance : array_like, shape (n, n)
         Inductance matrix in H.
     resistance : array_like, shape (n,) or scalar
-        Of each coil in Ω.
+        Resistance of each coil in Ω.
     frequency : float
-        In Hz.
+        Frequency in Hz.
 
     Returns
     -------
     ndarray of complex, shape (n, n)
-        In Ω: voltages at the coils' terminals for the currents in them.
+        Impedance in Ω: voltages at the coils' terminals for the currents in them.
 
     Raises
     ------
@@ -167,13 +155,13 @@ def active_coil(
     inductance : array_like, shape (n, n)
         Inductance matrix in H.
     resistance : array_like, shape (n,) or scalar
-        Of each coil in Ω.
+        Resistance of each coil in Ω.
     active : int
         Index of the coil that carries the measuring current.
     frequency : float
-        In Hz.
+        Frequency in Hz.
     terminations : sequence of {"short", "open"}, length n, optional
-        Of each coil while it is passive; the active one's is not used. All shorted by default.
+        What closes each coil while it is passive; the active one's is not used. All shorted by default.
     short_resistance : float
         Resistance in Ω of a short to ground, the switches included.
 
@@ -189,7 +177,7 @@ def active_coil(
     Examples
     --------
     >>> result = active_coil([[2e-6, 1e-6], [1e-6, 2e-6]], 0.0, 0, 1e6)
-    >>> round(result.effective_inductance * 1e6, 6)  # L (1 − k²)
+    >>> round(result.apparent_inductance * 1e6, 6)  # L (1 − k²)
     1.5
     """
     L, R = checked_network(inductance, resistance)
@@ -205,8 +193,14 @@ def every_active_coil(
 
     Parameters
     ----------
-    inductance, resistance, frequency, short_resistance
-        As in `active_coil`.
+    inductance : array_like, shape (n, n)
+        Inductance matrix in H.
+    resistance : array_like, shape (n,) or scalar
+        Resistance of each coil in Ω.
+    frequency : float
+        Frequency in Hz.
+    short_resistance : float
+        Resistance in Ω of a short to ground, the switches included.
 
     Returns
     -------
@@ -215,7 +209,7 @@ def every_active_coil(
     Raises
     ------
     NetworkError
-        As `active_coil`.
+        Shapes that do not fit, or a frequency or resistance that is not allowed.
 
     Notes
     -----
@@ -226,7 +220,7 @@ def every_active_coil(
     Examples
     --------
     >>> result = every_active_coil([[2e-6, 1e-6], [1e-6, 4e-6]], 0.0, 1e6)
-    >>> np.round(result.effective_inductance * 1e6, 6)  # L (1 − k²)
+    >>> np.round(result.apparent_inductance * 1e6, 6)  # L (1 − k²)
     array([1.75, 3.5 ])
     """
     L, R = checked_network(inductance, resistance)
@@ -235,55 +229,6 @@ def every_active_coil(
     admittance = np.asarray(np.linalg.inv(_impedance(L, R + short_resistance, frequency)), dtype=np.complex128)
     own = admittance.diagonal()
     return EveryActiveCoil(frequency, 1 / own - short_resistance, admittance / own)
-
-
-def resonance(
-    inductance: npt.ArrayLike,
-    resistance: npt.ArrayLike,
-    active: int,
-    capacitance: float,
-    terminations: Sequence[Termination] | None = None,
-    short_resistance: float = 0.0,
-) -> ActiveCoil:
-    """Solve the array where the active coil resonates with its capacitor, f = 1/(2π √(L_eff(f) C)).
-
-    Parameters
-    ----------
-    inductance, resistance, active, terminations, short_resistance
-        As in `active_coil`.
-    capacitance : float
-        In F, across the active coil.
-
-    Returns
-    -------
-    ActiveCoil
-
-    Raises
-    ------
-    NetworkError
-        As `active_coil`; also a capacitance that is not positive and finite.
-
-    Examples
-    --------
-    >>> round(resonance([[50e-6]], 0.0, 0, 120e-12).frequency / 1e6, 4)
-    2.0547
-    """
-    if not (math.isfinite(capacitance) and capacitance > 0):
-        raise NetworkError(f"capacitance must be positive and finite; got {capacitance} F.")
-    L, R = checked_network(inductance, resistance)
-    shorted = _checked_shorts(len(L), active, terminations, short_resistance)
-
-    def mismatch(log_frequency: float) -> float:
-        frequency = math.exp(log_frequency)
-        state = _solve(L, R, active, shorted, short_resistance, frequency)
-        return math.log((2 * math.pi * frequency) ** 2 * state.effective_inductance * capacitance)
-
-    # L_eff falls with frequency from L to its value with ideal shorts, 1/(L⁻¹)_aa: the resonance lies between theirs
-    least = 1 / float(np.linalg.inv(L)[active, active])
-    low, high = (-0.5 * math.log(L_eff * capacitance) - math.log(2 * math.pi) for L_eff in (L[active, active], least))
-    margin = 1e-9
-    root = brentq(mismatch, low - margin, high + margin, xtol=1e-15, rtol=1e-14)
-    return _solve(L, R, active, shorted, short_resistance, math.exp(root))
 
 
 def checked_network(inductance: npt.ArrayLike, resistance: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -333,7 +278,7 @@ def _checked_shorts(
     n: int, active: int, terminations: Sequence[Termination] | None, short_resistance: float
 ) -> list[int]:
     """Return the indices of the passive coils that are shorted."""
-    states = list(all_shorted(n) if terminations is None else terminations)
+    states = ["short"] * n if terminations is None else list(terminations)
     if len(states) != n or not set(states) <= {"short", "open"}:
         raise NetworkError(f"terminations must be {n} of 'short' or 'open'; got {states}.")
     if not 0 <= active < n:

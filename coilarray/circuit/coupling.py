@@ -1,67 +1,302 @@
-"""The coupling of an array: every coil active in turn, its neighbours as terminated."""
+"""A design's circuit: its inductance matrix, its network with all losses and strays, and the coupling of its coils."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass, replace
 from importlib import metadata
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from coilarray.circuit.active_coil import Termination, all_open, all_shorted, checked_network, resonance
+from coilarray.circuit.active_coil import checked_network
+from coilarray.circuit.network import Network, Resonance, SampledResistance
+from coilarray.circuit.state_sensitivity import resonances
+from coilarray.compute.recent import Recent
 from coilarray.compute.threads import Progress
 from coilarray.design.model import Design
+from coilarray.design.scan_states import ScanState, Switches
 from coilarray.elastomer.flat_layer import layer_inductance
+from coilarray.electromagnetics.ac_resistance import resistance_matrix
+from coilarray.electromagnetics.capacitance import coil_capacitance
 from coilarray.electromagnetics.inductance import Accuracy, coupling_matrix, inductance_matrix
 from coilarray.electromagnetics.resistance import dc_resistance
-from coilarray.errors import NetworkError
+from coilarray.errors import GeometryError, NetworkError
+from coilarray.geometry import CoilArray
 
 FloatArray = npt.NDArray[np.float64]
+Termination = Literal["short", "open"]
+"""What closes a passive coil: ``"short"`` to ground, or ``"open"``, nothing."""
+
+LEFT_OUT = ("alternating-current resistance", "stray capacitances and inductances")
+"""What an ideal network leaves out."""
+_RESISTANCE_POINTS = 9
+_MARGIN = 0.05  # of a frequency; alternating-current resistance shifts a resonance by far less
+_MOST_TOGETHER = 24  # coils whose currents heat each other's copper: the work grows with their square
+_OTHERS_COPPER = "losses in the copper of other coils"
+_SAME = 1e-12  # m
+_KEPT = 4  # designs whose circuit is kept in memory
 
 
-def couple_design(design: Design, progress: Progress | None = None) -> xr.Dataset:
+@dataclass(frozen=True, eq=False)
+class CircuitParts:
+    """The network of a design with all losses and strays, and what it was made of.
+
+    Parameters
+    ----------
+    network : Network
+        Network with the resistance matrix at alternating current.
+    direct : Network
+        The same with direct-current resistances.
+    capacitance : xarray.Dataset or None
+        Result of `coilarray.electromagnetics.capacitance.coil_capacitance`; None where a coil has no model of it.
+    resistance : xarray.Dataset
+        Result of `coilarray.electromagnetics.ac_resistance.resistance_matrix` at the frequencies of the network.
+    problem : str
+        Why there is no capacitance; empty where there is.
+    """
+
+    network: Network
+    direct: Network
+    capacitance: xr.Dataset | None
+    resistance: xr.Dataset
+    problem: str = ""
+
+
+_INDUCTANCES: Recent[tuple[FloatArray, FloatArray]] = Recent(_KEPT)
+_PARTS: Recent[CircuitParts] = Recent(_KEPT)
+
+
+def design_circuit(
+    design: Design, *, ideal: bool = False, accuracy: Accuracy = "full", progress: Progress | None = None
+) -> Network:
+    """Make the network of a design: coils, switches and tank.
+
+    Parameters
+    ----------
+    design : Design
+        Design of the board, for example from `coilarray.load_design`.
+    ideal : bool
+        Leave out alternating-current resistance, the capacitance of the windings and all strays of the switches.
+    accuracy : {"full", "screen"}
+        Accuracy of the inductance matrix, see `coilarray.inductance_matrix`.
+    progress : callable, optional
+        Called with (done, total) as the work goes on.
+
+    Returns
+    -------
+    Network
+        Its ``left_out`` says what it lacks. The resistance matrix is interpolated around the resonances of the
+        design's scan plan. Kept in memory: asking again for the same design costs nothing.
+
+    Raises
+    ------
+    NetworkError
+        A state of the design's scan plan without a resonance.
+
+    Notes
+    -----
+    A coil that does not wind around its centre has no model of its capacitance; the network then has none at all. In
+    an array of more than 24 coils the losses that a coil's field has in the copper of others (1 % of its resistance in
+    gast2020) are left out.
+
+    Examples
+    --------
+    >>> from coilarray import load_design
+    >>> from coilarray.circuit.network import resonate
+    >>> design = load_design("gast2020")
+    >>> ideal = resonate(design_circuit(design, ideal=True), design.circuit.plan[0])
+    >>> round(ideal.effective_inductance * 1e6, 2), round(ideal.frequency / 1e6, 3)
+    (58.07, 1.907)
+    """
+    if not ideal:
+        return circuit_parts(design, accuracy=accuracy, progress=progress).network
+    R = dc_resistance(design.array.conductors(), design.circuit.resistivity)
+    inductance = design_inductance(design, progress, accuracy=accuracy)[0]
+    return bare_network(design.array.names, inductance, R, design.circuit.switches)
+
+
+def bare_network(names: Sequence[str], inductance: FloatArray, resistance: FloatArray, switches: Switches) -> Network:
+    """Make a network of coils, closed switches and a tank across the converter, and nothing else.
+
+    Parameters
+    ----------
+    names : sequence of str, length n
+        Names of the coils.
+    inductance : ndarray, shape (n, n)
+        Inductance matrix in H.
+    resistance : ndarray, shape (n,)
+        Resistance of each coil in Ω, the same at all frequencies.
+    switches : Switches
+        Switches and tank; their strays are left out.
+    """
+    none = np.zeros_like(inductance)
+    plain = Switches(on_resistance=switches.on_resistance, tank_capacitance=switches.tank_capacitance)
+    constant = SampledResistance(np.ones(1), np.diag(resistance)[None])
+    return Network(tuple(names), inductance, constant, none[0], none, plain, LEFT_OUT)
+
+
+def circuit_parts(design: Design, *, accuracy: Accuracy = "full", progress: Progress | None = None) -> CircuitParts:
+    """Return the network of `design_circuit` with its parts.
+
+    Parameters
+    ----------
+    design, accuracy, progress
+        See `design_circuit`.
+    """
+    return _PARTS.get((*_key(design), accuracy), lambda: _circuit_parts(design, accuracy, progress))
+
+
+def _circuit_parts(design: Design, accuracy: Accuracy, progress: Progress | None) -> CircuitParts:
+    names, circuit = design.array.names, design.circuit
+    winding, between = np.zeros(len(names)), np.zeros((len(names), len(names)))
+    capacitance, problem = None, ""
+    try:
+        capacitance = coil_capacitance(design.array, design.sheets, relative_permittivity=permittivity_above(design))
+    except GeometryError as error:
+        problem = str(error)
+    else:
+        winding, between = capacitance.coil_capacitance.values, -capacitance.capacitance.values
+        between = np.maximum(0.5 * (between + between.T), 0.0)  # rounding
+    R = dc_resistance(design.array.conductors(), circuit.resistivity)
+    counted = None if progress is None else lambda done, total: progress(done, 2 * total)
+    direct = Network(
+        names,
+        design_inductance(design, counted, accuracy=accuracy)[0],
+        SampledResistance(np.ones(1), np.diag(R)[None]),
+        winding,
+        between,
+        circuit.switches,
+        (LEFT_OUT[0], *([f"capacitance of the windings: {problem}"] if problem else [])),
+    )
+    low, high = _band(direct, circuit.plan)
+    apart = {_key_of(state): state for state in states_in_turn(names, circuit.terminations)}
+    for state in circuit.plan:
+        apart.pop(_key_of(state), None)
+    if apart:
+        lowest, highest = _band(direct, tuple(apart.values()), 0.0)
+        if lowest < low or highest > high:  # coils by themselves far from the states of the plan
+            low, high = min(low, (1 - _MARGIN) * lowest), max(high, (1 + _MARGIN) * highest)
+    grid = np.geomspace(low, high, _RESISTANCE_POINTS)
+    every = len(names) <= _MOST_TOGETHER
+    resistance = (resistance_matrix if every else _own_resistance)(design.array, grid, circuit.resistivity)
+    if progress is not None:
+        progress(2, 2)
+    sampled = SampledResistance(grid, resistance.resistance.values)
+    left_out = () if every else (_OTHERS_COPPER,)
+    network = replace(direct, resistance=sampled, left_out=(*left_out, *direct.left_out[1:]))
+    return CircuitParts(network, direct, capacitance, resistance, problem)
+
+
+def _band(network: Network, states: Sequence[ScanState], margin: float = _MARGIN) -> tuple[float, float]:
+    """Lowest and highest frequency in Hz at which states oscillate, and a margin."""
+    found = [one.frequency for one in resonances(network, states)]
+    return (1 - margin) * min(found), (1 + margin) * max(found)
+
+
+def _own_resistance(array: CoilArray, grid: FloatArray, resistivity: float) -> xr.Dataset:
+    """As `resistance_matrix`, each coil without the copper of the others: equal coils are computed once."""
+    conductors = array.conductors()
+    known: dict[bytes, xr.Dataset] = {}
+    own = []
+    for conductor in conductors:
+        shape = np.round((conductor.vertices - conductor.vertices[0]) / _SAME)
+        key = shape.tobytes() + conductor.widths.tobytes() + conductor.thicknesses.tobytes() + conductor.areas.tobytes()
+        if key not in known:
+            known[key] = resistance_matrix([conductor], grid, resistivity)
+        own.append(known[key])
+    R = np.zeros((len(grid), len(own), len(own)))
+    number = np.arange(len(own))
+    R[:, number, number] = np.concatenate([one.resistance.values[:, 0] for one in own], axis=1)
+    model = np.concatenate([one.model.values for one in own], axis=1)
+    names = list(array.names)
+    return xr.Dataset(
+        {"resistance": (("frequency", "coil", "other"), R), "model": (("frequency", "coil"), model)},
+        coords={"frequency": grid, "coil": names, "other": names},
+    )
+
+
+def _key(design: Design) -> tuple[Hashable, ...]:
+    """Return what identifies a design, also what `dataclasses.replace` may have changed."""
+    return design.digest, design.sheets, repr(design.circuit)
+
+
+def _key_of(state: ScanState) -> Hashable:
+    """Return what identifies a state but for its name."""
+    exceptions = frozenset((name, passive) for name, passive in state.exceptions.items() if passive != state.others)
+    return state.measured, state.connection, state.others, exceptions, state.load_resistance
+
+
+def permittivity_above(design: Design) -> float:
+    """Relative permittivity above the board: air where no elastomer lies there."""
+    return design.circuit.elastomer_permittivity if design.sheets else 1.0
+
+
+def states_in_turn(names: Sequence[str], terminations: Sequence[Termination]) -> tuple[ScanState, ...]:
+    """Return the states that measure each coil in turn, the others shorted to ground or open."""
+    opened = [name for name, end in zip(names, terminations, strict=True) if end == "open"]
+    return tuple(
+        ScanState(name, ((name, 1),), exceptions={other: "open" for other in opened if other != name}) for name in names
+    )
+
+
+def couple_design(design: Design, *, ideal: bool = False, progress: Progress | None = None) -> xr.Dataset:
     """Compute the coupling of a design.
 
     Parameters
     ----------
     design : Design
-        As `coilarray.load_design` returns it.
+        Design of the board, for example from `coilarray.load_design`.
+    ideal : bool
+        Leave out alternating-current resistance and all strays, see `design_circuit`.
     progress : callable, optional
-        Called with (done, total) as the inductance matrix is computed.
+        Called with (done, total) as the work goes on.
 
     Returns
     -------
     xarray.Dataset
-        As `couple`, under the flat sheets; also ``sheet_inductance`` (coil, other) in H, the part that the magnetic
-        sheets have in it, the coils' centres ``x`` and ``y`` in m, and the attributes of `provenance`.
+        The variables of `couple`, under the flat sheets and as the converter sees them; also
+        ``ideal_effective_inductance`` in H and ``ideal_frequency`` in Hz (coil), the same at direct current and without
+        strays; ``sheet_inductance`` (coil, other) in H, the part that the magnetic sheets have in the inductance;
+        the coils' centres ``x`` and ``y`` in m; and the attributes of `provenance`.
+
+    Raises
+    ------
+    NetworkError
+        A coil or a state of the scan plan without a resonance.
 
     Examples
     --------
     >>> from coilarray import load_design
-    >>> result = couple_design(load_design("gast2020"))
+    >>> result = couple_design(load_design("gast2020"), ideal=True)
     >>> round(float(result.open_inductance[0]) * 1e6, 1), round(float(result.coupling[0, 1]), 3)
     (58.2, -0.051)
     """
-    conductors = design.array.conductors()
-    circuit = design.circuit
-    inductance, by_sheets = design_inductance(design, progress)
-    result = couple(
-        design.array.names,
-        inductance,
-        dc_resistance(conductors, circuit.resistivity),
-        circuit.capacitance,
-        circuit.terminations,
-        circuit.short_resistance,
-    )
-    result["sheet_inductance"] = (
-        ("coil", "other"), by_sheets, {"units": "H", "long_name": "inductance due to the sheets"}
-    )  # fmt: skip
-    centres = design.array.centres
-    result = result.assign_coords(
+    names, terminations = design.array.names, design.circuit.terminations
+    network = design_circuit(design, ideal=ideal, progress=progress)
+    bare = design_circuit(design, ideal=True)
+    result = _coupled(network, terminations, np.diag(bare.resistance(1.0)))
+    without = resonances(bare, states_in_turn(names, terminations))
+    single, centres = ("coil",), design.array.centres
+    result = result.assign(
+        ideal_effective_inductance=(
+            single, [one.effective_inductance for one in without],
+            {"units": "H", "long_name": "inductance as terminated, ideal: direct current, no strays"},
+        ),
+        ideal_frequency=(
+            single, [one.frequency for one in without],
+            {"units": "Hz", "long_name": "resonance as terminated, ideal: direct current, no strays"},
+        ),
+        sheet_inductance=(
+            ("coil", "other"), design_inductance(design)[1],
+            {"units": "H", "long_name": "inductance due to the sheets"},
+        ),
+    ).assign_coords(
         x=("coil", centres[:, 0], {"units": "m", "long_name": "centre of the coil, x"}),
         y=("coil", centres[:, 1], {"units": "m", "long_name": "centre of the coil, y"}),
-    )
+    )  # fmt: skip
     return result.assign_attrs(provenance(design))
 
 
@@ -73,26 +308,33 @@ def design_inductance(
     Parameters
     ----------
     design : Design
-        As `coilarray.load_design` returns it.
+        Design of the board, for example from `coilarray.load_design`.
     progress : callable, optional
         Called with (done, total) as the matrix of the bare board is computed.
     accuracy : {"full", "screen"}
-        As in `coilarray.inductance_matrix`.
+        Accuracy of the matrix, see `coilarray.inductance_matrix`.
 
     Returns
     -------
     inductance : ndarray, shape (n, n)
-        In H, the magnetic sheets included.
+        Inductance matrix in H, the magnetic sheets included.
     by_sheets : ndarray, shape (n, n)
-        The part of it that the magnetic sheets make.
+        The part of it in H that the magnetic sheets make.
     """
+    inductance, by_sheets = _INDUCTANCES.get(
+        (*_key(design), accuracy), lambda: _design_inductance(design, accuracy, progress)
+    )
+    return inductance.copy(), by_sheets.copy()
+
+
+def _design_inductance(design: Design, accuracy: Accuracy, progress: Progress | None) -> tuple[FloatArray, FloatArray]:
     conductors = design.array.conductors()
     by_sheets = layer_inductance(conductors, design.sheets, accuracy=accuracy)
     return inductance_matrix(conductors, accuracy=accuracy, progress=progress) + by_sheets, by_sheets
 
 
 def provenance(design: Design) -> dict[str, str]:
-    """Return what a result must carry to be repeated: design, its hash and the package's version."""
+    """Return the attributes that tell where a result comes from: design, its hash and the package's version."""
     return {
         "design": design.name,
         "design_hash": design.digest,
@@ -113,46 +355,63 @@ def couple(
     Parameters
     ----------
     names : sequence of str, length n
-        Of the coils.
+        Names of the coils.
     inductance : array_like, shape (n, n)
-        In H.
+        Inductance matrix in H.
     resistance : array_like, shape (n,) or scalar
-        In Ω.
+        Resistance of each coil in Ω, the same at all frequencies.
     capacitance : float
-        Of the tank in F.
+        Capacitance of the tank in F.
     terminations : sequence of {"short", "open"}, length n, optional
-        Of each coil while it is passive; all shorted by default (the plan of Gast & Zimmermann 2020).
+        What closes each coil while it is passive; all shorted by default (the plan of Gast & Zimmermann 2020).
     short_resistance : float
-        In Ω.
+        Resistance in Ω of the two switches that ground a coil; the measured coil has two of them as well.
 
     Returns
     -------
     xarray.Dataset
-        Dimensions ``coil`` (the active one) and ``other``. In SI, units in the attributes: ``inductance``,
-        ``coupling``, ``current_real`` and ``current_imag`` (A per A), ``contribution`` to L_eff (coil, other);
-        ``resistance``, ``open_inductance``, ``effective_inductance``, ``inductance_change`` (relative),
-        ``effective_resistance``, ``quality_factor``, ``open_frequency``, ``frequency`` (coil); and the
-        coils' ``termination``.
+        Dimensions ``coil`` (the active one) and ``other``; SI, units in the attributes. ``inductance``, ``coupling``,
+        ``current_real`` and ``current_imag`` (A per A), and ``contribution``, the part of each other coil in the active
+        one's inductance Re(M i) (coil, other); ``resistance`` at direct current, ``open_inductance``,
+        ``effective_inductance`` 1/(ω²C), the same with all others open as ``open_effective_inductance``,
+        ``inductance_change`` L_eff/L − 1, ``effective_resistance`` Re Z,
+        ``quality_factor`` Im Z/Re Z, ``open_frequency``, ``frequency`` (coil); and the coils' ``termination``. The
+        attribute ``left_out`` says what of the circuit is not in these numbers.
 
     Raises
     ------
     NetworkError
-        As `resonance`.
+        Shapes that do not fit, a matrix of no real coils, a value that is not allowed, or a coil without a resonance.
+
+    Notes
+    -----
+    Every coil is solved where its Im Y = 0, see `coilarray.circuit.network.Resonance`. Without losses and strays the
+    contributions add up to L_eff − L.
     """
     L, R = checked_network(inductance, resistance)
-    n = len(names)
-    if L.shape != (n, n):
-        raise NetworkError(f"{n} names need an inductance matrix of shape ({n}, {n}); got {L.shape}.")
-    states = tuple(terminations) if terminations is not None else all_shorted(n)
-    solved = [resonance(L, R, a, capacitance, states, short_resistance) for a in range(n)]
-    alone = [resonance(L, R, a, capacitance, all_open(n)) for a in range(n)]
-    effective = np.array([state.effective_inductance for state in solved])
+    shorted: Termination = "short"
+    ends = [shorted] * len(names) if terminations is None else list(terminations)
+    if L.shape != (len(names), len(names)):
+        raise NetworkError(f"{len(names)} names need an inductance matrix of that many rows; got shape {L.shape}.")
+    if len(ends) != len(names) or not set(ends) <= {"short", "open"}:
+        raise NetworkError(f"terminations must be {len(names)} of 'short' or 'open'; got {ends}.")
+    network = bare_network(names, L, R, Switches(short_resistance / 2, tank_capacitance=capacitance))
+    return _coupled(network, ends, R)
+
+
+def _coupled(network: Network, terminations: Sequence[Termination], R: FloatArray) -> xr.Dataset:
+    """Solve a network for each coil in turn: the dataset of `couple`."""
+    names, L = network.names, network.inductance
+    solved = resonances(network, states_in_turn(names, terminations))
+    alone = resonances(network, [ScanState(name, ((name, 1),), others="open") for name in names])
     own = np.diag(L).copy()
-    effective_resistance = np.array([state.effective_resistance for state in solved])
-    frequency = np.array([state.frequency for state in solved])
     currents = np.array([state.currents for state in solved])
-    with np.errstate(divide="ignore"):
-        quality = 2 * np.pi * frequency * effective / effective_resistance
+    contributions = np.real(L * currents) * (1 - np.eye(len(L)))
+
+    def each(name: str, states: Sequence[Resonance] = solved) -> FloatArray:
+        return np.array([getattr(state, name) for state in states])
+
+    effective = each("effective_inductance")
     pair, single = ("coil", "other"), ("coil",)
     return xr.Dataset(
         {
@@ -161,22 +420,27 @@ def couple(
             "resistance": (single, R, {"units": "ohm", "long_name": "DC resistance"}),
             "open_inductance": (single, own, {"units": "H", "long_name": "inductance, all other coils open"}),
             "effective_inductance": (single, effective, {"units": "H", "long_name": "inductance as terminated"}),
+            "open_effective_inductance": (
+                single, each("effective_inductance", alone), {"units": "H", "long_name": "inductance seen, others open"}
+            ),
             "inductance_change": (single, effective / own - 1, {"units": "1", "long_name": "change by others"}),
             "effective_resistance": (
-                single, effective_resistance, {"units": "ohm", "long_name": "resistance as terminated"}
+                single, each("effective_resistance"), {"units": "ohm", "long_name": "resistance as terminated"}
             ),
-            "quality_factor": (single, quality, {"units": "1", "long_name": "quality factor"}),
+            "quality_factor": (single, each("quality_factor"), {"units": "1", "long_name": "quality factor"}),
             "open_frequency": (
-                single, np.array([s.frequency for s in alone]), {"units": "Hz", "long_name": "resonance, others open"}
+                single, each("frequency", alone), {"units": "Hz", "long_name": "resonance, others open"}
             ),
-            "frequency": (single, frequency, {"units": "Hz", "long_name": "resonance as terminated"}),
+            "frequency": (single, each("frequency"), {"units": "Hz", "long_name": "resonance as terminated"}),
             "current_real": (pair, currents.real, {"units": "A/A", "long_name": "in-phase current"}),
             "current_imag": (pair, currents.imag, {"units": "A/A", "long_name": "quadrature current"}),
-            "contribution": (
-                pair, np.array([s.contributions for s in solved]), {"units": "H", "long_name": "part in L_eff − L"}
-            ),
-            "termination": (single, np.array(states, dtype=object), {"long_name": "state while passive"}),
+            "contribution": (pair, contributions, {"units": "H", "long_name": "part in L_eff − L"}),
+            "termination": (single, np.array(terminations, dtype=object), {"long_name": "state while passive"}),
         },
         coords={"coil": list(names), "other": list(names)},
-        attrs={"capacitance_F": capacitance, "short_resistance_ohm": short_resistance},
+        attrs={
+            "capacitance_F": network.switches.tank_capacitance,
+            "short_resistance_ohm": 2 * network.switches.on_resistance,
+            "left_out": "; ".join(network.left_out),
+        },
     )  # fmt: skip

@@ -45,7 +45,7 @@ class FieldBlock:
     conductors : tuple of Conductor
         Current paths.
     currents : ndarray of complex, shape (paths,)
-        In A.
+        Currents in A.
     axes : tuple of ndarray
         x, y and z of the grid in m.
     start, stop : int
@@ -81,7 +81,7 @@ def write_field_volume(
         The file to make or replace, .nc; what is not finished stands in the folder PATH.parts and is gone on with when
         the same volume is written again.
     design, coupling, active, x, y, z, current, terminated
-        As in `coilarray.circuit.operating_field.operating_field`.
+        Design and its operation, see `coilarray.circuit.operating_field.operating_field`.
     pool : Pool
         From `coilarray.compute.workers.workers`; with ``workers(cluster="tcp://host:8786")`` the blocks are computed by
         the workers of a Dask cluster, and written here.

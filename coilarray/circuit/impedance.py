@@ -1,181 +1,98 @@
-"""The whole circuit of a design: AC resistance, capacitance and switches, state by state and over frequency."""
+"""The states of a design's scan where the converter oscillates, and their impedance over frequency."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from collections.abc import Sequence
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from coilarray.circuit.coupling import design_inductance, provenance
-from coilarray.circuit.network import Network, impedances, loaded_quality, resonate, self_resonance_of, solve_state
+from coilarray.circuit.coupling import circuit_parts, design_circuit, permittivity_above, provenance
+from coilarray.circuit.network import (
+    SampledResistance,
+    impedances,
+    loaded_quality,
+    resonate,
+    self_resonance_of,
+    solve_state,
+)
 from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import Progress
 from coilarray.design.model import Design
 from coilarray.electromagnetics.ac_resistance import resistance_matrix
-from coilarray.electromagnetics.capacitance import coil_capacitance, elastomer_effect, self_resonance
-from coilarray.electromagnetics.resistance import dc_resistance
-
-FloatArray = npt.NDArray[np.float64]
+from coilarray.electromagnetics.capacitance import elastomer_effect, self_resonance
+from coilarray.electromagnetics.inductance import Accuracy
+from coilarray.errors import GeometryError
 
 CLOSE_CHANNELS = 0.03
 """Relative distance of two frequencies below which simultaneous channels would pull each other."""
-_RESISTANCE_POINTS = 9
 _BYTES_A_RESISTANCE = 24.0  # an entry at a frequency: as computed, interpolated, and a copy on the way
 
 
-@dataclass(frozen=True, eq=False)
-class DesignNetwork:
-    """A design's network with direct-current resistances, and its capacitances.
-
-    Parameters
-    ----------
-    network : Network
-        Ready to be solved.
-    capacitance : xarray.Dataset
-        As `coilarray.electromagnetics.capacitance.coil_capacitance` returns it.
-    design : Design
-        Which it is of.
-    """
-
-    network: Network
-    capacitance: xr.Dataset
-    design: Design
-
-    @cached_property
-    def elastomer(self) -> xr.Dataset:
-        """What `capacitance.elastomer_effect` says; a dent reaches at most through the topmost sheet."""
-        return _elastomer(self.design)
-
-
-def design_network(design: Design, inductance: Callable[[], FloatArray] | None = None) -> DesignNetwork:
-    """Compute what does not depend on frequency, once for several scans and sweeps.
-
-    Parameters
-    ----------
-    design : Design
-        As `coilarray.load_design` returns it.
-    inductance : callable, optional
-        Returns the first of `coilarray.circuit.coupling.design_inductance` where that is known or on its way; it is
-        called last. Computed here by default.
-
-    Returns
-    -------
-    DesignNetwork
-
-    Raises
-    ------
-    GeometryError
-        A coil whose capacitance has no model: see `coilarray.electromagnetics.capacitance.winding_capacitance`.
-    """
-    conductors = design.array.conductors()
-    parts = coil_capacitance(design.array, design.sheets, relative_permittivity=_permittivity(design))
-    between = -parts.capacitance.values.copy()
-    np.fill_diagonal(between, 0.0)
-    R = np.diag(dc_resistance(conductors, design.circuit.resistivity))
-    network = Network(
-        design.array.names,
-        design_inductance(design)[0] if inductance is None else inductance(),
-        lambda frequency: R,
-        parts.coil_capacitance.values,
-        np.maximum(0.5 * (between + between.T), 0.0),  # rounding
-        design.circuit.switches,
-    )
-    return DesignNetwork(network, parts, design)
-
-
-def scan_design(design: Design, progress: Progress | None = None, prepared: DesignNetwork | None = None) -> xr.Dataset:
+def scan_design(
+    design: Design, *, elastomer: bool = True, accuracy: Accuracy = "full", progress: Progress | None = None
+) -> xr.Dataset:
     """Solve every state of a design's scan plan where the converter oscillates.
 
     Parameters
     ----------
     design : Design
-        As `coilarray.load_design` returns it.
+        Design of the board, for example from `coilarray.load_design`.
+    elastomer : bool
+        Compute also what the elastomer's permittivity does, which takes as long as all the rest.
+    accuracy : {"full", "screen"}
+        Accuracy of the inductance matrix, see `coilarray.inductance_matrix`.
     progress : callable, optional
-        Called with (done, total).
-    prepared : DesignNetwork, optional
-        As `design_network` returns it; made here where it is not given.
+        Called with (done, total) as the work goes on.
 
     Returns
     -------
     xarray.Dataset
-        Dimensions ``state`` and ``coil``. For each state ``frequency``, ``effective_inductance``,
-        ``effective_resistance``, ``quality_factor`` (of the coils), ``loaded_quality_factor`` (of the resonator),
-        ``state_self_resonance`` (without the tank), ``parallel_resistance``, ``resistance_ratio`` (R_eff against the
-        same with DC resistances), and ``current_real``, ``current_imag`` (state, coil) in A per A of the first measured
-        coil. For each coil ``winding_capacitance``, ``self_resonance``, ``ac_resistance`` (at the states' mean
-        frequency), ``resistance_model``, and what the elastomer's permittivity does: ``bare_winding_capacitance``
-        without it, ``elastomer_delta``, the change of L that laying it on feigns, and ``dent_delta_bound``, which no
-        dent through the topmost sheet exceeds (`coilarray.electromagnetics.capacitance.elastomer_effect`).
-        ``capacitance`` (coil, other) is the Maxwell matrix. Units in the attributes.
+        Dimensions ``state`` and ``coil``. For each state ``frequency``, ``effective_inductance`` 1/(ω²C),
+        ``effective_resistance`` Re Z, ``quality_factor`` Im Z/Re Z (without the tank), ``loaded_quality_factor`` (of
+        the resonator), ``state_self_resonance`` (without the tank), ``parallel_resistance``, ``resistance_ratio``
+        (R_eff against the same with DC resistances), and ``current_real``, ``current_imag`` (state, coil) in A per A
+        of the first measured coil. For each coil ``winding_capacitance``, ``self_resonance``, ``ac_resistance`` (at the
+        states' mean frequency), ``resistance_model``, and what the elastomer's permittivity does where it is asked for:
+        ``bare_winding_capacitance`` without it, ``elastomer_delta``, the change of L that laying it on feigns, and
+        ``dent_delta_bound``, which no dent through the topmost sheet exceeds
+        (`coilarray.electromagnetics.capacitance.elastomer_effect`). ``capacitance`` (coil, other) is the Maxwell
+        matrix. Units in the attributes.
 
     Raises
     ------
     NetworkError
         A state without a resonance, or one that cannot be solved.
+    GeometryError
+        A coil whose capacitance has no model: see `coilarray.electromagnetics.capacitance.winding_capacitance`.
     """
-    prepared = prepared or design_network(design)
-    effect = prepared.elastomer
-    coil = ("coil",)
-    return scan_states(prepared, progress).assign(
-        bare_winding_capacitance=(
-            coil, effect.without.values, {"units": "F", "long_name": "capacitance without elastomer"}
-        ),
-        elastomer_delta=(
-            coil, effect.apparent_delta.values, {"units": "1", "long_name": "apparent δ of the elastomer"}
-        ),
-        dent_delta_bound=(
-            coil, effect.dent_bound.values, {"units": "1", "long_name": "largest apparent δ of a dent"}
-        ),
-    )  # fmt: skip
-
-
-def scan_states(prepared: DesignNetwork, progress: Progress | None = None) -> xr.Dataset:
-    """Solve every state as `scan_design` does, without what the elastomer's permittivity does: half of its time.
-
-    Parameters
-    ----------
-    prepared : DesignNetwork
-        As `design_network` returns it.
-    progress : callable, optional
-        Called with (done, total).
-
-    Returns
-    -------
-    xarray.Dataset
-        As `scan_design`, but for ``bare_winding_capacitance``, ``elastomer_delta`` and ``dent_delta_bound``.
-
-    Raises
-    ------
-    NetworkError
-        A state without a resonance, or one that cannot be solved.
-    """
-    design, network = prepared.design, prepared.network
     plan = design.circuit.plan
-    steps = 2 * len(plan) + 1
-    first = []
-    for k, state in enumerate(plan):
-        first.append(resonate(network, state))
-        _tell(progress, k + 1, steps)
-    grid, ac = resistance_near(design, [r.frequency for r in first])
-    _tell(progress, len(plan) + 1, steps)
-    lossy = replace(network, resistance=interpolated_resistance(grid, ac.resistance.values))
+    steps = len(plan) + 2
+
+    def tell(done: int) -> None:
+        if progress is not None:
+            progress(done, steps)
+
+    parts = circuit_parts(design, accuracy=accuracy)
+    network, ac = parts.network, parts.resistance
+    if parts.capacitance is None:
+        raise GeometryError(parts.problem)
+    tell(1)
     results = []
     for k, state in enumerate(plan):
-        results.append(resonate(lossy, state))
-        _tell(progress, len(plan) + 2 + k, steps)
-    direct = [solve_state(network, r.state, r.frequency).effective_resistance for r in results]
+        results.append(resonate(network, state))
+        tell(k + 2)
+    direct = [solve_state(parts.direct, r.state, r.frequency).effective_resistance for r in results]
+    grid = ac.frequency.values
     middle = float(np.sqrt(grid[0] * grid[-1]))
-    at_middle = lossy.resistance(middle)
+    nearest = int(np.abs(grid - middle).argmin())
     states, pair, coil = ("state",), ("state", "coil"), ("coil",)
     currents = np.array([r.currents for r in results])
-    nearest = int(np.abs(grid - middle).argmin())
-    return xr.Dataset(
+    scan = xr.Dataset(
         {
             "frequency": (states, [r.frequency for r in results], {"units": "Hz", "long_name": "resonance frequency"}),
             "effective_inductance": (
@@ -189,12 +106,12 @@ def scan_states(prepared: DesignNetwork, progress: Progress | None = None) -> xr
             ),
             "loaded_quality_factor": (
                 states,
-                [loaded_quality(lossy, r) for r in results],
+                [loaded_quality(network, r) for r in results],
                 {"units": "1", "long_name": "quality factor with the tank"},
             ),
             "state_self_resonance": (
                 states,
-                [self_resonance_of(lossy, r) for r in results],
+                [self_resonance_of(network, r) for r in results],
                 {"units": "Hz", "long_name": "self-resonance without the tank"},
             ),
             "parallel_resistance": (
@@ -215,13 +132,15 @@ def scan_states(prepared: DesignNetwork, progress: Progress | None = None) -> xr
                 self_resonance(np.diag(network.inductance), network.winding_capacitance),
                 {"units": "Hz", "long_name": "self-resonance"},
             ),
-            "ac_resistance": (coil, np.diag(at_middle), {"units": "ohm", "long_name": "AC resistance"}),
+            "ac_resistance": (
+                coil, np.diag(network.resistance(middle)), {"units": "ohm", "long_name": "AC resistance"}
+            ),
             "resistance_model": (
                 coil, ac.model.values[nearest].astype(object), {"long_name": "model of the AC resistance"}
             ),
             "capacitance": (
                 ("coil", "other"),
-                prepared.capacitance.capacitance.values,
+                parts.capacitance.capacitance.values,
                 {"units": "F", "long_name": "capacitance matrix"},
             ),
         },
@@ -230,73 +149,37 @@ def scan_states(prepared: DesignNetwork, progress: Progress | None = None) -> xr
         },
         attrs={**provenance(design), "ac_resistance_frequency_Hz": middle},
     )  # fmt: skip
+    if elastomer:
+        below = sum(sheet.thickness for sheet in design.sheets[:-1])  # a dent reaches through the topmost sheet at most
+        effect = elastomer_effect(
+            design.array, permittivity_above(design), design.circuit.capacitance, design.sheets, undisturbed=below
+        )
+        scan = scan.assign(
+            bare_winding_capacitance=(
+                coil, effect.without.values, {"units": "F", "long_name": "capacitance without elastomer"}
+            ),
+            elastomer_delta=(
+                coil, effect.apparent_delta.values, {"units": "1", "long_name": "apparent δ of the elastomer"}
+            ),
+            dent_delta_bound=(
+                coil, effect.dent_bound.values, {"units": "1", "long_name": "largest apparent δ of a dent"}
+            ),
+        )  # fmt: skip
+    tell(steps)
+    return scan
 
 
-def resistance_near(design: Design, frequencies: Sequence[float]) -> tuple[FloatArray, xr.Dataset]:
-    """AC resistance matrices around the frequencies that a design oscillates at with its DC resistances.
-
-    Parameters
-    ----------
-    design : Design
-        Of the coils.
-    frequencies : sequence of float
-        In Hz.
-
-    Returns
-    -------
-    grid : ndarray, shape (n,)
-        From 5 % below the lowest to 5 % above the highest in Hz: AC resistance shifts a resonance by far less.
-    resistance : xarray.Dataset
-        As `coilarray.electromagnetics.ac_resistance.resistance_matrix` returns it.
-    """
-    grid = np.geomspace(0.95 * min(frequencies), 1.05 * max(frequencies), _RESISTANCE_POINTS)
-    return grid, resistance_matrix(design.array, grid, design.circuit.resistivity)
-
-
-def interpolated_resistance(frequencies: FloatArray, R: FloatArray) -> Callable[[float], FloatArray]:
-    """Resistance matrix at any frequency: linear between those computed, constant beyond.
-
-    Parameters
-    ----------
-    frequencies : ndarray, shape (f,)
-        Rising, in Hz.
-    R : ndarray, shape (f, n, n)
-        In Ω.
-
-    Returns
-    -------
-    callable
-        Takes a frequency in Hz and returns an ndarray, shape (n, n), in Ω.
-    """
-
-    def at(frequency: float) -> FloatArray:
-        k = int(np.clip(np.searchsorted(frequencies, frequency) - 1, 0, max(len(frequencies) - 2, 0)))
-        if len(frequencies) == 1:
-            return np.asarray(R[0])
-        share = float(np.clip((frequency - frequencies[k]) / (frequencies[k + 1] - frequencies[k]), 0, 1))
-        return np.asarray((1 - share) * R[k] + share * R[k + 1])
-
-    return at
-
-
-def sweep_design(
-    design: Design,
-    frequencies: npt.ArrayLike,
-    progress: Progress | None = None,
-    prepared: DesignNetwork | None = None,
-) -> xr.Dataset:
+def sweep_design(design: Design, frequencies: npt.ArrayLike, *, progress: Progress | None = None) -> xr.Dataset:
     """Impedance of every state of a design's scan plan over frequency.
 
     Parameters
     ----------
     design : Design
-        As `coilarray.load_design` returns it.
+        Design of the board, for example from `coilarray.load_design`.
     frequencies : array_like, shape (n,)
-        In Hz, positive and rising.
+        Frequencies in Hz, positive and rising.
     progress : callable, optional
         Called with (done, total).
-    prepared : DesignNetwork, optional
-        As `design_network` returns it; made here where it is not given.
 
     Returns
     -------
@@ -320,14 +203,14 @@ def sweep_design(
     require_memory(
         _BYTES_A_RESISTANCE * len(f) * coils**2, f"the impedance of {coils} coils at {len(f)} frequencies", "take fewer"
     )
-    network = (prepared or design_network(design)).network
     R = resistance_matrix(design.array, f, design.circuit.resistivity).resistance.values
-    lossy = replace(network, resistance=interpolated_resistance(f, R))
+    network = replace(design_circuit(design), resistance=SampledResistance(f, R))
     plan = design.circuit.plan
     Z = np.empty((len(f), len(plan)), dtype=np.complex128)
     for k, state in enumerate(plan):
-        Z[:, k] = impedances(lossy, state, f)
-        _tell(progress, k + 1, len(plan))
+        Z[:, k] = impedances(network, state, f)
+        if progress is not None:
+            progress(k + 1, len(plan))
     dims = ("frequency", "state")
     return xr.Dataset(
         {
@@ -354,9 +237,9 @@ def close_channels(names: Sequence[str], frequencies: npt.ArrayLike) -> list[tup
     Parameters
     ----------
     names : sequence of str, length n
-        Of the states.
+        Names of the states.
     frequencies : array_like, shape (n,)
-        In Hz.
+        Frequencies in Hz.
 
     Returns
     -------
@@ -376,25 +259,3 @@ def close_channels(names: Sequence[str], frequencies: npt.ArrayLike) -> list[tup
         if distance < CLOSE_CHANNELS:
             found.append((names[i], names[j], float(distance)))
     return sorted(found, key=lambda pair: pair[2])
-
-
-def _elastomer(design: Design) -> xr.Dataset:
-    """Compute what the elastomer's permittivity does; a dent reaches at most through the topmost sheet."""
-    below = sum(sheet.thickness for sheet in design.sheets[:-1])
-    return elastomer_effect(
-        design.array,
-        _permittivity(design),
-        design.circuit.capacitance,
-        design.sheets,
-        undisturbed=below,
-    )
-
-
-def _permittivity(design: Design) -> float:
-    """Relative permittivity above the board: air where no elastomer lies there."""
-    return design.circuit.elastomer_permittivity if design.sheets else 1.0
-
-
-def _tell(progress: Progress | None, done: int, total: int) -> None:
-    if progress is not None:
-        progress(done, total)

@@ -14,7 +14,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 import numpy.typing as npt
@@ -30,9 +29,10 @@ from coilarray.errors import NetworkError
 
 FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
+IntArray = npt.NDArray[np.int64]
 
-# how far from the bare coil a resonance is looked for, and in how many steps of a tenth
-_SEARCH, _SEARCH_POINTS = 30.0, 72
+# how far from the bare coil a resonance is looked for, and in what steps
+_SEARCH, _SEARCH_STEP = 30.0, 0.096
 _FINE_POINTS = 172  # steps of 2 %
 _BYTES_AN_ENTRY = 48.0  # of a circuit's matrix: itself, without the references, and as it is factored
 _AT_ONCE = 16  # frequencies; many at once save time, a search seldom needs all
@@ -42,15 +42,40 @@ _GROUND, _SIDE_A, _SIDE_B = "ground", "A", "B"
 
 
 @dataclass(frozen=True, eq=False)
+class SampledResistance:
+    """Resistance matrix at any frequency: linear between the frequencies where it is known, constant beyond.
+
+    Parameters
+    ----------
+    frequencies : ndarray, shape (f,)
+        Rising frequencies in Hz.
+    matrices : ndarray, shape (f, n, n)
+        Resistance matrices in Ω.
+    """
+
+    frequencies: FloatArray
+    matrices: FloatArray
+
+    def __call__(self, frequency: float) -> FloatArray:
+        """Return the matrix in Ω at a frequency in Hz, shape (n, n)."""
+        f, R = self.frequencies, self.matrices
+        if len(f) == 1:
+            return np.asarray(R[0])
+        k = int(np.clip(np.searchsorted(f, frequency) - 1, 0, len(f) - 2))
+        share = float(np.clip((frequency - f[k]) / (f[k + 1] - f[k]), 0, 1))
+        return np.asarray((1 - share) * R[k] + share * R[k + 1])
+
+
+@dataclass(frozen=True, eq=False)
 class Network:
     """Coils and switches, to be solved in any state at any frequency.
 
     Parameters
     ----------
     names : tuple of str, length n
-        Of the coils.
+        Names of the coils.
     inductance : ndarray, shape (n, n)
-        In H.
+        Inductance matrix in H.
     resistance : callable
         Takes a frequency in Hz and returns the resistance matrix, shape (n, n), in Ω.
     winding_capacitance : ndarray, shape (n,)
@@ -59,6 +84,8 @@ class Network:
         Capacitance C_ij between two coils, each at one potential, in F; symmetric, the diagonal is not used.
     switches : Switches
         The rest of the circuit.
+    left_out : tuple of str
+        What of the board's circuit is not in the network, in words.
 
     Raises
     ------
@@ -79,6 +106,7 @@ class Network:
     winding_capacitance: FloatArray
     mutual_capacitance: FloatArray
     switches: Switches
+    left_out: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         n = len(self.names)
@@ -100,15 +128,15 @@ class StateResult(PortImpedance):
     Parameters
     ----------
     frequency : float
-        In Hz.
+        Frequency in Hz.
     impedance : complex
-        In Ω, between the sides of the converter without the tank's capacitor.
+        Impedance in Ω between the sides of the converter, without the tank's capacitor.
     state : ScanState
-        The state.
+        The multiplexer's state.
     admittance : complex
-        In S, with the tank's capacitor.
+        Admittance in S between the sides of the converter, with the tank's capacitor.
     currents : ndarray of complex, shape (n,)
-        Through every coil in A per A in the first measured one.
+        Current through every coil in A per A in the first measured one.
     """
 
     state: ScanState
@@ -117,13 +145,38 @@ class StateResult(PortImpedance):
 
     @property
     def quality_factor(self) -> float:
-        """Q = Im Z/Re Z of the coils without the tank; infinite without losses. See `loaded_quality`."""
+        """Q = Im Z/Re Z without the tank; infinite without losses. See `loaded_quality`."""
         return self.impedance.imag / self.impedance.real if self.impedance.real > 0 else math.inf
 
     @property
     def parallel_resistance(self) -> float:
-        """R_p = 1/Re Y in Ω, what the converter must replace at resonance; infinite without losses."""
+        """R_p = 1/Re Y in Ω, the loss that the converter makes up for; infinite without losses."""
         return 1 / self.admittance.real if self.admittance.real > 0 else math.inf
+
+
+@dataclass(frozen=True, eq=False)
+class Resonance(StateResult):
+    """One state where the converter oscillates, Im Y = 0.
+
+    Parameters
+    ----------
+    frequency, impedance, state, admittance, currents
+        See `StateResult`.
+    tank_capacitance : float
+        Capacitance of the tank in F.
+
+    Notes
+    -----
+    With the tank across the converter 1/Z = 1/R_p − jωC, so that Q = R_p/(ωL_eff) and R_eff = R_p/(1 + Q²) hold
+    exactly. A coil L with a resistance R in series, alone across C, has L_eff = L + R²/(ω²L).
+    """
+
+    tank_capacitance: float
+
+    @property
+    def effective_inductance(self) -> float:
+        """L_eff = 1/(ω²C) in H: what the converter takes for the inductance."""
+        return 1 / ((2 * math.pi * self.frequency) ** 2 * self.tank_capacitance)
 
 
 def solve_state(network: Network, state: ScanState, frequency: float) -> StateResult:
@@ -136,7 +189,7 @@ def solve_state(network: Network, state: ScanState, frequency: float) -> StateRe
     state : ScanState
         The multiplexer's state.
     frequency : float
-        In Hz.
+        Frequency in Hz.
 
     Returns
     -------
@@ -154,7 +207,7 @@ def solve_state(network: Network, state: ScanState, frequency: float) -> StateRe
     >>> L, R, C = np.array([[50e-6]]), np.array([[10.0]]), np.zeros((1, 1))
     >>> one = Network(("a",), L, lambda f: R, C[0], C, Switches(2.5))
     >>> result = solve_state(one, ScanState("a", (("a", 1),)), 2e6)
-    >>> round(result.effective_inductance * 1e6, 6), round(result.effective_resistance, 6)
+    >>> round(result.apparent_inductance * 1e6, 6), round(result.effective_resistance, 6)
     (50.0, 15.0)
     """
     check_state(state, network.names)
@@ -172,15 +225,17 @@ def impedances(network: Network, state: ScanState, frequencies: FloatArray) -> C
 
     Parameters
     ----------
-    network, state
-        As in `solve_state`.
+    network : Network
+        Coils and switches.
+    state : ScanState
+        The multiplexer's state.
     frequencies : ndarray, shape (f,)
-        In Hz, positive and finite.
+        Frequencies in Hz, positive and finite.
 
     Returns
     -------
     ndarray of complex, shape (f,)
-        In Ω.
+        Impedance in Ω.
 
     Raises
     ------
@@ -194,6 +249,32 @@ def impedances(network: Network, state: ScanState, frequencies: FloatArray) -> C
     return np.concatenate(
         [_solve_with_tank(network, state, frequencies[low:high], network.inductance)[0] for low, high in blocks]
     )
+
+
+def driven(network: Network, state: ScanState, frequencies: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+    """Drive one volt between the sides of the converter, the tank included.
+
+    Parameters
+    ----------
+    network : Network
+        Coils and switches.
+    state : ScanState
+        The multiplexer's state.
+    frequencies : ndarray, shape (f,)
+        Frequencies in Hz.
+
+    Returns
+    -------
+    admittance : ndarray of complex, shape (f,)
+        Admittance in S.
+    currents : ndarray of complex, shape (f, n)
+        Current through every coil in A.
+    """
+    switches = network.switches
+    at_coil = switches.tank_capacitance if switches.tank_at == "coil" else 0.0
+    impedance, currents = _solve(network, state, frequencies, network.winding_capacitance + at_coil, network.inductance)
+    tank = 0.0 if at_coil else 2j * math.pi * frequencies * switches.tank_capacitance
+    return 1 / impedance + tank, currents / impedance[:, None]
 
 
 def _solve_with_tank(
@@ -219,27 +300,31 @@ def _solve_with_tank(
     return impedance, currents, admittance
 
 
-def resonate(network: Network, state: ScanState) -> StateResult:
+def resonate(network: Network, state: ScanState) -> Resonance:
     """Solve one state where the converter oscillates, Im Y = 0.
 
     Parameters
     ----------
-    network, state
-        As in `solve_state`.
+    network : Network
+        Coils and switches.
+    state : ScanState
+        The multiplexer's state.
 
     Returns
     -------
-    StateResult
-        At the resonance that continues the one of the measured coils alone with the tank.
+    Resonance
+        The resonance that continues the one of the measured coils alone with the tank.
 
     Raises
     ------
     NetworkError
-        As `solve_state`; also where there is no resonance from a thirtieth to thirty times the frequency of the
-        measured coils alone with one tank capacitor.
+        As `solve_state`; also where there is no resonance from a thirtieth of the frequency of the measured coils
+        alone with one tank capacitor to thirty times that with all others ideally shorted.
     """
     check_state(state, network.names)
-    start = 1 / (2 * math.pi * math.sqrt(_bare_inductance(network, state) * network.switches.tank_capacitance))
+    alone, least = _bare_inductances(network, state)
+    start = 1 / (2 * math.pi * math.sqrt(alone * network.switches.tank_capacitance))
+    low, high = start / _SEARCH, start * _SEARCH * math.sqrt(alone / least)
 
     def susceptance(frequencies: FloatArray) -> FloatArray:
         return _solve_with_tank(network, state, frequencies, network.inductance)[2].imag
@@ -248,12 +333,11 @@ def resonate(network: Network, state: ScanState) -> StateResult:
     # tanks move it far away, the lowest crossing counts.
     crossing = _upward_crossing(susceptance, start / 1.3 * np.array([1.0, 1.3**2]))
     if crossing is None:
-        crossing = _upward_crossing(susceptance, start * np.geomspace(1 / _SEARCH, _SEARCH, _SEARCH_POINTS))
+        points = math.ceil(math.log(high / low) / _SEARCH_STEP) + 1
+        crossing = _upward_crossing(susceptance, np.geomspace(low, high, points))
     if crossing is None:
-        raise NetworkError(
-            f"state {state.name} has no resonance between {start / _SEARCH:.4g} and {start * _SEARCH:.4g} Hz."
-        )
-    return solve_state(network, state, crossing)
+        raise NetworkError(f"state {state.name} has no resonance between {low:.4g} and {high:.4g} Hz.")
+    return Resonance(**vars(solve_state(network, state, crossing)), tank_capacitance=network.switches.tank_capacitance)
 
 
 def loaded_quality(network: Network, result: StateResult) -> float:
@@ -267,7 +351,7 @@ def loaded_quality(network: Network, result: StateResult) -> float:
     network : Network
         Coils and switches.
     result : StateResult
-        As `resonate` returns it.
+        Resonance from `resonate`.
 
     Returns
     -------
@@ -288,8 +372,10 @@ def self_resonance_of(network: Network, result: StateResult) -> float:
 
     Parameters
     ----------
-    network, result
-        As in `loaded_quality`.
+    network : Network
+        Coils and switches.
+    result : StateResult
+        Resonance from `resonate`.
 
     Returns
     -------
@@ -315,16 +401,17 @@ def resonances_near(
     network : Network
         Coils and switches.
     result : StateResult
-        As `resonate` returns it for this network.
+        Resonance of this network from `resonate`.
     inductances : ndarray, shape (cases, n, n)
-        In H, in place of the network's own.
+        Inductance matrices in H in place of the network's own.
     winding_capacitances : ndarray, shape (cases, n), optional
-        In F, in place of the network's own; a change may make them negative, as the tank is in parallel.
+        Capacitances in F across the coils in place of the network's own; a change may make them negative, as the tank
+        is in parallel.
 
     Returns
     -------
     ndarray, shape (cases,)
-        In Hz.
+        Frequencies in Hz.
 
     Raises
     ------
@@ -369,22 +456,38 @@ def _upward_crossing(function: Callable[[FloatArray], FloatArray], grid: FloatAr
     return None
 
 
-def _bare_inductance(network: Network, state: ScanState) -> float:
-    """Inductance of the measured coils joined as in the state, all else left out."""
+def _bare_inductances(network: Network, state: ScanState) -> tuple[float, float]:
+    """Inductance of the measured coils joined as in the state, all other coils open and all ideally shorted."""
     chosen = [network.names.index(name) for name, _ in state.measured]
     sense = np.array([sense for _, sense in state.measured], dtype=np.float64)
-    L = network.inductance[np.ix_(chosen, chosen)] * np.outer(sense, sense)
-    if state.connection == "series":
-        return float(L.sum())
-    return float(1 / np.linalg.inv(L).sum())
+    series = state.connection == "series"
+    inverse = np.linalg.inv(network.inductance)[np.ix_(chosen, chosen)]
+    alone, shorted = network.inductance[np.ix_(chosen, chosen)], np.linalg.inv(inverse)
+    both = [float(sense @ (L if series else np.linalg.inv(L)) @ sense) for L in (alone, shorted)]
+    return (both[0], both[1]) if series else (1 / both[0], 1 / both[1])
 
 
-@dataclass(frozen=True)
-class _Circuit:
-    """Everything but the coils: branches of an impedance, which may be zero, and capacitors, by names of nodes."""
+@dataclass(frozen=True, eq=False)
+class _Wiring:
+    """A state's nodes and branches; the terminals of coil k are the nodes 2k and 2k + 1, its branch is the k-th.
 
-    branches: list[tuple[str, str, complex | npt.NDArray[np.complexfloating]]]
-    capacitors: list[tuple[str, str, float | FloatArray]]
+    Parameters
+    ----------
+    ends : ndarray of int, shape (branches, 2)
+        Nodes that each branch joins: coils, closed switches, loads, leads.
+    resistance, inductance : ndarray, shape (branches,)
+        Series impedance of the branches in Ω and H, zero for the coils.
+    capacitance : ndarray, shape (nodes, nodes)
+        Maxwell matrix of all capacitors in F but those across the coils.
+    port : tuple of int
+        Nodes of the converter.
+    """
+
+    ends: IntArray
+    resistance: FloatArray
+    inductance: FloatArray
+    capacitance: FloatArray
+    port: tuple[int, int]
 
 
 def _solve(
@@ -395,69 +498,78 @@ def _solve(
     `inductances` (n, n) and the capacitances `across` the coils (n,) may have one more axis in front, (f,).
     """
     omega = 2 * math.pi * frequencies
-    circuit = _wire(network, state, omega, across)
-    coils = [(f"{name}.1", f"{name}.2") for name in network.names]
-    pairs = [*coils, *((a, b) for a, b, _ in circuit.branches), *((a, b) for a, b, _ in circuit.capacitors)]
-    number: dict[str, int] = {_GROUND: 0, "converter A": 1, "converter B": 2}
-    ends = np.array([[number.setdefault(name, len(number)) for name in pair] for pair in pairs])
-    reference = _references(ends)
-    # in units of the first coil's reactance all entries are of order one
-    unit = omega * network.inductance[0, 0]
-    nodes, n, branches = len(number), len(coils), len(coils) + len(circuit.branches)
+    wiring, n = _wire(network, state), len(network.names)
+    nodes, branches = len(wiring.capacitance), len(wiring.ends)
     require_memory(
         _BYTES_AN_ENTRY * len(omega) * (nodes + branches) ** 2, f"the circuit of {n} coils at {len(omega)} frequencies"
     )
+    # in units of the first coil's reactance all entries are of order one
+    unit = omega * network.inductance[0, 0]
     matrix = np.zeros((len(omega), nodes + branches, nodes + branches), dtype=np.complex128)
-    for k, (a, b) in enumerate(ends[:branches].tolist()):
-        matrix[:, [a, nodes + k], [nodes + k, a]] += 1
-        matrix[:, [b, nodes + k], [nodes + k, b]] -= 1
-    for (a, b), (_, _, farads) in zip(ends[branches:].tolist(), circuit.capacitors, strict=True):
-        admittance = (1j * omega * farads * unit)[:, None]
-        matrix[:, [a, b], [a, b]] += admittance
-        matrix[:, [a, b], [b, a]] -= admittance
+    matrix[:, :nodes, :nodes] = (1j * omega * unit)[:, None, None] * wiring.capacitance
+    first, second = np.arange(0, 2 * n, 2), np.arange(1, 2 * n, 2)
+    admittance = (1j * omega * unit)[:, None] * across
+    for rows, columns, sign in ((first, first, 1), (second, second, 1), (first, second, -1), (second, first, -1)):
+        matrix[:, rows, columns] += sign * admittance
+    number = np.arange(branches)
+    for end, sign in zip(wiring.ends.T, (1, -1), strict=True):
+        matrix[:, end, nodes + number] += sign
+        matrix[:, nodes + number, end] += sign
     R = np.array([network.resistance(frequency) for frequency in frequencies.tolist()])
     matrix[:, nodes : nodes + n, nodes : nodes + n] = (
         -(R + 1j * omega[:, None, None] * inductances) / unit[:, None, None]
     )
-    for k, (_, _, impedance) in enumerate(circuit.branches):
-        matrix[:, nodes + n + k, nodes + n + k] = -impedance / unit
+    series = wiring.resistance + 1j * omega[:, None] * wiring.inductance
+    matrix[:, nodes + number, nodes + number] -= series / unit[:, None]
     source = np.zeros((matrix.shape[1], 1), dtype=np.complex128)
-    source[1], source[2] = 1, -1
-    keep = np.setdiff1d(np.arange(len(source)), reference)
+    source[wiring.port, 0] = 1, -1
+    keep = np.setdiff1d(np.arange(len(source)), _references(wiring))
     solution = np.zeros(matrix.shape[:2], dtype=np.complex128)
     try:
         solution[:, keep] = np.linalg.solve(matrix[:, keep[:, None], keep], source[keep])[..., 0]
     except np.linalg.LinAlgError:
         raise NetworkError(f"state {state.name} makes a singular network at {frequencies[0]:.6g} Hz.") from None
-    return (solution[:, 1] - solution[:, 2]) * unit, solution[:, nodes : nodes + n]
+    plus, minus = wiring.port
+    return (solution[:, plus] - solution[:, minus]) * unit, solution[:, nodes : nodes + n]
 
 
-def _wire(network: Network, state: ScanState, omega: FloatArray, across: FloatArray) -> _Circuit:
-    """Connect every element of the circuit but the coils."""
-    switches = network.switches
-    branches: list[tuple[str, str, complex | npt.NDArray[np.complexfloating]]] = []
-    capacitors: list[tuple[str, str, float | FloatArray]] = []
-    for (name, nets), farads in zip(_nets(network.names, state).items(), np.moveaxis(across, -1, 0), strict=True):
-        for end, closed in enumerate(nets, start=1):
-            terminal = f"{name}.{end}"
-            if closed:
-                branches.append((terminal, closed, switches.on_resistance))
-            capacitors += [
-                (terminal, net, switches.off_capacitance) for net in (_SIDE_A, _SIDE_B, _GROUND) if net != closed
-            ]
-            capacitors.append((terminal, _GROUND, switches.terminal_capacitance))
-        if _passive(state, name) == "load":
-            branches.append((f"{name}.1", f"{name}.2", state.load_resistance))
-        capacitors.append((f"{name}.1", f"{name}.2", farads))
-    mutual = network.mutual_capacitance
-    for i, j in combinations(range(len(network.names)), 2):
-        a, b, farads = network.names[i], network.names[j], float(mutual[i, j])
-        capacitors += [(f"{a}.{end}", f"{b}.{other}", farads / 4) for end in (1, 2) for other in (1, 2)]
-        capacitors += [(f"{coil}.1", f"{coil}.2", -farads / 6) for coil in (a, b)]
-    for side in (_SIDE_A, _SIDE_B):
-        branches.append((f"converter {side}", side, 1j * omega * switches.lead_inductance))
-        capacitors.append((side, _GROUND, switches.bus_capacitance))
-    return _Circuit(branches, [capacitor for capacitor in capacitors if np.any(capacitor[2])])
+def _wire(network: Network, state: ScanState) -> _Wiring:
+    """Connect every element of the circuit but the capacitances across the coils."""
+    switches, n = network.switches, len(network.names)
+    number = {_GROUND: 2 * n, _SIDE_A: 2 * n + 1, _SIDE_B: 2 * n + 2}
+    port = (2 * n + 3, 2 * n + 4)
+    nets = _nets(network.names, state)
+    for link in sorted({net for pair in nets.values() for net in pair} - {"", *number}):
+        number[link] = 2 * n + 2 + len(number)
+    ends, resistance, inductance = [(2 * k, 2 * k + 1) for k in range(n)], [0.0] * n, [0.0] * n
+    capacitors = [(number[side], number[_GROUND], switches.bus_capacitance) for side in (_SIDE_A, _SIDE_B)]
+    for terminal, closed in enumerate(net for pair in nets.values() for net in pair):
+        if closed:
+            ends.append((terminal, number[closed]))
+            resistance.append(switches.on_resistance)
+        capacitors += [
+            (terminal, number[net], switches.off_capacitance) for net in (_SIDE_A, _SIDE_B, _GROUND) if net != closed
+        ]
+        capacitors.append((terminal, number[_GROUND], switches.terminal_capacitance))
+    loads = [k for k, name in enumerate(network.names) if _passive(state, name) == "load"]
+    ends += [(2 * k, 2 * k + 1) for k in loads]
+    resistance += [state.load_resistance] * len(loads)
+    ends += [(port[0], number[_SIDE_A]), (port[1], number[_SIDE_B])]
+    inductance += [0.0] * (len(ends) - 2 - n) + [switches.lead_inductance] * 2
+    nodes = 2 * n + 2 + len(number)
+    capacitance = np.zeros((nodes, nodes))
+    capacitance[: 2 * n, : 2 * n] = between_coils(network.mutual_capacitance)
+    a, b, farads = (np.array(column) for column in zip(*capacitors, strict=True))
+    for rows, columns, sign in ((a, a, 1), (b, b, 1), (a, b, -1), (b, a, -1)):
+        np.add.at(capacitance, (rows, columns), sign * farads)
+    return _Wiring(np.array(ends), np.array([*resistance, 0.0, 0.0]), np.array(inductance), capacitance, port)
+
+
+def between_coils(mutual: FloatArray) -> FloatArray:
+    """Maxwell matrix in F of the terminals, shape (2n, 2n), for the capacitances between coils: see `Network`."""
+    apart = mutual - np.diag(np.diag(mutual))
+    stamp = np.kron(np.diag(apart.sum(axis=1)), np.eye(2) / 2 - np.array([[1, -1], [-1, 1]]) / 6)
+    return np.asarray(stamp - np.kron(apart, np.ones((2, 2)) / 4))
 
 
 def _passive(state: ScanState, name: str) -> Passive | None:
@@ -490,9 +602,11 @@ def _nets(names: Sequence[str], state: ScanState) -> dict[str, tuple[str, str]]:
     return {name: nets[name] for name in names}
 
 
-def _references(ends: npt.NDArray[np.int64]) -> list[int]:
+def _references(wiring: _Wiring) -> list[int]:
     """One node of every part of the circuit that nothing joins to the others: no current can leave there."""
-    count = int(ends.max()) + 1
-    graph = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(count, count))
-    parts, label = connected_components(graph, directed=False)
-    return [int(np.flatnonzero(label == part)[0]) for part in range(parts)]
+    count = len(wiring.capacitance)
+    a, b = np.concatenate((wiring.ends, np.argwhere(wiring.capacitance))).T
+    parts, label = connected_components(coo_array((np.ones(len(a)), (a, b)), shape=(count, count)), directed=False)
+    ground = wiring.port[0] - 3
+    label_first = [int(np.flatnonzero(label == part)[0]) for part in range(parts)]
+    return [ground if label[ground] == part else label_first[part] for part in range(parts)]

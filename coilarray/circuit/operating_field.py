@@ -32,7 +32,7 @@ def operating_currents(design: Design, coupling: xr.Dataset, active: str, *, ter
     Returns
     -------
     ndarray of complex, shape (coils,)
-        In A per A: 1 for the active coil.
+        Currents in A per A: 1 for the active coil.
 
     Raises
     ------
@@ -70,11 +70,11 @@ def operating_field(
     Parameters
     ----------
     design, coupling, active, terminated
-        As in `operating_currents`.
+        Design, coupling, measured coil and whether the others are terminated: see `operating_currents`.
     x, y, z : array_like, shape (nx,), (ny,), (nz,) or scalar
         Grid in m; z = 0 is the top of the board.
     current : float
-        Of the active coil in A.
+        Current of the active coil in A.
     progress : callable, optional
         Called with (done, total) as the work goes on.
 

@@ -1,27 +1,37 @@
-"""How every state of a scan answers to small changes of the inductance matrix, to first order.
+"""How every state of a scan answers to small changes of the inductance matrix, to first order; many states at once.
 
-Let Y = (R + jωL)⁻¹ be the admittance matrix of the coils that carry a current, the resistances of the switches that
-measure or ground them included. The converter sees Y_aa of the measured coil a beside the capacitor C of the tank and
-oscillates where Im Y_aa + ωC = 0. A change ΔL makes ΔY_aa = −jω Y_aa² iᵀ ΔL i with the currents i_p = Y_pa/Y_aa, and
-what the converter takes for an inductance, L = 1/(ω²C), changes by
+One volt between the sides of the converter drives the currents i through the coils. By reciprocity a change ΔL of the
+inductance matrix changes the admittance there, the tank included, by ΔY = −jω iᵀ ΔL i. The converter oscillates where
+B = Im Y vanishes, and what it takes for an inductance, L = 1/(ω²C), changes by
 
-    δ_a = Re(w_a i_aᵀ ΔL i_a),   w_a = −2 Y_aa²/(Im dY_aa/dω + C),
+    δ_a = ΔL/L = −2 Δω/ω = Re(w_a i_aᵀ ΔL i_a),   w_a = −2 y_a²/(dB/dω),
 
-which is ΔL/L for a coil without losses and neighbours. All Y of one group of coils come from one decomposition,
-R V = L V ρ with VᵀLV = 1, as Y(ω) = V (ρ + jω)⁻¹ Vᵀ.
+with the currents i_a per ampere of the measured coil and y_a, its own per volt. This is ΔL/L for a coil without losses
+and neighbours. Three ways lead to i and B:
+
+- Coils of constant R and L alone, others grounded or open: all states of a group come from one decomposition
+  R V = L V ρ with VᵀLV = 1, as the admittance matrix is Y(ω) = V (ρ + jω)⁻¹ Vᵀ.
+- All others grounded, with strays and a resistance that depends on frequency: measuring a coil is grounding it at the
+  sides of the converter. The factors of the grounded array serve all states; they are sampled at few frequencies and
+  interpolated, as the resonances lie close together.
+- Any other state by itself: `coilarray.circuit.network`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.interpolate import BarycentricInterpolator
 from scipy.linalg import eigh
+from scipy.sparse import csc_array, eye_array
+from scipy.sparse.linalg import splu
 
-from coilarray.circuit.active_coil import checked_network
-from coilarray.design.scan_states import ScanState, Switches, check_state
+from coilarray.circuit.network import Network, Resonance, SampledResistance, between_coils, driven, resonate
+from coilarray.design.scan_states import ScanState, check_state
 from coilarray.errors import NetworkError
 
 FloatArray = npt.NDArray[np.float64]
@@ -29,6 +39,11 @@ ComplexArray = npt.NDArray[np.complex128]
 IntArray = npt.NDArray[np.int64]
 
 _NEWTON_STEPS, _NEWTON_TOLERANCE = 40, 1e-12  # relative
+_SLOPE_STEP = 1e-4  # of the frequency; the difference errs by 1e-8
+# Frequencies of a group of states: first two far apart, then Chebyshev points. Interpolation over a relative
+# half-width w errs by (w/2)^points.
+_FAR, _SPAN, _PAD, _POINTS, _ROUNDS = 0.1, 0.02, 2e-3, 6, 20
+_FEW = 12  # coils of which a state by itself costs less than the samples
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,11 +55,11 @@ class StateSensitivity:
     measured : ndarray of int, shape (states,)
         Number of the coil that each state measures.
     base_inductance : ndarray, shape (states,)
-        L = 1/(ω²C) in H, as the converter sees it.
+        Effective inductance L = 1/(ω²C) in H.
     currents : ndarray of complex, shape (coils, states)
-        Through every coil in A per A of the measured one.
+        Current through every coil in A per A of the measured one.
     weights : ndarray of complex, shape (states,)
-        w in 1/H.
+        Factor w of each state in 1/H.
     """
 
     measured: IntArray
@@ -58,27 +73,15 @@ class StateSensitivity:
         return np.asarray((self.weights * energy).real)
 
 
-def state_sensitivity(
-    names: Sequence[str],
-    inductance: npt.ArrayLike,
-    resistance: npt.ArrayLike,
-    switches: Switches,
-    plan: Sequence[ScanState],
-) -> StateSensitivity:
+def state_sensitivity(network: Network, states: Sequence[ScanState]) -> StateSensitivity:
     """Solve every state of a scan at its resonance.
 
     Parameters
     ----------
-    names : sequence of str, length n
-        Of the coils.
-    inductance : array_like, shape (n, n)
-        In H.
-    resistance : array_like, shape (n,) or scalar
-        In Ω, at all frequencies.
-    switches : Switches
-        Closed switches and the tank, nothing else.
-    plan : sequence of ScanState
-        Each measures one coil; every other one is grounded at both ends or open.
+    network : Network
+        Coils and switches, for example from `coilarray.circuit.coupling.design_circuit`.
+    states : sequence of ScanState
+        States that each measure one coil.
 
     Returns
     -------
@@ -87,94 +90,277 @@ def state_sensitivity(
     Raises
     ------
     NetworkError
-        A state of another kind, switches with stray capacitances or inductances, a matrix of no real coils, or a state
-        without a resonance.
-
-    Notes
-    -----
-    States in which the same coils carry a current share one decomposition: all of a plan that grounds every other coil.
+        A state that measures several coils or none, or one without a resonance.
 
     Examples
     --------
-    >>> from coilarray.design.scan_states import paper_plan
-    >>> L = [[2e-6, 0.2e-6], [0.2e-6, 2e-6]]
-    >>> states = state_sensitivity(("a", "b"), L, 0.0, Switches(), paper_plan(("a", "b")))
-    >>> np.round(states.base_inductance * 1e6, 6)  # L (1 − k²)
+    >>> from coilarray.circuit.coupling import bare_network
+    >>> from coilarray.design.scan_states import Switches, paper_plan
+    >>> L = np.array([[2e-6, 0.2e-6], [0.2e-6, 2e-6]])
+    >>> two = bare_network(("a", "b"), L, np.zeros(2), Switches())
+    >>> found = state_sensitivity(two, paper_plan(("a", "b")))
+    >>> np.round(found.base_inductance * 1e6, 6)  # L (1 − k²)
     array([1.98, 1.98])
-    >>> np.round(states.delta(np.diag([1e-9, 0.0])), 6)
+    >>> np.round(found.delta(np.diag([1e-9, 0.0])), 6)
     array([5.05e-04, 5.00e-06])
     """
-    L, R = checked_network(inductance, resistance)
-    _require_bare(switches)
-    measured, carrying = _carrying(names, plan)
-    omega = np.empty(len(plan))
-    weights = np.empty(len(plan), dtype=np.complex128)
-    currents = np.zeros((len(L), len(plan)), dtype=np.complex128)
-    groups, group_of = np.unique(carrying, axis=0, return_inverse=True)
-    for g, group in enumerate(groups):
-        coils, states = np.flatnonzero(group), np.flatnonzero(group_of.ravel() == g)
-        own = np.searchsorted(coils, measured[states])
-        omega[states], weights[states], part = _solve(
-            L[np.ix_(coils, coils)], R[coils] + 2 * switches.on_resistance, own, switches.tank_capacitance
-        )
-        currents[np.ix_(coils, states)] = part
-    lost = np.flatnonzero(~(omega > 0))
-    if len(lost):
-        raise NetworkError(f"state {plan[lost[0]].name} has no resonance: its resistance is too large for its coil.")
-    return StateSensitivity(measured, 1 / (omega**2 * switches.tank_capacitance), currents, weights)
-
-
-def _require_bare(switches: Switches) -> None:
-    for what in ("off_capacitance", "terminal_capacitance", "bus_capacitance", "lead_inductance"):
-        if getattr(switches, what):
-            raise NetworkError(
-                f"{what} of the switches must be 0 to treat the states one by one; got {getattr(switches, what):g}."
-            )
-    if switches.tank_at != "converter":
-        raise NetworkError(
-            f"the tank must stand at the converter to treat the states one by one; got {switches.tank_at!r}."
-        )
-
-
-def _carrying(names: Sequence[str], plan: Sequence[ScanState]) -> tuple[IntArray, npt.NDArray[np.bool_]]:
-    """Find the number of the coil that each state measures, and which coils carry a current in it, (states, coils)."""
-    number = {name: k for k, name in enumerate(names)}
-    measured = np.zeros(len(plan), dtype=np.int64)
-    carrying = np.zeros((len(plan), len(names)), dtype=np.bool_)
-    for row, state in enumerate(plan):
+    names = network.names
+    for state in states:
         check_state(state, names)
-        closed = {state.others, *state.exceptions.values()}
-        if len(state.measured) != 1 or not closed <= {"ground", "open"}:
-            raise NetworkError(
-                f"state {state.name} must measure one coil, every other one grounded or open, to be treated by itself."
-            )
-        carrying[row] = state.others == "ground"
-        for name, passive in state.exceptions.items():
-            carrying[row, number[name]] = passive == "ground"
-        measured[row] = number[state.measured[0][0]]
-        carrying[row, measured[row]] = True
-    return measured, carrying
+        if len(state.measured) != 1:
+            raise NetworkError(f"state {state.name} must measure one coil; it measures {len(state.measured)}.")
+    omega, slope = np.full(len(states), np.nan), np.empty(len(states))
+    currents = np.zeros((len(names), len(states)), dtype=np.complex128)
+    for rows, found in _together(network, states, fewest=1):
+        omega[rows], slope[rows], currents[:, rows] = found.omega, found.slope, found.currents
+        lost = np.flatnonzero(np.isnan(found.omega))
+        if len(lost):
+            name = states[rows[lost[0]]].name
+            raise NetworkError(f"state {name} has no resonance: its resistance is too large for its coil.")
+    for row in np.flatnonzero(np.isnan(omega)).tolist():
+        omega[row], slope[row], currents[:, row] = _alone(network, states[row])
+    measured = _measured(network, states)
+    own = currents[measured, np.arange(len(states))]
+    base = 1 / (omega**2 * network.switches.tank_capacitance)
+    return StateSensitivity(measured, base, currents / own, -2 * own**2 / slope)
 
 
-def _solve(
-    L: FloatArray, R: FloatArray, measured: IntArray, capacitance: float
-) -> tuple[FloatArray, ComplexArray, ComplexArray]:
-    """Angular frequencies (states,), not a number without a resonance, w (states,) and currents (coils, states)."""
+def resonances(network: Network, states: Sequence[ScanState]) -> list[Resonance]:
+    """Solve states where the converter oscillates: `coilarray.circuit.network.resonate`, faster for many coils.
+
+    Parameters
+    ----------
+    network : Network
+        Coils and switches.
+    states : sequence of ScanState
+        The multiplexer's states.
+
+    Returns
+    -------
+    list of Resonance
+
+    Raises
+    ------
+    NetworkError
+        A state that cannot be made with these coils, or one without a resonance.
+    """
+    for state in states:
+        check_state(state, network.names)
+    C = network.switches.tank_capacitance
+    solved: dict[int, Resonance] = {}
+    for rows, found in _together(network, states) if network.switches.tank_at == "converter" else ():
+        measured = _measured(network, [states[row] for row in rows])
+        for k, row in enumerate(rows):
+            omega, admittance = float(found.omega[k]), complex(found.admittance[k])
+            if omega > 0:  # else `resonate` has the last word
+                own = found.currents[:, k] / found.currents[measured[k], k] * states[row].measured[0][1]
+                impedance = 1 / (admittance - 1j * omega * C)
+                solved[row] = Resonance(omega / (2 * np.pi), impedance, states[row], admittance, own, C)
+    return [solved[k] if k in solved else resonate(network, state) for k, state in enumerate(states)]
+
+
+class _States(NamedTuple):
+    """States at their resonances: ω in 1/s, not a number without one; Y in S; dB/dω in F; i (coils, states) in A/V."""
+
+    omega: FloatArray
+    admittance: ComplexArray
+    slope: FloatArray
+    currents: ComplexArray
+
+
+def _measured(network: Network, states: Sequence[ScanState]) -> IntArray:
+    """Return the number of the coil that each state measures."""
+    number = {name: k for k, name in enumerate(network.names)}
+    return np.array([number[state.measured[0][0]] for state in states], dtype=np.int64)
+
+
+def _together(network: Network, states: Sequence[ScanState], fewest: int = _FEW) -> Iterator[tuple[list[int], _States]]:
+    """Solve states of one measured coil that have a way of their own, in groups: their numbers and the solution.
+
+    Coils alone (`_is_bare`) are solved together from an array of `fewest` coils on, all others from `_FEW`.
+    """
+    n, bare = len(network.names), _is_bare(network)
+    groups: dict[bytes, list[int]] = {}
+    for row, state in enumerate(states):
+        closed = _closed(network, state)
+        plain = bare and n >= fewest and {state.others, *state.exceptions.values()} <= {"ground", "open"}
+        if len(state.measured) == 1 and (plain or (n > _FEW and closed.all())):
+            groups.setdefault(closed.tobytes(), []).append(row)
+    for mask, rows in groups.items():
+        measured = _measured(network, [states[row] for row in rows])
+        if not bare:
+            yield rows, _sampled_states(network, measured)
+            continue
+        coils = np.flatnonzero(np.frombuffer(mask, dtype=np.bool_))
+        some = _bare_states(network, coils, np.searchsorted(coils, measured))
+        currents = np.zeros((n, len(rows)), dtype=np.complex128)
+        currents[coils] = some.currents
+        yield rows, some._replace(currents=currents)
+
+
+def _is_bare(network: Network) -> bool:
+    """Say whether there is nothing but coils of constant resistance, closed switches and a tank at the converter."""
+    switches, resistance = network.switches, network.resistance
+    strays = (switches.off_capacitance, switches.terminal_capacitance, switches.bus_capacitance)
+    capacitance = any(strays) or network.winding_capacitance.any() or network.mutual_capacitance.any()
+    constant = isinstance(resistance, SampledResistance) and len(resistance.frequencies) == 1
+    diagonal = constant and np.count_nonzero(resistance(1.0)) == np.count_nonzero(np.diag(resistance(1.0)))
+    return bool(diagonal and not capacitance and not switches.lead_inductance and switches.tank_at == "converter")
+
+
+def _closed(network: Network, state: ScanState) -> npt.NDArray[np.bool_]:
+    """Which coils are measured or grounded at both ends, shape (coils,)."""
+    passive = {**state.exceptions, **{name: "ground" for name, _ in state.measured}}
+    return np.array([passive.get(name, state.others) == "ground" for name in network.names], dtype=np.bool_)
+
+
+def _alone(network: Network, state: ScanState) -> tuple[float, float, ComplexArray]:
+    """Angular frequency, dB/dω and currents (coils,) of one state."""
+    frequency = resonate(network, state).frequency
+    step = _SLOPE_STEP * frequency
+    admittance, currents = driven(network, state, np.array([frequency, frequency - step, frequency + step]))
+    return 2 * np.pi * frequency, float((admittance[2] - admittance[1]).imag / (4 * np.pi * step)), currents[0]
+
+
+def _bare_states(network: Network, coils: IntArray, measured: IntArray) -> _States:
+    """Solve some of the coils, with constant resistances and nothing else: all at once."""
+    L = network.inductance[np.ix_(coils, coils)]
+    R = np.diag(network.resistance(1.0))[coils] + 2 * network.switches.on_resistance
+    capacitance = network.switches.tank_capacitance
     rate, V = eigh(np.diag(R), L)
     square = V[measured] ** 2
     omega = 1 / np.sqrt(np.diag(L)[measured] * capacitance)
-    step = omega
     for _ in range(_NEWTON_STEPS):
-        own, slope = _own_admittance(rate, square, omega)
-        step = (own.imag + omega * capacitance) / (slope.imag + capacitance)
+        pole = 1 / (rate + 1j * omega[:, None])
+        admittance = (square * pole).sum(axis=1) + 1j * omega * capacitance
+        slope = (-1j * square * pole**2).sum(axis=1).imag + capacitance
+        step = admittance.imag / slope
+        if not (np.abs(step) > _NEWTON_TOLERANCE * omega).any():
+            break
         omega = omega - step
-    own, slope = _own_admittance(rate, square, omega)
-    omega = np.where(np.abs(step) <= _NEWTON_TOLERANCE * omega, omega, np.nan)
-    currents = V @ (V[measured] / (rate + 1j * omega[:, None])).T / own
-    return omega, -2 * own**2 / (slope.imag + capacitance), currents
+    omega = np.where((np.abs(step) <= _NEWTON_TOLERANCE * omega) & (omega > 0), omega, np.nan)
+    return _States(omega, admittance, slope, np.asarray(V @ (V[measured] * pole).T, dtype=np.complex128))
 
 
-def _own_admittance(rate: FloatArray, square: FloatArray, omega: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-    """Y_aa of every state and its slope with ω."""
-    pole = 1 / (rate + 1j * omega[:, None])
-    return (square * pole).sum(axis=1), (-1j * square * pole**2).sum(axis=1)
+def _sampled_states(network: Network, measured: IntArray) -> _States:
+    """Solve all coils, all but the measured one grounded, with strays and any resistance."""
+    n, C, count = len(network.names), network.switches.tank_capacitance, len(measured)
+    omega = 1 / np.sqrt(np.diag(network.inductance)[measured] * (C + network.winding_capacitance[measured]))
+    found = _States(omega, np.empty(count, np.complex128), np.empty(count), np.empty((n, count), np.complex128))
+    for group in _groups(omega, _FAR, np.empty(0)):  # B = βω − α/ω nearly, from two frequencies
+        ends = np.array([omega[group].min() * (1 - _FAR), omega[group].max() * (1 + _FAR)])
+        below, above = (_driven_together(network, measured[group], at)[0].imag for at in ends)
+        alpha, beta = np.linalg.solve(np.stack((-1 / ends, ends), axis=1), np.stack((below, above)))
+        omega[group] = np.sqrt(alpha / beta)
+    knots = network.resistance.frequencies if isinstance(network.resistance, SampledResistance) else np.empty(0)
+    todo = np.arange(count)
+    for _ in range(_ROUNDS):
+        missed = []
+        for part in _groups(omega[todo], _SPAN, 2 * np.pi * knots):
+            group = todo[part]
+            low, high = omega[group].min() * (1 - _PAD), omega[group].max() * (1 + _PAD)
+            inside = 2 * np.pi * knots[(2 * np.pi * knots > low) & (2 * np.pi * knots < high)]
+            middle = float(np.median(omega[group]))
+            low, high = max([low, *inside[inside <= middle]]), min([high, *inside[inside > middle]])
+            some = _interpolated(network, measured[group], omega[group], low, high)
+            away = (some.omega < low * (1 - _NEWTON_TOLERANCE)) | (some.omega > high * (1 + _NEWTON_TOLERANCE))
+            for whole, values in zip(found, some, strict=True):
+                whole[..., group] = values
+            missed.append(group[away])
+        todo = np.concatenate(missed)
+        if not len(todo):
+            return found
+    omega[todo] = np.nan
+    return found
+
+
+def _groups(values: FloatArray, span: float, edges: FloatArray) -> Iterator[IntArray]:
+    """Yield the indices of values that are close together and on one side of every edge."""
+    order, segment = np.argsort(values), np.searchsorted(edges, values)
+    while len(order):
+        same = (values[order] <= values[order[0]] * (1 + span)) & (segment[order] == segment[order[0]])
+        yield order[same]
+        order = order[~same]
+
+
+def _interpolated(network: Network, measured: IntArray, omega: FloatArray, low: float, high: float) -> _States:
+    """Solve states whose resonances lie between two angular frequencies, near those given."""
+    angle = np.pi * (np.arange(_POINTS) + 0.5) / _POINTS
+    nodes = (low + high) / 2 + (high - low) / 2 * np.cos(angle)
+    admittances, currents = zip(*(_driven_together(network, measured, at) for at in nodes.tolist()), strict=True)
+    Y, lagrange = np.array(admittances), BarycentricInterpolator(nodes, np.eye(_POINTS))
+
+    def susceptance(points: FloatArray) -> FloatArray:
+        return np.asarray(np.einsum("ak,ka->a", lagrange(points), Y.imag))
+
+    for _ in range(_NEWTON_STEPS):
+        above, below = (susceptance(omega * (1 + sign * _SLOPE_STEP)) for sign in (1, -1))
+        slope = (above - below) / (2 * _SLOPE_STEP * omega)
+        step = susceptance(omega) / slope
+        omega = omega - step
+        if not (np.abs(step) > _NEWTON_TOLERANCE * omega).any():
+            break
+    omega = np.where((np.abs(step) <= _NEWTON_TOLERANCE * omega) & (omega > 0), omega, np.nan)
+    shares = lagrange(omega)
+    return _States(
+        omega,
+        np.einsum("ak,ka->a", shares, Y),
+        slope,
+        np.einsum("ak,kpa->pa", shares, np.array(currents), optimize=True),
+    )
+
+
+def _driven_together(network: Network, measured: IntArray, omega: float) -> tuple[ComplexArray, ComplexArray]:
+    """Admittances (states,) with the tank in S and currents (coils, states) for one volt, all other coils grounded.
+
+    Notes
+    -----
+    The terminals t have the voltages v = q − r (jωK v + A i), where q are the voltages behind their closed switches of
+    resistance r, K the capacitances of the terminals and A i the coil currents that leave them. With the coils'
+    Aᵀ v = Z i and H = (1 + jω r K)⁻¹ this is i = P q, P = (Z + r AᵀHA)⁻¹ AᵀH, and the switches carry the currents
+    D q, D = jωK (H − r HA P) + A P. A side of the converter also acts through open switches: with κ = jω r c as a part
+    κ of its voltage in every q, and by the current s = jωc times the voltage across each.
+    """
+    n, switches = len(network.names), network.switches
+    r, s = switches.on_resistance, 1j * omega * switches.off_capacitance
+    kappa = r * s
+    across = network.winding_capacitance + (switches.tank_capacitance if switches.tank_at == "coil" else 0.0)
+    own = np.full(2 * n, 2 * switches.off_capacitance + switches.terminal_capacitance)
+    K = csc_array(
+        between_coils(network.mutual_capacitance) + np.kron(np.diag(across), [[1, -1], [-1, 1]]) + np.diag(own)
+    )
+    H = np.asarray(splu(csc_array(eye_array(2 * n) + 1j * omega * r * K)).solve(np.eye(2 * n, dtype=np.complex128)))
+    HA = H[:, 0::2] - H[:, 1::2]
+    Z = network.resistance(omega / (2 * np.pi)) + 1j * omega * network.inductance
+    P = np.asarray(np.linalg.inv(Z + r * (HA[0::2] - HA[1::2])) @ HA.T, dtype=np.complex128)
+    total = P.sum(axis=1)  # currents for one volt behind all switches
+    ends = P.reshape(n, n, 2)
+
+    def of_own(left: ComplexArray, right: ComplexArray) -> ComplexArray:
+        return np.asarray(np.einsum("aei,iaf->aef", left.reshape(n, 2, -1), right.reshape(-1, n, 2), optimize=True))
+
+    coil, sign = np.arange(n), np.array([1, -1])
+    KH, KHA = K @ H, K @ HA
+    D = 1j * omega * (KH.reshape(n, 2, n, 2)[coil, :, coil] - r * of_own(KHA, P))
+    D = (D + sign[:, None] * ends[coil, coil][:, None, :])[measured]
+    sums = 1j * omega * (KH.sum(axis=1) - r * KHA @ total) + np.kron(total, sign)
+    all_sums, sums = sums.sum(), sums.reshape(n, 2)[measured]
+    # currents that leave the sides A and B for a voltage of one of them: H − r HA P = 1 − r D, of which g are the sums
+    g, bus = 1 - r * sums, 1j * omega * switches.bus_capacitance
+    rest = kappa * (2 * n - r * all_sums)
+    sides = (
+        (1 - kappa) * D
+        + kappa * sums[:, :, None]
+        - s * ((1 - kappa) * g[:, None, :] + rest - (1 - kappa) * (np.eye(2) - r * D) - kappa * g[:, :, None])
+    )
+    sides += np.eye(2) * (2 * n * s + bus) - s
+    (aa, ab), (_, bb) = np.moveaxis(sides, 0, -1)
+    common = aa + bb + 2 * ab
+    with np.errstate(divide="ignore", invalid="ignore"):  # nothing leads to ground without strays
+        mean = np.where(np.abs(common) > 1e-12 * np.abs(aa), -(aa - bb) / (2 * common), 0.0)
+    admittance = (aa + bb - 2 * ab) / 4 + (aa - bb) * mean / 2
+    plus, minus = ends[:, measured, 0], ends[:, measured, 1]
+    currents = (1 - kappa) * (plus * (mean + 0.5) + minus * (mean - 0.5)) + 2 * kappa * mean * total[:, None]
+    behind_leads = 1 + 2j * omega * switches.lead_inductance * admittance
+    tank = 1j * omega * switches.tank_capacitance if switches.tank_at == "converter" else 0.0
+    return admittance / behind_leads + tank, currents / behind_leads

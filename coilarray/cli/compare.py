@@ -191,7 +191,7 @@ def _computed(design: Design, beside: xr.Dataset | None, largest_shift: float | 
             except ElastomerError:  # a sample may end where the measured positions do
                 response = at(beside.depth.values, beside.x.values, beside.y.values)
     if beside is not None and "capacitance_from" in beside.attrs:
-        response = response.assign(base_inductance=respond(design, response).base_inductance)
+        response = response.assign(base_inductance=respond(design, response, ideal=True).base_inductance)
     return _Source(response, map_outlines(design, response))
 
 

@@ -39,7 +39,7 @@ def impedance(
     shared.check_file("--plot", plot, shared.PICTURES)
     import numpy as np
 
-    from coilarray.circuit.impedance import close_channels, design_network, scan_design, sweep_design
+    from coilarray.circuit.impedance import close_channels, scan_design, sweep_design
     from coilarray.report.circuit_tables import (
         drive_table,
         limit_table,
@@ -50,12 +50,10 @@ def impedance(
     )
 
     opened = shared.open_design(design, allow_violations=allow_violations)
-    network = design_network(opened)
     with shared.progress_bar("states") as progress:
-        scan = scan_design(opened, progress=progress, prepared=network)
+        scan = scan_design(opened, progress=progress)
     with shared.progress_bar(f"impedance at {points} frequencies") as progress:
-        frequencies = np.geomspace(from_mhz * 1e6, to_mhz * 1e6, points)
-        sweep = sweep_design(opened, frequencies, progress=progress, prepared=network)
+        sweep = sweep_design(opened, np.geomspace(from_mhz * 1e6, to_mhz * 1e6, points), progress=progress)
     shared.write_numbers(out, sweep, sweep_table(sweep).csv)
     if plot is not None:
         from coilarray.viz import plot_frequency_sweep

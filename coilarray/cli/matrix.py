@@ -27,36 +27,38 @@ def matrix(
     """
     if out is not None and not re.fullmatch(r"\.(nc|csv|cir|sub|inp|s\d+p)", out.suffix.lower()):
         raise OutputError(f"--out must end in .nc, .csv, .cir, .sub, .sNp or .inp; got {out}.")
-    from coilarray.circuit.coupling import couple_design
+    from coilarray.circuit.coupling import couple_design, design_circuit, design_inductance
     from coilarray.circuit.exchange import export_network, fasthenry_input
     from coilarray.compute.display_units import DisplayUnit, display_unit
     from coilarray.compute.files import write_text
+    from coilarray.electromagnetics.inductance import coupling_matrix
     from coilarray.report.tables import coil_table, pair_table
 
     opened = shared.open_design(design, allow_violations=allow_violations)
+    names = list(opened.array.names)
     with shared.progress_bar("inductance matrix") as progress:
-        coupling = couple_design(opened, progress=progress)
+        inductance = design_inductance(opened, progress)[0]
     suffix = "" if out is None else out.suffix.lower()
-    if suffix in ("", ".nc", ".csv"):
-        shared.write_numbers(out, coupling, pair_table(coupling).csv)
-    elif out is not None and suffix == ".inp":
-        write_text(out, fasthenry_input(opened.array, [float(coupling.frequency.mean())], title=opened.name))
-    elif out is not None:
-        export_network(coupling, out)
+    data: dict[str, object] = {**shared.design_record(opened), "names": names}
+    if as_json or suffix in (".nc", ".csv", ".inp"):  # the matrices alone need no circuit, which takes longer
+        coupling = couple_design(opened)
+        data |= {
+            "inductance_H": inductance.tolist(),
+            "coupling": coupling.coupling.values.tolist(),
+            "coils": coil_table(opened, coupling).records(),
+            "pairs": pair_table(coupling).records(),
+        }
+        if suffix == ".inp" and out is not None:
+            write_text(out, fasthenry_input(opened.array, [float(coupling.frequency.mean())], title=opened.name))
+        elif suffix in (".nc", ".csv"):
+            shared.write_numbers(out, coupling, pair_table(coupling).csv)
+    if out is not None and suffix not in (".nc", ".csv", ".inp"):
+        export_network(design_circuit(opened), out, title=opened.name)
     if not as_json:
-        names = coupling.coil.values.tolist()
-        for title, matrix_of, unit in (
-            ("L and M", coupling.inductance, display_unit("H")),
-            ("\nk", coupling.coupling, DisplayUnit(digits=5)),
+        for title, values, unit in (
+            ("L and M", inductance, display_unit("H")),
+            ("\nk", coupling_matrix(inductance), DisplayUnit(digits=5)),
         ):
-            rows = [[name, *unit.texts(row)] for name, row in zip(names, matrix_of.values.tolist(), strict=True)]
+            rows = [[name, *unit.texts(row)] for name, row in zip(names, values.tolist(), strict=True)]
             shared.print_table(("", *names), rows, unit.label(title))
-    data = {
-        **shared.design_record(opened),
-        "names": coupling.coil.values.tolist(),
-        "inductance_H": coupling.inductance.values.tolist(),
-        "coupling": coupling.coupling.values.tolist(),
-        "coils": coil_table(opened, coupling).records(),
-        "pairs": pair_table(coupling).records(),
-    }
     shared.print_result(data, as_json=as_json, files=[out])

@@ -59,7 +59,8 @@ def _summary(centres: npt.NDArray[np.float64], coupling: xr.Dataset) -> tuple[li
                 f"{float(coupling.open_inductance[a]) * 1e6:.3f}",
                 f"{float(coupling.effective_inductance[a]) * 1e6:.3f}",
                 f"{float(coupling.frequency[a]) / 1e6:.4f}",
+                f"{float(coupling.ideal_effective_inductance[a]) * 1e6:.3f}",
                 ", ".join(f"{names[b]} {float(coupling.coupling[a, b]):+.4f}" for b in near) or "none",
             ]
         )
-    return ["coil", "L (µH)", "L_eff (µH)", "f (MHz)", "k to the neighbours"], rows
+    return ["coil", "L (µH)", "L_eff (µH)", "f (MHz)", "L_eff ideal (µH)", "k to the neighbours"], rows

@@ -47,8 +47,9 @@ def response(
     ] = None,
     noise: Annotated[float, typer.Option("--noise", help="Relative standard deviation of each reading of L.")] = 0.0,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the noise.")] = 0,
-    strays: Annotated[
-        bool, typer.Option("--strays", help="Include the capacitance of windings and between coils in the circuit.")
+    ideal: Annotated[
+        bool,
+        typer.Option("--ideal/--strays", help="Leave alternating-current resistance and strays out of the circuit."),
     ] = False,
     dielectric: Annotated[
         bool, typer.Option("--dielectric", help="Include the change of the coils' capacitance by the dent.")
@@ -87,7 +88,6 @@ def response(
     )
     errors = _thickness_errors(thickness_error_mm or ())
     counted = _reach(reach)
-    from coilarray.circuit.impedance import design_network
     from coilarray.compute.files import write_atomically, write_text
     from coilarray.compute.netcdf import save_dataset
     from coilarray.compute.store import open_store
@@ -97,7 +97,6 @@ def response(
     opened = open_design(design, allow_violations=allow_violations)
     offset = (offset_mm[0] * 1e-3, offset_mm[1] * 1e-3)
     imperfections = Imperfections(tilt, offset, depth_error_mm * 1e-3, errors, noise, seed)
-    network = design_network(opened).network if strays else None
     parts = out.with_name(f"{out.name}.parts")
     store = open_store(parts)
     kept = store.keys()
@@ -110,7 +109,7 @@ def response(
                 y=y,
                 reach=counted,
                 imperfections=imperfections,
-                network=network,
+                ideal=ideal,
                 dielectric=dielectric,
                 parts=parts,
                 progress=progress,

@@ -198,6 +198,7 @@ def coil_table(design: Design, coupling: xr.Dataset) -> Table:
     names = (
         "coil", "layers", "x", "y", "resistance", "open_inductance", "sheet_inductance", "effective_inductance",
         "inductance_change", "effective_resistance", "quality_factor", "open_frequency", "frequency",
+        "ideal_effective_inductance", "ideal_frequency",
     )  # fmt: skip
     return dataset_table("coils", "Coils", single, names, {"inductance_change": PERCENT})
 

@@ -14,8 +14,8 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from coilarray.circuit.coupling import couple_design, provenance
-from coilarray.circuit.impedance import close_channels, design_network, scan_design, sweep_design
+from coilarray.circuit.coupling import couple_design, design_inductance, provenance
+from coilarray.circuit.impedance import close_channels, scan_design, sweep_design
 from coilarray.circuit.operating_field import operating_field
 from coilarray.compute.files import make_folder, write_text
 from coilarray.compute.netcdf import save_dataset
@@ -33,7 +33,6 @@ from coilarray.report.position import MapPositions, map_position_table, map_posi
 from coilarray.response.map import response_map
 from coilarray.viz import rendering_problem
 
-FloatArray = npt.NDArray[np.float64]
 T = TypeVar("T")
 
 # The line resolves the flanks of the bell to 1/200 of the board, the plane shows about a pixel a sample
@@ -117,19 +116,13 @@ def write_report(design: Design, where: str | Path = ".", *, progress: Progress 
             progress(next(done), 8)
 
     # NumPy, SciPy and kernels on threads of their own, while pictures are drawn here
-    with ThreadPoolExecutor(max_workers=5) as beside:
+    with ThreadPoolExecutor(max_workers=6) as beside:
         probe = beside.submit(rendering_problem)  # starts a process that takes seconds
         pressing = beside.submit(_or_reason, lambda: _press(design))
+        beside.submit(design_inductance, design)  # which all others wait for, while they compute what is their own
         coupled = beside.submit(couple_design, design)
-
-        def inductance() -> FloatArray:
-            """Return the matrix that coupling, circuit and response share; kernels may have to be compiled for it."""
-            return np.asarray(coupled.result().inductance)
-
-        circuit = beside.submit(_circuit, design, inductance)
-        responding = beside.submit(
-            _or_reason, lambda: None if design.indentation is None else response_map(design, inductance=inductance)
-        )
+        circuit = beside.submit(_circuit, design)
+        responding = beside.submit(_or_reason, lambda: None if design.indentation is None else response_map(design))
         coupling = coupled.result()
         step()
         active = design.array.names[(len(design.array.names) - 1) // 2]
@@ -181,6 +174,7 @@ def write_report(design: Design, where: str | Path = ".", *, progress: Progress 
         "capacitance_F": design.circuit.capacitance,
         "short_resistance_ohm": design.circuit.short_resistance,
         "terminations": dict(zip(design.array.names, design.circuit.terminations, strict=True)),
+        "left_out": coupling.attrs["left_out"],
         "circuit_problem": circuit_problem,
         "close_channels": [
             {"states": [a, b], "relative_distance": distance}
@@ -218,13 +212,12 @@ def write_report(design: Design, where: str | Path = ".", *, progress: Progress 
     return Report(folder / "report.html", data_folder, coupling, data, problem)
 
 
-def _circuit(design: Design, inductance: Callable[[], FloatArray]) -> tuple[xr.Dataset | None, xr.Dataset | None, str]:
+def _circuit(design: Design) -> tuple[xr.Dataset | None, xr.Dataset | None, str]:
     """Scan and sweep of the design's circuit; where it has none, nothing and the reason."""
     try:
-        network = design_network(design, inductance)
-        scan = scan_design(design, prepared=network)
+        scan = scan_design(design)
         middle = float(np.sqrt(scan.frequency.min() * scan.frequency.max()))
-        return scan, sweep_design(design, middle * np.geomspace(*_SWEEP, _SWEEP_POINTS), prepared=network), ""
+        return scan, sweep_design(design, middle * np.geomspace(*_SWEEP, _SWEEP_POINTS)), ""
     except (GeometryError, NetworkError) as error:  # a winding without turns has no capacitance model, for example
         return None, None, str(error)
 

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from coilarray.circuit.coupling import design_inductance, provenance
+from coilarray.circuit.coupling import design_circuit, design_inductance, provenance
 from coilarray.circuit.network import Network, resonances_near, resonate
 from coilarray.circuit.state_sensitivity import StateSensitivity, state_sensitivity
 from coilarray.compute.memory import require_memory
@@ -22,7 +22,6 @@ from coilarray.design.scan_states import ScanState
 from coilarray.elastomer.dented_layer import dent_inductance
 from coilarray.elastomer.dielectric import dent_capacitance
 from coilarray.elastomer.scattering import LayerMesh
-from coilarray.electromagnetics.resistance import dc_resistance
 from coilarray.errors import ElastomerError, NetworkError
 from coilarray.geometry import Conductor
 from coilarray.response.near import near_response
@@ -65,6 +64,7 @@ def response_map(
     reach: Reach = None,
     imperfections: Imperfections | None = None,
     network: Network | None = None,
+    ideal: bool = False,
     inductance: Callable[[], FloatArray] | None = None,
     dielectric: bool = False,
     mesh: LayerMesh | None = None,
@@ -87,10 +87,10 @@ def response_map(
     imperfections : Imperfections, optional
         Deviations of the experiment from the design; none by default.
     network : Network, optional
-        Coils, switches and strays, as `coilarray.circuit.impedance.design_network` makes them; its inductance matrix is
-        replaced.
-        By default the design's switches and direct-current resistances without stray capacitances, which change the
-        response by less than 1 %.
+        Coils, switches and strays; its inductance matrix is replaced. By default
+        `coilarray.circuit.coupling.design_circuit`.
+    ideal : bool
+        Where no network is given: leave out alternating-current resistance and all strays.
     inductance : callable, optional
         Function that returns the inductance matrix in H under the flat sheets with their true thicknesses, where it is
         known or being computed elsewhere; without `reach` it is called after the dents are solved. Computed by default
@@ -157,7 +157,7 @@ def response_map(
     def flat_network() -> Network:
         L0 = design_inductance(pressed.design)[0] if inductance is None else inductance()
         L0 = L0 + wedge_inductance(pressed.design, true.tilt)
-        return _plain_network(design, L0) if network is None else replace(network, inductance=L0)
+        return replace(design_circuit(design, ideal=ideal) if network is None else network, inductance=L0)
 
     flat = flat_network() if error else None
     states = None if flat is None else _sensitivity(flat, design.circuit.plan, required=reach != "auto")
@@ -196,6 +196,7 @@ def respond(
     *,
     plan: Sequence[ScanState] | None = None,
     inductance_change: FloatArray | None = None,
+    ideal: bool = False,
 ) -> xr.Dataset:
     """Put a computed map through the circuit again, with another scan plan or other inductance changes.
 
@@ -209,11 +210,13 @@ def respond(
         States of the scan; the design's by default.
     inductance_change : ndarray, shape (depth, y, x, coil, other), optional
         Changes in H; the map's own by default.
+    ideal : bool
+        Leave out alternating-current resistance and all strays.
 
     Returns
     -------
     xarray.Dataset
-        Response with the new plan or changes, without noise and stray capacitances.
+        Response with the new plan or changes, without noise.
 
     Raises
     ------
@@ -239,7 +242,7 @@ def respond(
     n = change.shape[-1]
     flat = change.reshape(change.shape[0], -1, n, n)
     capacitance_change = response.capacitance_change.values.reshape(*flat.shape[:3])
-    network = _plain_network(design, response.inductance.values)
+    network = replace(design_circuit(design, ideal=ideal), inductance=response.inductance.values)
     delta, base = _through_circuit(network, states, flat, capacitance_change)
     others = response.drop_dims("state")
     others["inductance_change"] = (response.inductance_change.dims, change, response.inductance_change.attrs)
@@ -405,12 +408,6 @@ def _changes(
     return change, capacitance_change
 
 
-def _plain_network(design: Design, inductance: FloatArray) -> Network:
-    R = np.diag(dc_resistance(design.array.conductors(), design.circuit.resistivity))
-    none = np.zeros_like(inductance)
-    return Network(design.array.names, inductance, lambda frequency: R, none[0], none, design.circuit.switches)
-
-
 def _through_circuit(
     network: Network, plan: Sequence[ScanState], change: FloatArray, capacitance_change: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
@@ -435,12 +432,9 @@ def _through_circuit(
 
 
 def _sensitivity(network: Network, plan: Sequence[ScanState], *, required: bool) -> StateSensitivity | None:
-    """Solve the states of a scan; NetworkError, or None unless required, for a circuit that is not treated there."""
+    """Solve the states of a scan; NetworkError, or None unless required, where a state measures several coils."""
     try:
-        if network.winding_capacitance.any() or network.mutual_capacitance.any():
-            raise NetworkError("reach is for networks without stray capacitances; compute every coil with reach=None.")
-        resistance = np.diag(network.resistance(0.0))
-        return state_sensitivity(network.names, network.inductance, resistance, network.switches, plan)
+        return state_sensitivity(network, plan)
     except NetworkError:
         if required:
             raise

@@ -282,7 +282,7 @@ def calibrated_response(recording: Recording, calibration: BoardCalibration, *, 
 
 
 def simulated_inductances(recording: Recording) -> dict[str, float]:
-    """Return L_0 in H of every state as the converter sees it, from the simulation of the recorded design.
+    """Return L_0 in H of every state of the recorded design in an ideal circuit: all strays are then capacitance.
 
     Raises
     ------
@@ -298,7 +298,7 @@ def simulated_inductances(recording: Recording) -> dict[str, float]:
         )
     middle = (axis[len(axis) // 2 : len(axis) // 2 + 1] for axis in (setup.depths, setup.x, setup.y))
     depths, x, y = middle
-    base = response_map(design, depths=depths, x=x, y=y).base_inductance
+    base = response_map(design, depths=depths, x=x, y=y, ideal=True).base_inductance
     return {state: float(base.sel(state=state)) for state in recording.states}
 
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from coilarray import active_coil, couple, every_active_coil, impedance_matrix, resonance
+from coilarray import active_coil, couple, every_active_coil, impedance_matrix
 
 pytestmark = pytest.mark.nojit
 
@@ -26,7 +26,7 @@ def test_two_coils_ideal_short():
     L = np.array([[50e-6, -3e-6], [-3e-6, 40e-6]])
     state = active_coil(L, 0.0, 0, F)
     # L_eff = L1 (1 − k²), i2 = −M/L2
-    assert state.effective_inductance == pytest.approx(50e-6 - 9e-12 / 40e-6, rel=1e-14)
+    assert state.apparent_inductance == pytest.approx(50e-6 - 9e-12 / 40e-6, rel=1e-14)
     assert state.currents[1] == pytest.approx(3 / 40, rel=1e-14)
     assert state.effective_resistance == pytest.approx(0, abs=1e-12)
 
@@ -45,10 +45,10 @@ def test_identities(n, seed, resistance, short):
     L = random_matrix(n, seed)
     state = active_coil(L, resistance, 0, F, short_resistance=short)
     # grounded neighbours take inductance and add loss
-    assert state.effective_inductance <= L[0, 0] * (1 + 1e-14)
+    assert state.apparent_inductance <= L[0, 0] * (1 + 1e-14)
     assert state.effective_resistance >= resistance * (1 - 1e-12)
     # the parts add up
-    assert L[0, 0] + state.contributions.sum() == pytest.approx(state.effective_inductance, rel=1e-12)
+    assert L[0, 0] + state.contributions.sum() == pytest.approx(state.apparent_inductance, rel=1e-12)
     # power: what the source gives is what the resistances take
     power = resistance * abs(state.currents[0]) ** 2 + ((resistance + short) * np.abs(state.currents[1:]) ** 2).sum()
     assert state.effective_resistance == pytest.approx(power, rel=1e-10, abs=1e-9)
@@ -66,7 +66,7 @@ def test_every_active_coil_is_each_one_alone(n, seed, resistance, short):
         alone = active_coil(L, resistance, a, F, short_resistance=short)
         # two ways through matrices of condition up to 1e3; the resistance of the short is taken off again
         assert every.impedances[a] == pytest.approx(alone.impedance, rel=1e-11)
-        assert every.effective_inductance[a] == pytest.approx(alone.effective_inductance, rel=1e-11)
+        assert every.apparent_inductance[a] == pytest.approx(alone.apparent_inductance, rel=1e-11)
         np.testing.assert_allclose(every.currents[:, a], alone.currents, rtol=0, atol=1e-11)
     assert (every.effective_resistance >= resistance * (1 - 1e-11) - 1e-9).all()
 
@@ -76,9 +76,9 @@ def test_ideal_shorts_of_many_coils():
     state = active_coil(L, 0.0, 2, F)
     p = [0, 1, 3, 4, 5]
     expected = L[2, 2] - L[2, p] @ np.linalg.solve(L[np.ix_(p, p)], L[p, 2])
-    assert state.effective_inductance == pytest.approx(expected, rel=1e-12)
+    assert state.apparent_inductance == pytest.approx(expected, rel=1e-12)
     # the same by the inverse of the whole matrix
-    assert state.effective_inductance == pytest.approx(1 / np.linalg.inv(L)[2, 2], rel=1e-12)
+    assert state.apparent_inductance == pytest.approx(1 / np.linalg.inv(L)[2, 2], rel=1e-12)
 
 
 def test_impedance_matrix():
@@ -91,13 +91,13 @@ def test_impedance_matrix():
 def test_open_coils_do_nothing():
     L = random_matrix(4, 1)
     state = active_coil(L, 3.0, 1, F, ["open"] * 4)
-    assert state.effective_inductance == pytest.approx(L[1, 1], rel=1e-15)
+    assert state.apparent_inductance == pytest.approx(L[1, 1], rel=1e-15)
     assert state.currents.tolist() == [0, 1, 0, 0]
     # a short behind a huge resistance is as good as open
     nearly = active_coil(L, 3.0, 1, F, short_resistance=1e12)
-    assert nearly.effective_inductance == pytest.approx(L[1, 1], rel=1e-9)
+    assert nearly.apparent_inductance == pytest.approx(L[1, 1], rel=1e-9)
     one = active_coil(L, 3.0, 1, F, ["short", "short", "open", "open"])
-    assert one.effective_inductance == pytest.approx(L[1, 1] - L[0, 1] ** 2 * (OMEGA**2 * L[0, 0]) / (
+    assert one.apparent_inductance == pytest.approx(L[1, 1] - L[0, 1] ** 2 * (OMEGA**2 * L[0, 0]) / (
         9 + (OMEGA * L[0, 0]) ** 2), rel=1e-13)  # fmt: skip
 
 
@@ -109,16 +109,20 @@ def test_reciprocity_of_the_sensitivity():
     after = active_coil(L + change, 0.0, 0, F)
     i = before.currents.real
     # second order in the change: 1e-6 of it
-    assert after.effective_inductance - before.effective_inductance == pytest.approx(i @ change @ i, rel=1e-5)
+    assert after.apparent_inductance - before.apparent_inductance == pytest.approx(i @ change @ i, rel=1e-5)
 
 
-def test_resonance_is_self_consistent():
+def test_couple_is_where_the_converter_oscillates():
     L = random_matrix(4, 5)
-    state = resonance(L, 15.0, 0, 120e-12, short_resistance=5.0)
-    expected = 1 / (2 * np.pi * np.sqrt(state.effective_inductance * 120e-12))
-    assert state.frequency == pytest.approx(expected, rel=1e-13)
-    again = active_coil(L, 15.0, 0, state.frequency, short_resistance=5.0)
-    assert again.impedance == state.impedance
+    state = couple(list("abcd"), L, 15.0, 120e-12, short_resistance=5.0).sel(coil="a")
+    # the closed form has the passive coils' switches, the converter looks through those of the active one as well
+    frequency = float(state.frequency)
+    again = active_coil(L, 15.0, 0, frequency, short_resistance=5.0)
+    assert (1 / (again.impedance + 5.0) + 2j * np.pi * frequency * 120e-12).imag == pytest.approx(0, abs=1e-12)
+    assert float(state.effective_resistance) == pytest.approx(again.effective_resistance + 5.0, rel=1e-10)
+    assert float(state.effective_inductance) == pytest.approx(1 / ((2 * np.pi * frequency) ** 2 * 120e-12), rel=1e-14)
+    np.testing.assert_allclose(state.current_real + 1j * state.current_imag, again.currents, atol=1e-12)
+    np.testing.assert_allclose(state.contribution, again.contributions, atol=1e-12 * L[0, 0])
 
 
 def test_couple_gives_one_dataset():
@@ -130,8 +134,12 @@ def test_couple_gives_one_dataset():
     # b is open while passive: it carries nothing unless it is active
     assert result.current_real.values[0, 1] == 0
     assert result.current_real.values[1, 1] == 1
-    total = result.contribution.sum("other")
-    np.testing.assert_allclose(result.open_inductance + total, result.effective_inductance, rtol=1e-12)
+    # the parts add up to Im Z/ω, which is less than 1/(ω²C) by 1/Q²
+    total = result.open_inductance + result.contribution.sum("other")
+    np.testing.assert_allclose(total * (1 + 1 / result.quality_factor**2), result.effective_inductance, rtol=1e-12)
+    np.testing.assert_allclose(
+        result.open_effective_inductance, 1 / ((2 * np.pi * result.open_frequency) ** 2 * 120e-12), rtol=1e-14
+    )
     np.testing.assert_allclose(
         result.inductance_change, result.effective_inductance / result.open_inductance - 1, rtol=1e-15
     )
@@ -146,10 +154,16 @@ def test_lossless_coil_has_no_quality_factor():
 @pytest.mark.parametrize("k", [0.9, 0.99, 0.9999])
 def test_resonance_of_strongly_coupled_coils(k):
     L = 1e-5 * np.array([[1, k], [k, 1]])
-    for R in (0.0, 2.0, 30.0, 1e4):
-        state = resonance(L, R, 0, 100e-12)
-        expected = 1 / (2 * np.pi * np.sqrt(state.effective_inductance * 100e-12))
-        assert state.frequency == pytest.approx(expected, rel=1e-12)
+    for R in (0.0, 0.2, 2.0):
+        state = couple(["a", "b"], L, R, 100e-12).sel(coil="a")
+        # Im Y = 0 of the closed form, relative to the susceptance of the coil
+        Z = active_coil(L, R, 0, float(state.frequency)).impedance
+        assert (1 / Z).imag == pytest.approx(-2 * np.pi * float(state.frequency) * 100e-12, rel=1e-11)
+
+
+def test_a_coil_of_too_much_resistance_has_no_resonance():
+    with pytest.raises(ValueError, match="state a has no resonance between"):
+        couple(["a"], [[1e-5]], 1e4, 100e-12)
 
 
 @pytest.mark.parametrize(
@@ -172,10 +186,10 @@ def test_resonance_of_strongly_coupled_coils(k):
             lambda: active_coil([[2, 1], [0, 2]], 0, 0, F),
             "must be symmetric; between coils 1 and 2 it has",
         ),
-        (lambda: resonance([[1, 2], [2, 1]], 0, 0, 1e-12), "must be positive definite"),
+        (lambda: couple(["a", "b"], [[1, 2], [2, 1]], 0, 1e-12), "must be positive definite"),
         (lambda: impedance_matrix([[1e-6]], 0, -1.0), "frequency must be positive and finite; got -1"),
-        (lambda: resonance([[1e-6]], 0, 0, -1e-12), "capacitance must be positive and finite"),
-        (lambda: resonance([[1e-6]], 0, 3, 1e-12), "the active coil must be 0 to 0; got 3"),
+        (lambda: couple(["a"], [[1e-6]], 0, -1e-12), "capacitance must be positive and finite"),
+        (lambda: couple(["a"], [[1e-6]], 0, 1e-12, ["loose"]), "must be 1 of 'short' or 'open'"),
         (lambda: every_active_coil([[1, 2], [2, 1]], 0, F), "must be positive definite"),
         (lambda: every_active_coil([[1e-6]], 0, 0.0), "frequency must be positive and finite; got 0"),
         (lambda: every_active_coil([[1e-6]], 0, F, -1.0), "short_resistance must be finite"),

@@ -27,10 +27,13 @@ def test_the_board_of_the_paper():
     assert k[0, 1] == pytest.approx(-0.05, abs=0.01)
     assert k[0, 2] == pytest.approx(-0.014, abs=0.001)
     assert bare == pytest.approx(inductance_matrix(design.array), rel=1e-12)
-    assert float(result.frequency[0]) == pytest.approx(1.93e6, rel=0.02)  # the magnetic sheet takes 1 % off
+    # the magnetic sheet takes 1 % off, the windings' capacitance of 16 pF beside the tank's 120 pF another 6 %
+    assert float(result.ideal_frequency[0]) == pytest.approx(1.93e6, rel=0.02)
+    assert float(result.frequency[0]) == pytest.approx(1.93e6 * np.sqrt(120 / 136.5), rel=0.02)
     # grounded neighbours take inductance from every coil; end coils have one near neighbour, the others two
-    assert (result.effective_inductance < result.open_inductance).all()
-    change = -result.inductance_change.values
+    ideal = couple_design(design, ideal=True)
+    assert (ideal.effective_inductance < ideal.open_inductance).all()
+    change = -ideal.inductance_change.values
     assert change[[0, 5]].max() < change[1:5].min()
     assert result.attrs["design_hash"] == design.digest
 
@@ -55,7 +58,7 @@ def test_operating_currents_and_field():
 def test_grounded_coils_carry_no_flux():
     """An ideally shorted coil links no flux: the flux through its turns from all currents is zero."""
     design = load_design("starter")
-    coupling = couple_design(design)
+    coupling = couple_design(design, ideal=True)
     L = coupling.inductance.values
     current = coupling.current_real.values[0] + 1j * coupling.current_imag.values[0]
     flux = L @ current

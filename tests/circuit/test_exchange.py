@@ -16,11 +16,11 @@ import re
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from importlib.util import find_spec
 
 import numpy as np
 import pytest
-import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -28,13 +28,13 @@ from coilarray import (
     Conductor,
     GeometryError,
     active_coil,
-    couple,
     couple_design,
     coupling_matrix,
     dc_resistance,
     inductance_matrix,
     load_design,
 )
+from coilarray.circuit.coupling import bare_network, design_circuit
 from coilarray.circuit.exchange import (
     export_network,
     fasthenry_input,
@@ -44,7 +44,7 @@ from coilarray.circuit.exchange import (
     spice_subcircuit,
     touchstone,
 )
-from coilarray.circuit.network import Network, solve_state
+from coilarray.circuit.network import Network, between_coils, solve_state
 from coilarray.design.scan_states import ScanState, Switches
 from coilarray.errors import MissingDependencyError, OutputError
 
@@ -243,13 +243,43 @@ def test_ngspice_agrees_with_the_network(tmp_path, state):
 
 @needs_ngspice
 def test_ngspice_on_the_board_of_the_paper(tmp_path, board):
-    export_network(board, tmp_path / "board.cir")
+    ideal = design_circuit(load_design("gast2020"), ideal=True)
+    export_network(ideal, tmp_path / "board.cir")
     text = (tmp_path / "board.cir").read_text(encoding="utf-8")
+    assert "without alternating-current resistance" in text
     names, L, R = board.coil.values.tolist(), board.inductance.values, board.resistance.values
     for active, states in ((0, ["short"] * 6), (2, ["short"] * 6), (3, ["open"] * 6)):
         Z = ngspice(tmp_path, text, names, active, states, 5.0, FREQUENCIES)
         expected = [active_coil(L, R, active, f, states, 5.0).impedance for f in FREQUENCIES]
         same_impedance(Z, expected)
+
+
+@needs_ngspice
+def test_ngspice_oscillates_where_the_table_says(tmp_path, board):
+    """The exported coils with a tank of the design's, switches of 2.5 Ω and all other coils grounded."""
+    export_network(design_circuit(load_design("gast2020")), tmp_path / "array.cir", title="gast2020")
+    text = (tmp_path / "array.cir").read_text(encoding="utf-8")
+    assert re.search(r"^\* R at 1\.7\d+e\+06 Hz, constant over frequency", text, re.MULTILINE)
+    pins = [f"{name}_{end}" for name in board.coil.values for end in (1, 2)]
+    for active, name in enumerate(board.coil.values.tolist()[:3]):
+        f = float(board.frequency[active])
+        tank = board.attrs["capacitance_F"]
+        lines = ["* bench", ".include array.cir", ".options rshunt=1e15", f"X1 {' '.join(pins)} gast2020"]
+        for pin in pins:
+            net = {f"{name}_1": "A", f"{name}_2": "B"}.get(pin, "0")
+            lines.append(f"R{pin} {pin} {net} 2.5")
+        lines += [f"Ct A B {tank!r}", "I1 B A dc 0 ac 1", ".control", "set numdgt=16"]
+        around = [f * (1 - 1e-3), f, f * (1 + 1e-3)]
+        lines += [f"ac lin 1 {at!r} {at!r}\nwrdata z{k}.txt v(A)-v(B)" for k, at in enumerate(around)]
+        (tmp_path / "bench.cir").write_text("\n".join([*lines, ".endc", ".end", ""]), encoding="utf-8")
+        subprocess.run(["ngspice", "-b", "bench.cir"], cwd=tmp_path, capture_output=True, timeout=60, check=False)
+        Z = [complex(*np.loadtxt(tmp_path / f"z{k}.txt")[1:]) for k in range(3)]
+        # the phase passes zero within 1e-3 of the headline; R_p to what the others' copper takes
+        assert Z[0].imag > 0 > Z[2].imag
+        Q = float(board.quality_factor[active])
+        assert abs(Z[1].imag / Z[1].real) < 2 * Q * 1e-4  # 2 Q Δf/f: within 1e-4 of the frequency
+        R_p = float(board.quality_factor[active] * 2 * np.pi * f * board.effective_inductance[active])
+        assert Z[1].real == pytest.approx(R_p, rel=0.02)
 
 
 @needs_ngspice
@@ -274,6 +304,19 @@ def test_ngspice_with_capacitance(tmp_path, states):
         expected.append(np.linalg.inv(Y)[0, 0])
     # the frequencies lie on both sides of the self-resonance at 10 MHz, far from its peak
     same_impedance(Z, expected)
+
+
+def test_capacitors_between_coils_are_those_of_the_network():
+    between = np.array([[0, 8e-12, 2e-12], [8e-12, 0, 0], [2e-12, 0, 0]])
+    text = spice_subcircuit(letters(3), random_matrix(3, 5), 1.0, capacitance=2e-11, mutual_capacitance=between)
+    stamp = np.zeros((6, 6))
+    number = {f"{name}_{end}": 2 * k + end - 1 for k, name in enumerate(letters(3)) for end in (1, 2)}
+    for parts in (line.split() for line in text.splitlines() if line.startswith("C")):
+        a, b, farads = number[parts[1]], number[parts[2]], float(parts[3])
+        stamp[[a, b], [a, b]] += farads
+        stamp[[a, b], [b, a]] -= farads
+    winding = np.kron(np.eye(3) * 2e-11, [[1, -1], [-1, 1]])
+    np.testing.assert_allclose(stamp, between_coils(between) + winding, rtol=0, atol=1e-26)
 
 
 def test_not_positive_definite():
@@ -613,33 +656,40 @@ def test_touchstone_without_scikit_rf(tmp_path, monkeypatch):
 def test_export_touchstone(tmp_path, board):
     import skrf
 
-    export_network(board, tmp_path / "board.s6p")
+    circuit = design_circuit(load_design("gast2020"))
+    export_network(circuit, tmp_path / "board.s6p")
     network = skrf.Network(str(tmp_path / "board.s6p"))
     assert len(network.f) == 201
     resonances = board.frequency.values
     assert network.f[[0, -1]] == pytest.approx([resonances.min() / 10, 10 * resonances.max()], rel=1e-14)
-    export_network(board, tmp_path / "board.s6p", [1e6, 2e6])
+    at = [1.0e6, 1.75e6]
+    export_network(circuit, tmp_path / "board.s6p", at)
+    Z = skrf.Network(str(tmp_path / "board.s6p")).z
+    # the columns are what the network sees of two coils, nothing joined to the others
+    for k, f in enumerate(at):
+        for a, name in enumerate(circuit.names[:3]):
+            own = solve_state(replace(circuit, switches=Switches()), ScanState(name, ((name, 1),), others="open"), f)
+            assert Z[k, a, a] == pytest.approx(own.impedance, rel=1e-9)
+    export_network(design_circuit(load_design("gast2020"), ideal=True), tmp_path / "board.s6p", at)
     Z = skrf.Network(str(tmp_path / "board.s6p")).z
     L, R = board.inductance.values, board.resistance.values
-    expected = np.diag(R) + 2j * np.pi * np.array([1e6, 2e6])[:, None, None] * L
+    expected = np.diag(R) + 2j * np.pi * np.array(at)[:, None, None] * L
     assert np.abs(Z - expected).max() <= 1e-9 * np.abs(expected).max()  # as in test_touchstone_round_trip
 
 
 def test_export_spice(tmp_path, board):
-    export_network(board, tmp_path / "board.SUB")
+    export_network(design_circuit(load_design("gast2020")), tmp_path / "board.SUB", title="gast2020")
     text = (tmp_path / "board.SUB").read_text(encoding="utf-8")
-    assert text.startswith(f"* {board.attrs['design']}: 6 coils")
+    assert text.startswith("* gast2020: 6 coils")
     k = coupling_matrix(board.inductance.values)
     assert float(elements(text)["K1_2"][-1]) == pytest.approx(k[0, 1], rel=1e-15)
 
 
 def test_bad_exports(tmp_path):
-    result = couple(["A", "B"], random_matrix(2, 1), 1.0, 120e-12)
+    pair = bare_network(("A", "B"), random_matrix(2, 1), np.ones(2), Switches())
     for name in ("net.txt", "net", "net.s2"):
         with pytest.raises(OutputError, match=r"written as \.cir, \.sub or \.s2p; got net"):
-            export_network(result, tmp_path / name)
+            export_network(pair, tmp_path / name)
     with pytest.raises(OutputError, match=r"of 2 ports must end in \.s2p; got net\.s3p"):
-        export_network(result, tmp_path / "net.s3p")
-    with pytest.raises(ValueError, match="a coupling result is needed"):
-        export_network(xr.Dataset(), tmp_path / "net.cir")
+        export_network(pair, tmp_path / "net.s3p")
     assert not list(tmp_path.iterdir())

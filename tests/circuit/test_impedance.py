@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from coilarray import active_coil, couple_design, dc_resistance, load_design, parse_design
+from coilarray import active_coil, couple, couple_design, dc_resistance, load_design, parse_design
+from coilarray.circuit.coupling import design_circuit
 from coilarray.circuit.impedance import close_channels, scan_design, sweep_design
+from coilarray.compute.recent import Recent
 from coilarray.design.bundled import read
 from coilarray.electromagnetics.ac_resistance import resistance_matrix
 from coilarray.electromagnetics.capacitance import coil_capacitance, self_resonance
@@ -37,15 +41,15 @@ def test_low_frequency_is_the_direct_current_network(design):
         )
         # a capacitance across a resistance takes R² C from L: Im 1/(1/(R + jωL) + jωC) = ω (L − R² C) to first order
         taken = R[k] ** 2 * float(capacitance[k])
-        assert float(sweep.apparent_inductance[1, k]) == pytest.approx(expected.effective_inductance - taken, rel=3e-6)
+        assert float(sweep.apparent_inductance[1, k]) == pytest.approx(expected.apparent_inductance - taken, rel=3e-6)
 
 
 def test_capacitance_raises_the_apparent_inductance(design, scan):
     coupling = couple_design(design)
-    assert (scan.effective_inductance.values > coupling.effective_inductance.values).all()
+    assert (scan.effective_inductance.values > coupling.ideal_effective_inductance.values).all()
     # L/(1 − ω² L C) with the coil's own capacitance and what its neighbours add, at most the mutual capacitance
     omega = 2 * np.pi * scan.frequency.values
-    L = coupling.effective_inductance.values
+    L = coupling.ideal_effective_inductance.values
     C = scan.winding_capacitance.values
     between = -scan.capacitance.values.copy()
     np.fill_diagonal(between, 0)
@@ -56,11 +60,11 @@ def test_capacitance_raises_the_apparent_inductance(design, scan):
 
 
 def test_resonance_belongs_to_tank_and_coil(design, scan):
-    # a lossy coil in parallel to the tank: the phase vanishes at ω² = 1/LC · (1 − 1/Q²) to first order in 1/Q²
     L, Q = scan.effective_inductance.values, scan.quality_factor.values
     omega = 2 * np.pi * scan.frequency.values
     C = design.circuit.capacitance
-    np.testing.assert_allclose(omega**2 * L * C, 1 - 1 / Q**2, atol=3 / Q.min() ** 4)
+    np.testing.assert_allclose(omega**2 * L * C, 1, rtol=1e-14)
+    np.testing.assert_allclose(scan.parallel_resistance, Q * omega * L, rtol=1e-9)
     # all is stored in tank and coil: Q of the resonator is R_p √(C/L) to first order, with L without the winding's C
     own = np.diag(couple_design(design).inductance)
     stored = scan.parallel_resistance * np.sqrt((C + scan.winding_capacitance.values) / own)
@@ -68,6 +72,46 @@ def test_resonance_belongs_to_tank_and_coil(design, scan):
     assert (scan.loaded_quality_factor.values > Q).all()
     # R_p = (1 + Q²) R
     np.testing.assert_allclose(scan.parallel_resistance, (1 + Q**2) * scan.effective_resistance, rtol=1e-6)
+
+
+def test_a_plan_of_each_coil_in_turn_has_the_numbers_of_the_coupling(design, scan):
+    coupling = couple_design(design)
+    assert coupling.attrs["left_out"] == ""
+    for name in ("frequency", "effective_inductance", "effective_resistance", "quality_factor"):
+        np.testing.assert_array_equal(scan[name].values, coupling[name].values)
+    np.testing.assert_array_equal(scan.current_real.values, coupling.current_real.values)
+
+
+def test_the_ideal_stands_beside_the_true_circuit(design):
+    true, ideal = couple_design(design), couple_design(design, ideal=True)
+    assert ideal.attrs["left_out"] == "alternating-current resistance; stray capacitances and inductances"
+    np.testing.assert_array_equal(true.ideal_frequency.values, ideal.frequency.values)
+    np.testing.assert_array_equal(true.ideal_effective_inductance.values, ideal.effective_inductance.values)
+    plain = couple(
+        design.array.names, true.inductance, true.resistance, design.circuit.capacitance,
+        design.circuit.terminations, design.circuit.short_resistance,
+    )  # fmt: skip
+    np.testing.assert_array_equal(plain.frequency.values, ideal.frequency.values)
+
+
+def test_the_network_is_computed_once(design, monkeypatch):
+    network = design_circuit(design)
+    monkeypatch.setattr("coilarray.circuit.coupling.resistance_matrix", None)
+    assert design_circuit(load_design("starter")) is network
+    # a changed design has another one: what its digest does not tell too
+    with pytest.raises(TypeError):
+        design_circuit(replace(design, sheets=()))
+
+
+def test_many_coils_without_the_copper_of_others(design, monkeypatch):
+    monkeypatch.setattr("coilarray.circuit.coupling._MOST_TOGETHER", 2)
+    monkeypatch.setattr("coilarray.circuit.coupling._PARTS", Recent(1))
+    many, network = couple_design(design), design_circuit(design)
+    assert many.attrs["left_out"] == "losses in the copper of other coils"
+    alone = resistance_matrix([design.array.conductors()[1]], float(many.frequency[1])).resistance.values[0, 0, 0]
+    R = network.resistance(float(many.frequency[1]))
+    assert R[1, 1] == pytest.approx(alone, rel=1e-4)  # interpolated between nine frequencies over a tenth
+    assert np.count_nonzero(R) == 3
 
 
 def test_parts_are_those_of_the_modules(design, scan):
@@ -147,10 +191,10 @@ def test_permittivity_is_a_parameter():
 
 def test_progress(design):
     seen = []
-    scan_design(design, lambda done, total: seen.append((done, total)))
+    scan_design(design, progress=lambda done, total: seen.append((done, total)))
     assert seen[-1][0] == seen[-1][1]
     seen.clear()
-    sweep_design(design, [1e5, 2e5, 3e5], lambda done, total: seen.append((done, total)))
+    sweep_design(design, [1e5, 2e5, 3e5], progress=lambda done, total: seen.append((done, total)))
     assert seen == [(1, 3), (2, 3), (3, 3)]
 
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from coilarray import active_coil, resonance
+from coilarray import active_coil
 from coilarray.circuit.network import Network, loaded_quality, resonate, self_resonance_of, solve_state
 from coilarray.design.scan_states import ScanState, Switches, paper_plan
 from coilarray.errors import NetworkError
@@ -61,9 +61,9 @@ def test_series_and_parallel():
         (("a", "-b"), "parallel", (L2[0, 0] * L2[1, 1] - M**2) / (L2[0, 0] + L2[1, 1] + 2 * M)),
     ):
         result = solve_state(circuit, measure(*coils, connection=connection), F)
-        assert result.effective_inductance == pytest.approx(expected, rel=1e-12)
+        assert result.apparent_inductance == pytest.approx(expected, rel=1e-12)
     # the sense of one coil alone changes nothing
-    assert solve_state(circuit, measure("-a", others="open"), F).effective_inductance == pytest.approx(50e-6, rel=1e-12)
+    assert solve_state(circuit, measure("-a", others="open"), F).apparent_inductance == pytest.approx(50e-6, rel=1e-12)
 
 
 def test_series_coils_pass_through_every_switch():
@@ -75,7 +75,7 @@ def test_open_and_one_end():
     circuit = network(L2, 10.0)
     for others in ("open", "ground one end", "ground other end"):
         result = solve_state(circuit, measure("a", others=others), F)
-        assert result.effective_inductance == pytest.approx(50e-6, rel=1e-12)
+        assert result.apparent_inductance == pytest.approx(50e-6, rel=1e-12)
         assert abs(result.currents[1]) < 1e-12
 
 
@@ -119,7 +119,7 @@ def test_capacitance_to_a_grounded_neighbour():
     assert result.impedance == pytest.approx(Z, rel=1e-9)
     # both neighbours' ends open: it takes the mean as well; the energy is the same
     free = solve_state(network(L, 0.0, mutual=C), measure("a", others="open"), 1e3)
-    assert free.effective_inductance == pytest.approx(50e-6, rel=1e-6)
+    assert free.apparent_inductance == pytest.approx(50e-6, rel=1e-6)
 
 
 def test_bus_and_leads():
@@ -133,14 +133,18 @@ def test_resonance_where_the_susceptance_vanishes():
     assert abs(result.admittance.imag) < 1e-9 * OMEGA * 120e-12
     # for a series R the phase is zero at ω² = 1/LC − R²/L²
     state = active_coil(L2, 12.0, 0, result.frequency)
-    L, R = state.effective_inductance, state.effective_resistance
+    L, R = state.apparent_inductance, state.effective_resistance
     expected = math.sqrt(1 / (L * 120e-12) - (R / L) ** 2) / (2 * math.pi)
     assert result.frequency == pytest.approx(expected, rel=1e-9)
-    # without loss it is that of coilarray.resonance
+    # what the converter takes for L: that of the coil and R²/(ω²L)
+    assert result.effective_inductance == pytest.approx(L + (R / result.frequency / 2 / math.pi) ** 2 / L, rel=1e-9)
     lossless = resonate(network(L2), measure("a"))
-    assert lossless.frequency == pytest.approx(resonance(L2, 0.0, 0, 120e-12).frequency, rel=1e-9)
+    assert lossless.effective_inductance == pytest.approx(active_coil(L2, 0.0, 0, F).apparent_inductance, rel=1e-9)
     assert lossless.quality_factor == math.inf
-    # R_p = L/(R C) at resonance
+    # Q = R_p/(ωL_eff), R_eff = R_p/(1 + Q²), and R_p = L/(R C)
+    Q, R_p = result.quality_factor, result.parallel_resistance
+    assert R_p == pytest.approx(Q * 2 * math.pi * result.frequency * result.effective_inductance, rel=1e-9)
+    assert R == pytest.approx(R_p / (1 + Q**2), rel=1e-9)
     assert result.parallel_resistance == pytest.approx(L / (R * 120e-12), rel=1e-9)
 
 
@@ -224,7 +228,7 @@ def test_resonances_far_from_the_bare_coil():
     heavy = resonate(network(L2, 12.0, bus_capacitance=1e-9), measure("a"))
     # a lossy coil in parallel to the tank: ω² = (1 − 1/Q²)/LC with the coil's Q, to second order
     Q = heavy.quality_factor
-    expected = math.sqrt((1 - 1 / Q**2) / (heavy.effective_inductance * 120e-12)) / (2 * math.pi)
+    expected = math.sqrt((1 - 1 / Q**2) / (heavy.apparent_inductance * 120e-12)) / (2 * math.pi)
     assert heavy.frequency == pytest.approx(expected, rel=2 / Q**4)
     # a tank on each of two coils in series: half the capacitance across twice the inductance and more
     pair = resonate(network(L2, 12.0, tank_at="coil"), measure("a", "b"))

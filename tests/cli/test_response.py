@@ -15,7 +15,6 @@ from support.command_line import runner
 
 import coilarray.response.map
 from coilarray import load_design
-from coilarray.circuit.impedance import design_network
 from coilarray.cli.main import main
 from coilarray.design.bundled import read
 from coilarray.response.map import Imperfections, response_map
@@ -148,9 +147,13 @@ def test_imperfections_of_the_experiment(capsys, monkeypatch, starter, expected)
     assert np.abs(delta_of("r.csv") / expected.delta.values[0, 0] - 1).max() > 0.1  # they do not pass unnoticed
 
 
-def test_strays_and_permittivity_enter_the_circuit(capsys, starter, expected):
+def test_strays_and_permittivity_enter_the_circuit(capsys, starter):
     assert run(capsys, *SMALL, "--strays", "--dielectric", "--out", "r.nc")[0] == 0
-    wanted = library(starter, network=design_network(starter).network, dielectric=True)
+    wanted = library(starter, dielectric=True)
+    assert run(capsys, *SMALL, "--ideal", "--out", "ideal.nc")[0] == 0
+    with xr.open_dataset("ideal.nc", engine="h5netcdf") as saved:
+        expected = library(starter, ideal=True)
+        np.testing.assert_allclose(saved.delta, expected.delta, rtol=1e-9)
     with xr.open_dataset("r.nc", engine="h5netcdf") as saved:
         np.testing.assert_allclose(saved.delta, wanted.delta, rtol=1e-9)
         np.testing.assert_allclose(saved.capacitance_change, wanted.capacitance_change, rtol=1e-9)

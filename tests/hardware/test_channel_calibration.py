@@ -95,7 +95,8 @@ def test_a_known_frequency_gives_the_clock(rest):
 def test_simulated_inductances_are_those_of_the_response(rest):
     found = calibrated(rest, from_design=True)
     assert found.inductances_from == "design"
-    base = response_map(DESIGN, depths=DESIGN.indentation.depths[:1], x=[0.0], y=[0.0]).base_inductance
+    depths = DESIGN.indentation.depths[:1]
+    base = response_map(DESIGN, depths=depths, x=[0.0], y=[0.0], ideal=True).base_inductance
     assert {one.state: one.inductance for one in found.channels} == pytest.approx(
         dict(zip(("coil1", "coil2"), base.values.tolist(), strict=True)), rel=1e-9
     )

@@ -1,6 +1,6 @@
 """The physics behind the emulated switches against the package's own: scan, response map, drift.
 
-Who checks whom: an untouched board against `scan_states`; a pressed one against `response_map`, which solves every
+Who checks whom: an untouched board against `scan_design`; a pressed one against `response_map`, which solves every
 position that the emulator interpolates; temperature against the formula of a tank with losses; the time of a scan
 against the paper's.
 """
@@ -16,7 +16,7 @@ from support.broken_drivers import RightDriver
 from support.quick_coils import plain_board
 
 from coilarray import load_design
-from coilarray.circuit.impedance import design_network, scan_states
+from coilarray.circuit.impedance import scan_design
 from coilarray.circuit.network import Network
 from coilarray.compute.store import Store
 from coilarray.design.bundled import read
@@ -46,15 +46,8 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def prepared():
-    return design_network(PAPER)
-
-
-@pytest.fixture(scope="module")
-def network(folder, prepared):
-    with pytest.MonkeyPatch.context() as patch:  # not twice
-        patch.setattr("coilarray.hardware.scan.board_network.design_network", lambda design: prepared)
-        return board_network(PAPER, Store(folder))
+def network(folder):
+    return board_network(PAPER, Store(folder))
 
 
 @pytest.fixture(scope="module")
@@ -108,8 +101,8 @@ STEP = 21.7e6 / 2**28  # of the code in Hz
 
 
 @pytest.fixture(scope="module")
-def scanned(prepared):
-    return scan_states(prepared)
+def scanned():
+    return scan_design(PAPER, elastomer=False)
 
 
 def test_the_tank_of_an_untouched_board_is_that_of_the_scan(network, table, scanned):

@@ -146,11 +146,13 @@ def test_netcdf_gives_the_same_matrix(made):
         rows = table(made, "coils")
         np.testing.assert_array_equal(saved.effective_inductance, [float(r["effective_inductance_H"]) for r in rows])
         assert saved.attrs["design_hash"] == load_design("gast2020").digest
-        state = active_coil(
-            saved.inductance.values, saved.resistance.values, 2, float(saved.frequency[2]),
-            short_resistance=saved.attrs["short_resistance_ohm"],
-        )  # fmt: skip
-    assert state.effective_inductance == pytest.approx(float(rows[2]["effective_inductance_H"]), rel=1e-12)
+        short, f = saved.attrs["short_resistance_ohm"], float(saved.ideal_frequency[2])
+        state = active_coil(saved.inductance.values, saved.resistance.values, 2, f, short_resistance=short)
+        C = saved.attrs["capacitance_F"]
+    # the ideal beside it: Im Y = 0 of the closed form, the active coil's own switches in series
+    assert (1 / (state.impedance + short)).imag == pytest.approx(-2 * np.pi * f * C, rel=1e-11)
+    assert float(rows[2]["ideal_frequency_Hz"]) == f
+    assert float(rows[2]["ideal_effective_inductance_H"]) == pytest.approx(1 / ((2 * np.pi * f) ** 2 * C), rel=1e-14)
 
 
 def test_field_line_is_the_bell_of_the_paper(made):
@@ -291,7 +293,7 @@ def test_single_coil_report(tmp_path):
     made = drawn_report(load_design("gast_fem"), tmp_path)
     (row,) = table(made, "coils")
     # nothing couples: terminated and open are the same
-    assert float(row["effective_inductance_H"]) == float(row["open_inductance_H"])
+    assert float(row["frequency_Hz"]) == float(row["open_frequency_Hz"])
     assert table(made, "pairs") == []
     text = made.page.read_text(encoding="utf-8")
     assert "Coupling coefficient" not in text

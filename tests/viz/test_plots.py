@@ -145,8 +145,8 @@ def test_k_is_drawn_pair_by_pair_and_inductance_with_its_diagonal(ax):
 def test_effective_inductance_shows_both_values_and_the_change(ax):
     before, after = np.array([20e-6, 20e-6, 25e-6]), np.array([19e-6, 18e-6, 25.5e-6])
     single, changes = ("coil",), {"termination": ("coil", ["short", "short", "short"])}
-    changes |= {"open_inductance": (single, before, {"units": "H"}), "effective_inductance": (single, after)}
-    coupling = xr.Dataset(changes | {"inductance_change": (single, after / before - 1)}, {"coil": list(NAMES)})
+    changes |= {"open_effective_inductance": (single, before, {"units": "H"}), "effective_inductance": (single, after)}
+    coupling = xr.Dataset(changes, {"coil": list(NAMES)})
     assert plot_effective_inductance(coupling, ax) is ax
     dots = [c.get_offsets() for c in ax.collections if isinstance(c, PathCollection)]
     np.testing.assert_allclose(dots[0], np.column_stack((before * 1e6, range(3))))

@@ -9,12 +9,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray as xr
 from hypothesis import given
 from hypothesis import strategies as st
 from support.browser import bells, quick_run
 
 from coilarray import couple_design, load_design
+from coilarray.circuit.coupling import design_circuit
 from coilarray.design.model import build_design, parse_design
+from coilarray.design.vary import vary
 from coilarray.electromagnetics.field import magnetic_field
 from coilarray.errors import DesignError, ElastomerError, GeometryError, LocalizeError, NetworkError, OutputError
 from coilarray.geometry import check_rules
@@ -22,6 +25,7 @@ from coilarray.localize.inverse import Location, Mode
 from coilarray.viz.scenes.scene import Scale
 from coilarray.viz.studio.entries import entries_of, number_of, text_of
 from coilarray.viz.studio.numbers import (
+    circuit_of,
     coil_rows,
     coupling_cells,
     inductance_cells,
@@ -139,8 +143,9 @@ def test_what_is_no_number_is_one_line(text):
 
 def test_numbers_are_those_of_the_library(starter):
     found, reference = numbers_of(starter), couple_design(starter)
-    for name in ("inductance", "coupling", "effective_inductance", "frequency", "resistance"):
-        np.testing.assert_array_equal(found.coupling[name].values, reference[name].values)
+    np.testing.assert_array_equal(found.inductance, reference.inductance.values)
+    np.testing.assert_array_equal(found.k, reference.coupling.values)
+    xr.testing.assert_identical(circuit_of(starter).coupling, reference)
     rough = numbers_of(starter, "screen")
     # what screening promises: inductances to 3e-4, see tests/electromagnetics/test_inductance_screen.py
     np.testing.assert_allclose(rough.inductance, found.inductance, rtol=0, atol=3e-4 * found.inductance.max())
@@ -151,6 +156,19 @@ def test_numbers_are_those_of_the_library(starter):
     assert inductance_cells(found)[1][1].full == f"L(coil2, coil2) = {found.inductance[1, 1].item()!r} H"
     assert inductance_cells(found)[0][1].full.startswith("M(coil1, coil2) = ")
     assert [row[0] for row in coil_rows(found)] == list(starter.array.names)
+    assert coil_rows(found)[0][2:] == ("…",) * 6  # until the circuit is solved
+    rows = coil_rows(found, circuit_of(starter))
+    assert [row[2] for row in rows] == [f"{one * 1e6:.3f}" for one in reference.effective_inductance.values]
+    assert [row[6] for row in rows] == [f"{one * 1e-6:.4f}" for one in reference.frequency.values]
+
+
+def test_the_matrix_needs_no_circuit(starter, monkeypatch):
+    for name in ("resistance_matrix", "coil_capacitance"):
+        monkeypatch.setattr(f"coilarray.circuit.coupling.{name}", None)
+    wider = vary(starter, {"array.pitch_mm": 13.1})
+    assert numbers_of(wider, "screen").k.shape == (3, 3)
+    with pytest.raises(TypeError):
+        circuit_of(wider)
 
 
 def test_cells_are_read_on_their_colour(starter):
@@ -176,24 +194,20 @@ def test_margins_are_the_worst_of_each_rule_and_layer(starter):
 
 
 def test_one_measured_coil_sees_what_the_coupling_says(starter):
-    numbers = numbers_of(starter)
+    circuit = circuit_of(starter)
     for name in starter.array.names:
         settings = {other: "measure" if other == name else "ground" for other in starter.array.names}
-        result = switched(starter, numbers.inductance, settings)
-        reference = numbers.coupling.sel(coil=name)
-        # both within 1e-3 of one frequency, over which L_eff hardly turns
-        assert result.effective_inductance == pytest.approx(float(reference.effective_inductance), rel=1e-6)
-        # Im Y = 0 of R + jωL beside C is at ω² = (1 − 1/Q²)/(LC)
-        Q = 2 * math.pi * float(reference.frequency) * result.effective_inductance / result.effective_resistance
-        assert result.frequency == pytest.approx(float(reference.frequency) * math.sqrt(1 - 1 / Q**2), rel=1e-6)
-        alone = switched(starter, numbers.inductance, {**dict.fromkeys(starter.array.names, "open"), name: "measure"})
-        assert alone.effective_inductance == pytest.approx(float(reference.open_inductance), rel=1e-9)
+        result, reference = switched(circuit.network, settings), circuit.coupling.sel(coil=name)
+        assert result.effective_inductance == float(reference.effective_inductance)
+        assert result.frequency == float(reference.frequency)
+        alone = switched(circuit.network, {**dict.fromkeys(starter.array.names, "open"), name: "measure"})
+        assert alone.effective_inductance == pytest.approx(float(reference.open_effective_inductance), rel=1e-11)
 
 
 def test_coils_in_series_add_with_their_coupling(starter):
-    L = numbers_of(starter).inductance
-    result = switched(starter, L, {"coil1": "measure", "coil2": "measure", "coil3": "open"})
-    assert result.effective_inductance == pytest.approx(L[:2, :2].sum(), rel=1e-9)
+    ideal = design_circuit(starter, ideal=True)
+    result = switched(ideal, {"coil1": "measure", "coil2": "measure", "coil3": "open"})
+    assert result.apparent_inductance == pytest.approx(ideal.inductance[:2, :2].sum(), rel=1e-9)
     np.testing.assert_allclose(np.abs(result.currents), [1.0, 1.0, 0.0], atol=1e-9)
 
 

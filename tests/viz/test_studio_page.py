@@ -25,6 +25,7 @@ from support.browser import (
 from support.patience import until
 
 from coilarray import couple_design, load_design
+from coilarray.circuit.coupling import design_circuit
 from coilarray.design.vary import vary
 from coilarray.localize.forward import forward_model
 from coilarray.viz import rendering_problem
@@ -170,14 +171,14 @@ def test_switches_change_what_the_converter_sees_and_the_field(page):
     page.wait_for_selector("#scene :text('magnitude of B')")
     before = drawn(page)
     design = load_design("starter")
-    L = numbers_of(design).inductance
+    network = design_circuit(design)
     settings = dict(zip(design.array.names, ("ground", "measure", "ground"), strict=True))
     sees = "value => Number(document.querySelector('#switched [data-name=L_eff] td + td')?.title) === value"
-    page.wait_for_function(sees, arg=switched(design, L, settings).effective_inductance)
+    page.wait_for_function(sees, arg=switched(network, settings).effective_inductance)
     for coil, setting in (("coil1", "measure"), ("coil3", "open")):
         page.click(f"[data-coil={coil}] button[value={setting}]")
         settings[coil] = setting
-        page.wait_for_function(sees, arg=switched(design, L, settings).effective_inductance)
+        page.wait_for_function(sees, arg=switched(network, settings).effective_inductance)
     redrawn(page, before)
     picture(page, "switches")
     for coil in ("coil1", "coil2"):

@@ -129,7 +129,7 @@ def plot_matrix(
 
 @styled
 def plot_effective_inductance(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
-    """Draw each coil's inductance with all others open and as terminated as two dots, and the change in per cent.
+    """Draw each coil's effective inductance with all others open and as terminated, and the change in per cent.
 
     Dots rather than bars, because the axis does not start at zero.
 
@@ -148,8 +148,8 @@ def plot_effective_inductance(coupling: xr.Dataset, ax: Axes | None = None) -> A
     ['−1.00 %', '−1.00 %']
     """
     names = coupling.coil.values.tolist()
-    before, after = coupling.open_inductance.values, coupling.effective_inductance.values
-    shown = axis_unit(np.concatenate((before, after)), str(coupling.open_inductance.attrs["units"]))
+    before, after = coupling.open_effective_inductance.values, coupling.effective_inductance.values
+    shown = axis_unit(np.concatenate((before, after)), str(coupling.open_effective_inductance.attrs["units"]))
     ax = ax or new_axes(6.0, 1.3 + 0.35 * len(names))
     rows = np.arange(len(names))
     grounded = (coupling.termination.values == "short").all()
@@ -159,7 +159,7 @@ def plot_effective_inductance(coupling: xr.Dataset, ax: Axes | None = None) -> A
         shown.of(after), rows, s=45, color=VERMILLION, marker="D", zorder=2,
         label="others grounded" if grounded else "others as terminated",
     )  # fmt: skip
-    lower, change = shown.of(np.minimum(before, after)), 100 * coupling.inductance_change.values
+    lower, change = shown.of(np.minimum(before, after)), 100 * (after / before - 1)
     for row, low, percent in zip(rows.tolist(), lower.tolist(), change.tolist(), strict=True):
         look: dict[str, Any] = {"xytext": (-9, 0), "textcoords": "offset points", "ha": "right", "va": "center"}
         ax.annotate(true_minus(f"{percent:+.2f} %"), (low, row), **look)

@@ -189,7 +189,7 @@ class _Making:
 
     @cached_property
     def _coupling(self) -> xr.Dataset:
-        return couple_design(self.design, self.track("inductances"))
+        return couple_design(self.design, progress=self.track("inductances"))
 
     @property
     def _setup(self) -> Indentation:

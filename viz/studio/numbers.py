@@ -10,10 +10,11 @@ import numpy.typing as npt
 import xarray as xr
 from matplotlib import colormaps
 
-from coilarray.circuit.coupling import couple, design_inductance
+from coilarray.circuit.active_coil import checked_network
+from coilarray.circuit.coupling import couple_design, design_circuit, design_inductance
+from coilarray.circuit.network import Network
 from coilarray.design.model import Design
-from coilarray.electromagnetics.inductance import Accuracy
-from coilarray.electromagnetics.resistance import dc_resistance
+from coilarray.electromagnetics.inductance import Accuracy, coupling_matrix
 from coilarray.geometry.rules import Margin, check_rules
 from coilarray.viz.palette import DIVERGING
 
@@ -25,33 +26,42 @@ _SHOWN_MARGINS = 40
 
 @dataclass(frozen=True, eq=False)
 class Numbers:
-    """Numbers of a design without an indentation.
+    """Inductance matrix of a design, which is known while a slider moves.
 
     Parameters
     ----------
-    coupling : xarray.Dataset
-        As `coilarray.circuit.coupling.couple` returns it.
+    names : tuple of str, length n
+        Names of the coils.
+    inductance : ndarray, shape (n, n)
+        Inductance matrix in H.
     accuracy : {"full", "screen"}
-        Accuracy of the inductances.
+        Accuracy of the matrix.
     """
 
-    coupling: xr.Dataset
+    names: tuple[str, ...]
+    inductance: FloatArray
     accuracy: Accuracy
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the coils."""
-        return tuple(str(name) for name in self.coupling.coil.values)
-
-    @property
-    def inductance(self) -> FloatArray:
-        """Inductance matrix in H."""
-        return np.asarray(self.coupling.inductance.values, dtype=np.float64)
-
-    @property
     def k(self) -> FloatArray:
-        """Coupling coefficients."""
-        return np.asarray(self.coupling.coupling.values, dtype=np.float64)
+        """Coupling coefficients, shape (n, n)."""
+        return coupling_matrix(self.inductance)
+
+
+@dataclass(frozen=True, eq=False)
+class Circuit:
+    """What the converter sees of a design, which takes seconds.
+
+    Parameters
+    ----------
+    network : Network
+        Coils, switches and tank with all losses and strays.
+    coupling : xarray.Dataset
+        Result of `coilarray.circuit.coupling.couple_design`.
+    """
+
+    network: Network
+    coupling: xr.Dataset
 
 
 @dataclass(frozen=True)
@@ -75,30 +85,33 @@ class Cell:
 
 
 def numbers_of(design: Design, accuracy: Accuracy = "full") -> Numbers:
-    """Compute inductances, couplings and resonances of a design under its flat sheets.
+    """Compute the inductance matrix of a design under its flat sheets.
 
     Parameters
     ----------
     design : Design
-        As `coilarray.load_design` returns it.
+        Design of the board, for example from `coilarray.load_design`.
     accuracy : {"full", "screen"}
-        Accuracy as in `coilarray.inductance_matrix`; ``"screen"`` is quick enough for a moving slider.
+        Accuracy of the matrix as in `coilarray.inductance_matrix`; ``"screen"`` is quick enough for a moving slider.
 
     Raises
     ------
     NetworkError
         If the coils are impossible, such as two in one place.
     """
-    circuit = design.circuit
-    result = couple(
-        design.array.names,
-        design_inductance(design, accuracy=accuracy)[0],
-        dc_resistance(design.array.conductors(), circuit.resistivity),
-        circuit.capacitance,
-        circuit.terminations,
-        circuit.short_resistance,
-    )
-    return Numbers(result, accuracy)
+    inductance = checked_network(design_inductance(design, accuracy=accuracy)[0], 0.0)[0]
+    return Numbers(design.array.names, inductance, accuracy)
+
+
+def circuit_of(design: Design) -> Circuit:
+    """Solve the circuit of a design: `coilarray.circuit.coupling.couple_design`, and the network it is solved by.
+
+    Raises
+    ------
+    NetworkError
+        A state of the design's scan plan without a resonance.
+    """
+    return Circuit(design_circuit(design), couple_design(design))
 
 
 def margins_of(design: Design) -> tuple[Margin, ...]:
@@ -135,23 +148,25 @@ def _cells(
     return tuple(tuple(cell(a, b, value) for b, value in zip(names, row, strict=True)) for a, row in rows)
 
 
-def coil_rows(numbers: Numbers) -> tuple[tuple[str, ...], ...]:
-    """Return a row for each coil: name, L and L_eff in µH, change in %, R in Ω, Q and resonance in MHz."""
-    data = numbers.coupling
+def coil_rows(numbers: Numbers, circuit: Circuit | None = None) -> tuple[tuple[str, ...], ...]:
+    """Return a row for each coil: name, L and L_eff in µH, change in %, R in Ω, Q, resonance in MHz, ideal L_eff in µH.
+
+    All from L_eff on is "…" until the circuit is known.
+    """
     rows = []
-    for name in numbers.names:
-        one = data.sel(coil=name)
-        rows.append(
-            (
-                name,
-                f"{float(one.open_inductance) * 1e6:.3f}",
+    for name, own in zip(numbers.names, np.diag(numbers.inductance).tolist(), strict=True):
+        seen: tuple[str, ...] = ("…",) * 6
+        if circuit is not None:
+            one = circuit.coupling.sel(coil=name)
+            seen = (
                 f"{float(one.effective_inductance) * 1e6:.3f}",
                 _signed(float(one.inductance_change) * 100, 2),
                 f"{float(one.resistance):.2f}",
                 f"{float(one.quality_factor):.1f}",
                 f"{float(one.frequency) * 1e-6:.4f}",
+                f"{float(one.ideal_effective_inductance) * 1e6:.3f}",
             )
-        )
+        rows.append((name, f"{own * 1e6:.3f}", *seen))
     return tuple(rows)
 
 

@@ -9,7 +9,9 @@ from coilarray.design.model import Design
 from coilarray.geometry.rules import Margin
 from coilarray.viz.studio.calculator import Step
 from coilarray.viz.studio.numbers import (
+    Circuit,
     Numbers,
+    circuit_of,
     coil_rows,
     coupling_cells,
     inductance_cells,
@@ -30,6 +32,7 @@ class NumbersPanel(Panel):
 
     def __init__(self, page: Page) -> None:
         self._numbers: tuple[Design, Numbers] | None = None
+        self._circuit: tuple[Design, Circuit] | None = None
         values = {
             "matrix_of": "k", "matrix": {"names": [], "k": [], "L": []}, "accuracy": "", "coil_rows": [],
             "margins": [], "rules_kept": True, "numbers_problem": "", "rules_problem": "",
@@ -43,6 +46,13 @@ class NumbersPanel(Panel):
             return None
         return self._numbers[1]
 
+    @property
+    def circuit(self) -> Circuit | None:
+        """Circuit of the design as it is; None where it is not known yet."""
+        if self._circuit is None or not self._page.is_current(self._circuit[0]):
+            return None
+        return self._circuit[1]
+
     def wait(self) -> None:
         """Mark the numbers on the page as out of date."""
         self._page.state.accuracy = "working"
@@ -54,6 +64,12 @@ class NumbersPanel(Panel):
     def full(self, design: Design) -> Step:
         """Return the accurate step after the last change."""
         return Step("full", lambda: (design, numbers_of(design)), self._show, self._fail, rest=_REST)
+
+    def solve(self, design: Design) -> Step:
+        """Return the step that solves the circuit, which takes seconds, when changes have come to rest."""
+        return Step(
+            "circuit", lambda: (design, circuit_of(design)), self._show_circuit, self._page.switches.fail, rest=_REST
+        )
 
     def rules(self, design: Design) -> Step:
         """Return the step that computes the margins."""
@@ -73,8 +89,14 @@ class NumbersPanel(Panel):
                 "L": _plain(inductance_cells(numbers)),
             }
             state.accuracy = numbers.accuracy if self._page.is_current(design) else "screen"
-            state.coil_rows = [list(row) for row in coil_rows(numbers)]
+            state.coil_rows = [list(row) for row in coil_rows(numbers, self.circuit)]
             state.numbers_problem = ""
+
+    def _show_circuit(self, found: tuple[Design, Circuit]) -> None:
+        self._circuit = found
+        if self.numbers is not None:
+            with self._page.state as state:
+                state.coil_rows = [list(row) for row in coil_rows(self.numbers, self.circuit)]
         self._page.switches.solve()
 
     def _fail(self, problem: str) -> None:

@@ -152,7 +152,8 @@ class Page:
     def follow(self) -> None:
         """Compute everything that depends on the design."""
         design, numbers = self.work.design, self.numbers
-        self.calculator.ask([numbers.rough(design), *self.scene.steps(), numbers.rules(design), numbers.full(design)])
+        accurate = [numbers.rules(design), numbers.full(design), numbers.solve(design)]
+        self.calculator.ask([numbers.rough(design), *self.scene.steps(), *accurate])
 
     def redraw(self) -> None:
         """Compute the scene of the current tab again."""

@@ -6,7 +6,7 @@ import cmath
 import math
 from typing import TYPE_CHECKING, Any
 
-from coilarray.circuit.network import StateResult
+from coilarray.circuit.network import Resonance
 from coilarray.design.model import Design
 from coilarray.errors import NetworkError
 from coilarray.viz.scenes.scene import Scene
@@ -22,7 +22,7 @@ class SwitchesPanel(Panel):
     """Panel with a state of the switches that is chosen by hand."""
 
     def __init__(self, page: Page) -> None:
-        self._result: StateResult | None = None
+        self._result: Resonance | None = None
         self._fields: tuple[Design, UnitFields] | None = None
         values = {"settings": {}, "switched": [], "currents": [], "switch_problem": ""}
         super().__init__(page, values, switch=self._switch)
@@ -33,19 +33,24 @@ class SwitchesPanel(Panel):
         self._result = None
 
     def solve(self) -> None:
-        """Solve the state with the current numbers, which takes some milliseconds."""
-        numbers, state = self._page.numbers.numbers, self._page.state
-        if numbers is None:
+        """Solve the state with the current circuit, which takes some milliseconds."""
+        circuit, state = self._page.numbers.circuit, self._page.state
+        if circuit is None:
             return
         with state:
             try:
-                self._result = switched(self._page.work.design, numbers.inductance, state.settings)
+                self._result = switched(circuit.network, state.settings)
             except NetworkError as error:
-                self._result = None
-                state.switched, state.currents, state.switch_problem = [], [], str(error)
+                self.fail(str(error))
             else:
                 state.switched, state.switch_problem = _rows(self._result), ""
                 state.currents = _currents(self._page.work.design, self._result)
+
+    def fail(self, problem: str) -> None:
+        """Show why there is nothing that the converter sees."""
+        self._result = None
+        with self._page.state as state:
+            state.switched, state.currents, state.switch_problem = [], [], problem
 
     def scene(self, design: Design, board: BoardParts) -> Scene | None:
         """Return the scene of the state, or None without a solution; runs in a thread."""
@@ -65,7 +70,7 @@ class SwitchesPanel(Panel):
         self._page.redraw()
 
 
-def _rows(result: StateResult) -> list[list[str]]:
+def _rows(result: Resonance) -> list[list[str]]:
     """Return label, number, unit and all digits of the readings of the converter."""
     values = (
         ("L_eff", result.effective_inductance, 1e6, "µH", 3),
@@ -80,7 +85,7 @@ def _rows(result: StateResult) -> list[list[str]]:
     ]
 
 
-def _currents(design: Design, result: StateResult) -> list[dict[str, Any]]:
+def _currents(design: Design, result: Resonance) -> list[dict[str, Any]]:
     """Return the magnitude and phase of every coil's current relative to that of the first measured coil."""
     rows = []
     for name, current in zip(design.array.names, result.currents.tolist(), strict=True):

@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from coilarray.circuit.network import Network, StateResult, resonate
+from coilarray.circuit.network import Network, Resonance, resonate
 from coilarray.design.model import Design
 from coilarray.design.scan_states import ScanState
 from coilarray.electromagnetics.field import grid_points, magnetic_field
-from coilarray.electromagnetics.resistance import dc_resistance
 from coilarray.errors import NetworkError
 from coilarray.viz.datasets.field import flux_grid, require_memory
 from coilarray.viz.scenes.field_places import Span
@@ -85,29 +84,25 @@ def state_of(settings: Mapping[str, Setting]) -> ScanState:
     return ScanState(name, measured, others="ground", exceptions=dict.fromkeys(opened, "open"))
 
 
-def switched(design: Design, inductance: FloatArray, settings: Mapping[str, Setting]) -> StateResult:
-    """Solve what the converter sees where it oscillates, with the switches of the design.
+def switched(network: Network, settings: Mapping[str, Setting]) -> Resonance:
+    """Solve what the converter sees where it oscillates.
 
     Parameters
     ----------
-    design : Design
-        Its switches and tank count, its windings' own capacitance does not.
-    inductance : ndarray, shape (n, n)
-        Inductance matrix in H.
+    network : Network
+        Network of the design, from `coilarray.circuit.coupling.design_circuit`.
     settings : mapping of str to {"measure", "ground", "open"}
         Connection of every coil.
+
+    Returns
+    -------
+    Resonance
 
     Raises
     ------
     NetworkError
         If there is no measured coil, or the state has no resonance.
     """
-    n = len(design.array.names)
-    resistance = np.diag(dc_resistance(design.array.conductors(), design.circuit.resistivity))
-    network = Network(
-        design.array.names, inductance, lambda frequency: resistance, np.zeros(n), np.zeros((n, n)),
-        design.circuit.switches,
-    )  # fmt: skip
     return resonate(network, state_of(settings))
 
 

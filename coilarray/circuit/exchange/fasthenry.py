@@ -47,11 +47,11 @@ def fasthenry_input(
     source : CoilArray, Conductor, polyline or sequence of them
         Every segment needs a cross-section; the names of the paths become those of the ports.
     frequencies : array_like, shape (n,) or scalar
-        In Hz, positive and rising by one factor, since FastHenry sweeps from fmin to fmax by a factor.
+        Frequencies in Hz, positive and rising by one factor, since FastHenry sweeps from fmin to fmax by a factor.
     title : str
         First line of the file.
     resistivity : float
-        In Ω·m; copper at 20 °C by default.
+        Resistivity in Ω·m; copper at 20 °C by default.
     filaments_across : tuple of int
         Filaments across the width and across the thickness of every segment (nwinc, nhinc); (1, 1) is direct
         current. More than one shows the skin and proximity effects.
@@ -155,7 +155,7 @@ def read_fasthenry_input(text: str) -> tuple[Conductor, ...]:
     Parameters
     ----------
     text : str
-        Of the file. Nodes, segments, ``.units``, ``.default``, ``.external``, ``.freq`` and ``.end`` are known.
+        Text of the file. Nodes, segments, ``.units``, ``.default``, ``.external``, ``.freq`` and ``.end`` are known.
 
     Returns
     -------
@@ -334,17 +334,17 @@ def read_zc_matrix(text: str) -> tuple[FloatArray, tuple[str, ...], ComplexArray
     Parameters
     ----------
     text : str
-        Of the file: a line ``Row k:  node  to  node, port name: name`` for every port, then for every frequency
+        Text of the file: a line ``Row k:  node  to  node, port name: name`` for every port, then for every frequency
         ``Impedance matrix for frequency = f n x n`` and n rows of ``real +imagj``.
 
     Returns
     -------
     frequencies : ndarray, shape (frequencies,)
-        In Hz.
+        Frequencies in Hz.
     names : tuple of str, length n
-        Of the ports in the order of the rows; ``node to node`` where a port has no name.
+        Names of the ports in the order of the rows; ``node to node`` where a port has no name.
     impedance : ndarray of complex, shape (frequencies, n, n)
-        In Ω.
+        Impedance in Ω.
 
     Raises
     ------

@@ -21,7 +21,7 @@ def plain_names(names: Sequence[str], count: int | None = None) -> tuple[str, ..
     Parameters
     ----------
     names : sequence of str
-        Of the coils, all different.
+        Names of the coils, all different.
     count : int, optional
         How many there must be.
 
@@ -64,22 +64,28 @@ def spice_subcircuit(
     resistance: npt.ArrayLike,
     *,
     capacitance: npt.ArrayLike | None = None,
+    mutual_capacitance: npt.ArrayLike | None = None,
     title: str = "",
+    comments: Sequence[str] = (),
 ) -> str:
     """Write the array as a SPICE subcircuit.
 
     Parameters
     ----------
     names : sequence of str, length n
-        Of the coils; `plain_names` makes node names of them.
+        Names of the coils; `plain_names` makes node names of them.
     inductance : array_like, shape (n, n)
         Inductance matrix in H, symmetric and positive definite.
     resistance : array_like, shape (n,) or scalar
         Series resistance of each coil in Ω.
     capacitance : array_like, shape (n,) or scalar, optional
         Lumped winding capacitance of each coil in F, between its two pins. None by default.
+    mutual_capacitance : array_like, shape (n, n), optional
+        Capacitance C_ij between two coils in F, see `coilarray.circuit.network.Network`. None by default.
     title : str
         First comment, and as a plain name that of the subcircuit; ``coilarray`` where it is empty.
+    comments : sequence of str
+        Further comments, a line each.
 
     Returns
     -------
@@ -97,7 +103,8 @@ def spice_subcircuit(
     From NAME_1 to NAME_2 a coil is R + jωL in parallel with C, current into NAME_1 positive, as in
     `coilarray.active_coil`. All n (n − 1)/2 couplings k_ij = M_ij/√(L_i L_j) are written, every number with 17 digits
     (which is all of a double); a set with small ones left out need not be positive definite. A resistance or
-    capacitance of zero is no element, since SPICE replaces R = 0 by a default.
+    capacitance of zero is no element, since SPICE replaces R = 0 by a default. Between two coils there are four
+    capacitors C_ij/4, one from each pin of one to each of the other, and C_ij/6 less across each.
 
     To leave a coil open, connect one pin to ground and nothing to the other: an ideal open, with a path for direct
     current through the coil. A coil with both pins free has no such path; give one pin a large resistance (1 GΩ) to
@@ -119,12 +126,16 @@ def spice_subcircuit(
     """
     L, R = checked_network(inductance, resistance)
     coils = plain_names(names, len(L))
-    C = _capacitances(capacitance, len(L))
+    C = _capacitances("capacitance", capacitance, (len(L),))
+    between = _capacitances("mutual_capacitance", mutual_capacitance, L.shape)
+    between = between - np.diag(np.diag(between))
+    C = C - between.sum(axis=1) / 6
     k = coupling_matrix(L)
     heading = " ".join(title.split())
     subcircuit = plain_names([heading or "coilarray"])[0]
     lines = [
         f"* {heading or 'coilarray'}: {len(L)} coils; H, ohm, F",
+        *(f"* {' '.join(comment.split())}" for comment in comments),
         " ".join([".subckt", subcircuit, *(f"{coil}_{pin}" for coil in coils for pin in (1, 2))]),
     ]
     for coil, L_own, R_own, C_own in zip(coils, np.diag(L).tolist(), R.tolist(), C.tolist(), strict=True):
@@ -136,14 +147,18 @@ def spice_subcircuit(
             lines.append(f"C{coil} {coil}_1 {coil}_2 {C_own:.16e}")
     for i, j in itertools.combinations(range(len(L)), 2):
         lines.append(f"K{i + 1}_{j + 1} L{coils[i]} L{coils[j]} {k[i, j]:.16e}")
+    for i, j in np.argwhere(np.triu(between)).tolist():
+        for a, b in itertools.product((1, 2), (1, 2)):
+            lines.append(f"C{i + 1}_{j + 1}_{a}{b} {coils[i]}_{a} {coils[j]}_{b} {between[i, j] / 4:.16e}")
     return "\n".join([*lines, f".ends {subcircuit}", ""])
 
 
-def _capacitances(capacitance: npt.ArrayLike | None, n: int) -> FloatArray:
-    given = np.asarray(0.0 if capacitance is None else capacitance, dtype=np.float64)
-    if given.shape not in ((), (n,)):
-        raise ValueError(f"capacitance must be one number or {n}; got shape {given.shape}.")
-    C = np.broadcast_to(given, (n,))
+def _capacitances(name: str, given: npt.ArrayLike | None, shape: tuple[int, ...]) -> FloatArray:
+    C = np.asarray(0.0 if given is None else given, dtype=np.float64)
+    if C.shape not in ((), shape):
+        raise ValueError(f"{name} must be one number or {' × '.join(map(str, shape))}; got shape {C.shape}.")
     if not (np.isfinite(C).all() and (C >= 0).all()):
-        raise ValueError(f"capacitances must be finite and not negative; got {C.min()} F.")
-    return C
+        raise ValueError(f"values of {name} must be finite and not negative; got {C.min()} F.")
+    if C.ndim == 2 and not np.array_equal(C, C.T):
+        raise ValueError(f"{name} must be symmetric.")
+    return np.broadcast_to(C, shape)

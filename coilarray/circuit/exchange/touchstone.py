@@ -11,10 +11,12 @@ from types import ModuleType
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from coilarray.circuit.exchange.spice import plain_names, spice_subcircuit
+from coilarray.circuit.network import Network
+from coilarray.circuit.state_sensitivity import resonances
 from coilarray.compute.files import write_text
+from coilarray.design.scan_states import paper_plan
 from coilarray.errors import MissingDependencyError, OutputError
 
 _POINTS = 201
@@ -33,15 +35,15 @@ def touchstone(
     Parameters
     ----------
     names : sequence of str, length n
-        Of the coils, one port each; as `plain_names` in the file's comments.
+        Names of the coils, one port each; as `plain_names` in the file's comments.
     impedance : array_like of complex, shape (frequencies, n, n)
         Impedance matrix in Ω, all ports open but the driven one.
     frequencies : array_like, shape (frequencies,)
-        In Hz, rising; 0 is allowed.
+        Frequencies in Hz, rising; 0 is allowed.
     path : Path or str
-        Ends in ``.sNp`` with the number of ports N. Written whole or not at all.
+        File that ends in ``.sNp`` with the number of ports N. Written whole or not at all.
     reference_resistance : float
-        Of every port in Ω.
+        Resistance of every port in Ω.
 
     Raises
     ------
@@ -95,54 +97,74 @@ def _scikit_rf() -> ModuleType:
         ) from None
 
 
-def export_network(design_coupling: xr.Dataset, path: Path | str, frequencies: npt.ArrayLike | None = None) -> None:
-    """Write the network of a coupling result in the format that the suffix names.
+def export_network(
+    network: Network, path: Path | str, frequencies: npt.ArrayLike | None = None, *, title: str = ""
+) -> None:
+    """Write the coils of a network, without its switches, in the format that the suffix names.
 
     Parameters
     ----------
-    design_coupling : xarray.Dataset
-        As `coilarray.couple` or `coilarray.couple_design` returns it.
+    network : Network
+        Coils and switches, for example from `coilarray.circuit.coupling.design_circuit`.
     path : Path or str
-        ``.cir`` or ``.sub``: a SPICE subcircuit; ``.sNp`` with N coils: a Touchstone file of R + jωL at 50 Ω.
+        ``.cir`` or ``.sub``: a SPICE subcircuit; ``.sNp`` with N coils: a Touchstone file at 50 Ω, a port a coil.
     frequencies : array_like, shape (frequencies,), optional
-        Of the Touchstone file in Hz; by default 201 from a tenth of the lowest resonance to ten times the highest.
+        Frequencies of the Touchstone file in Hz; by default 201 from a tenth of the lowest resonance to ten times the
+        highest, those of each coil in turn with all others grounded.
+    title : str
+        First comment of a subcircuit.
 
     Raises
     ------
     OutputError
         Another suffix, or a file that cannot be written.
+    NetworkError
+        A coil without a resonance.
     ValueError, MissingDependencyError
-        As `spice_subcircuit` and `touchstone`; also a dataset that is no coupling result.
+        As `spice_subcircuit` and `touchstone`.
 
     Notes
     -----
-    The resistances are those of the result, at direct current and the same at every frequency.
+    A subcircuit has the resistance of every coil at the mean resonance, the same at all frequencies, the inductance
+    matrix, and the capacitances across and between the coils; what the coils' eddy currents make of each other's
+    resistance (1 % of it) is left out. The impedance matrix of a Touchstone file has all of it, every coil floating,
+    with the resistance matrix of the network at each frequency.
 
     Examples
     --------
-    >>> from coilarray import couple
-    >>> export_network(couple(["A", "B"], [[2e-6, 1e-6], [1e-6, 2e-6]], 1.0, 1e-9), "array.txt")
+    >>> from coilarray.circuit.coupling import bare_network
+    >>> from coilarray.design.scan_states import Switches
+    >>> pair = bare_network(("A", "B"), np.array([[2e-6, 1e-6], [1e-6, 2e-6]]), np.ones(2), Switches())
+    >>> export_network(pair, "array.txt")
     Traceback (most recent call last):
     coilarray.errors.OutputError: a network of 2 coils is written as .cir, .sub or .s2p; got array.txt.
     """
-    target = Path(path)
-    missing = {"coil", "inductance", "resistance", "frequency"} - set(map(str, design_coupling.variables))
-    if missing:
-        raise ValueError(f"a coupling result is needed, as coilarray.couple returns it; {min(missing)} is missing.")
-    names = [str(name) for name in design_coupling["coil"].values]
-    L, R = design_coupling["inductance"].values, design_coupling["resistance"].values
+    target, names, L = Path(path), network.names, network.inductance
     suffix = target.suffix.lower()
-    if suffix in (".cir", ".sub"):
-        title = str(design_coupling.attrs.get("design", ""))
-        write_text(target, spice_subcircuit(names, L, R, title=title))
-    elif re.fullmatch(r"\.s\d+p", suffix):
-        if frequencies is None:
-            resonances = design_coupling["frequency"].values
-            f = np.geomspace(resonances.min() / 10, resonances.max() * 10, _POINTS)
-        else:
-            f = np.asarray(frequencies, dtype=np.float64)
-        touchstone(names, np.diag(R) + 2j * np.pi * f[..., None, None] * L, f, target)
-    else:
+    if suffix not in (".cir", ".sub") and not re.fullmatch(r"\.s\d+p", suffix):
         raise OutputError(
             f"a network of {len(names)} coils is written as .cir, .sub or .s{len(names)}p; got {target.name}."
         )
+    found = np.array([one.frequency for one in resonances(network, paper_plan(names))])
+    across, between = network.winding_capacitance, network.mutual_capacitance
+    if suffix in (".cir", ".sub"):
+        at = float(np.exp(np.log(found).mean()))
+        comments = [f"R at {at:.6g} Hz, constant over frequency: a ladder fitted to R(f) is not written"]
+        comments += [f"without {part}" for part in network.left_out]
+        R = np.diag(network.resistance(at))
+        text = spice_subcircuit(
+            names, L, R, capacitance=across, mutual_capacitance=between, title=title, comments=comments
+        )
+        write_text(target, text)
+        return
+    if frequencies is None:
+        f = np.geomspace(found.min() / 10, found.max() * 10, _POINTS)
+    else:
+        f = np.asarray(frequencies, dtype=np.float64)
+    # floating coils: a capacitance between two adds a twelfth across each, see `Network`
+    apart = between - np.diag(np.diag(between))
+    Y_C = np.diag(across + apart.sum(axis=1) / 12)
+    R_f = np.array([network.resistance(one) for one in f.ravel().tolist()]).reshape(*f.shape, *L.shape)
+    omega = 2 * np.pi * f[..., None, None]
+    Z = R_f + 1j * omega * L
+    touchstone(names, np.linalg.solve(np.eye(len(L)) + 1j * omega * Z @ Y_C, Z), f, target)

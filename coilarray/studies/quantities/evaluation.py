@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from coilarray.circuit.coupling import design_inductance
-from coilarray.circuit.impedance import design_network, scan_states
+from coilarray.circuit.coupling import design_circuit, design_inductance
+from coilarray.circuit.impedance import scan_design
 from coilarray.design.model import Design, Indentation
 from coilarray.electromagnetics.inductance import Accuracy, coupling_matrix
 from coilarray.errors import GoalError
@@ -56,8 +56,8 @@ class Evaluation:
 
     @cached_property
     def scan(self) -> xr.Dataset:
-        """Every state of the scan where the converter oscillates: `coilarray.circuit.impedance.scan_states`."""
-        return scan_states(design_network(self.design, lambda: self.inductance))
+        """Every state of the scan where the converter oscillates: `coilarray.circuit.impedance.scan_design`."""
+        return scan_design(self.design, elastomer=False, accuracy=self.accuracy)
 
     @cached_property
     def own_states(self) -> dict[str, int]:
@@ -83,7 +83,10 @@ class Evaluation:
         """Return the response at depths and places in m, from the map's origin; computed once for equal ones."""
         key = tuple(tuple(np.atleast_1d(axis).tolist()) for axis in (depths, x, y))
         if key not in self._maps:
-            self._maps[key] = response_map(self.design, depths=depths, x=x, y=y, inductance=lambda: self.inductance)
+            network = design_circuit(self.design, accuracy=self.accuracy)
+            self._maps[key] = response_map(
+                self.design, depths=depths, x=x, y=y, network=network, inductance=lambda: self.inductance
+            )
         return self._maps[key]
 
     def coil(self, name: str) -> int:

@@ -1,0 +1,46 @@
+"""One design has one circuit: every place that shows what the converter sees of a coil shows the same number.
+
+Who is compared: the coupling, the scan of `impedance`, the tables of the report, the base of the response, the studio,
+the state sensitivity, and the emulated board behind the converter.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from coilarray import couple_design, load_design, response_map
+from coilarray.circuit.coupling import design_circuit
+from coilarray.circuit.impedance import scan_design
+from coilarray.circuit.state_sensitivity import state_sensitivity
+from coilarray.hardware.emulator.indenter import LIFTED
+from coilarray.hardware.emulator.sensor_world import SensorWorld
+from coilarray.hardware.scan.board_network import board_network
+from coilarray.report.circuit_tables import state_table
+from coilarray.report.tables import coil_table
+from coilarray.viz.studio.numbers import circuit_of
+from coilarray.viz.studio.switching import switched
+
+
+def test_every_place_shows_the_same_coil(tmp_path):
+    design = load_design("gast2020")
+    coupling = couple_design(design)
+    f, L = float(coupling.frequency[0]), float(coupling.effective_inductance[0])
+    assert pytest.approx(1 / ((2 * np.pi * f) ** 2 * design.circuit.capacitance), rel=1e-14) == L
+    first = coil_table(design, coupling).records()[0]
+    state = state_table(scan_design(design, elastomer=False)).records()[0]
+    settings = {name: "measure" if name == "coil1" else "ground" for name in design.array.names}
+    by_hand = switched(circuit_of(design).network, settings)
+    board = SensorWorld(board_network(design, tmp_path), lambda: None)
+    emulated = board.resonator(design.circuit.plan[0], LIFTED, 25.0).frequency
+    base = response_map(design, x=[0.0], y=[0.0]).base_inductance
+    linear = state_sensitivity(design_circuit(design), design.circuit.plan).base_inductance
+    for frequency in (first["frequency_Hz"], state["frequency_Hz"], by_hand.frequency, emulated):
+        assert frequency == pytest.approx(f, rel=1e-9)
+    inductances = (first["effective_inductance_H"], state["effective_inductance_H"], by_hand.effective_inductance)
+    for inductance in (*inductances, float(base[0]), float(linear[0])):
+        assert inductance == pytest.approx(L, rel=1e-9)
+    # what leaves something out says so, everywhere the same too
+    ideal = response_map(design, x=[0.0], y=[0.0], ideal=True).base_inductance
+    assert first["ideal_effective_inductance_H"] == pytest.approx(float(ideal[0]), rel=1e-9)
+    assert abs(L / float(ideal[0]) - 1) > 0.1
