@@ -122,7 +122,7 @@ def response(
             part.unlink()
         raise
     finally:
-        if not any(parts.iterdir()):  # refused before anything was computed
+        if not any(parts.iterdir()):  # refused before anything was computed, or only near coils count
             parts.rmdir()
     table = response_table(result)
     if out.suffix.lower() == ".nc":
@@ -130,11 +130,12 @@ def response(
     else:
         in_metres = result.delta.rename(depth="depth_m", y="y_m", x="x_m")
         write_text(out, in_metres.to_dataframe().to_csv(lineterminator="\n"))
-    for part in parts.iterdir():
-        if _PART.fullmatch(part.name):  # whatever else lies there is not ours
-            part.unlink()
-    if not any(parts.iterdir()):
-        parts.rmdir()
+    if parts.is_dir():  # only maps of every coil have parts
+        for part in parts.iterdir():
+            if _PART.fullmatch(part.name):  # whatever else lies there is not ours
+                part.unlink()
+        if not any(parts.iterdir()):
+            parts.rmdir()
     if plot is not None:
         from coilarray.report.figures import map_outlines
         from coilarray.viz import response_figure
