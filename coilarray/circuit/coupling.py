@@ -51,7 +51,7 @@ def couple_design(design: Design, progress: Progress | None = None) -> xr.Datase
         inductance,
         dc_resistance(conductors, circuit.resistivity),
         circuit.capacitance,
-        circuit.terminations,
+        shorts_of(design),
         circuit.short_resistance,
     )
     result["sheet_inductance"] = (
@@ -89,6 +89,11 @@ def design_inductance(
     conductors = design.array.conductors()
     by_sheets = layer_inductance(conductors, design.sheets, accuracy=accuracy)
     return inductance_matrix(conductors, progress, accuracy=accuracy) + by_sheets, by_sheets
+
+
+def shorts_of(design: Design) -> list[Termination]:
+    """Return for each coil whether it is a short or open while another one is measured; half a short is open."""
+    return ["short" if passive == "ground" else "open" for passive in design.terminations.values()]
 
 
 def provenance(design: Design) -> dict[str, str]:

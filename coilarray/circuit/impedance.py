@@ -152,7 +152,7 @@ def scan_states(prepared: DesignNetwork, progress: Progress | None = None) -> xr
         A state without a resonance, or one that cannot be solved.
     """
     design, network = prepared.design, prepared.network
-    plan = design.circuit.plan
+    plan = design.plan
     steps = 2 * len(plan) + 1
     first = []
     for k, state in enumerate(plan):
@@ -297,7 +297,7 @@ def sweep_design(
     network = (prepared or design_network(design)).network
     R = resistance_matrix(design.array, f, design.circuit.resistivity).resistance.values
     lossy = replace(network, resistance=interpolated_resistance(f, R))
-    plan = design.circuit.plan
+    plan = design.plan
     Z = np.empty((len(f), len(plan)), dtype=np.complex128)
     for k, state in enumerate(plan):
         Z[:, k] = impedances(lossy, state, f)

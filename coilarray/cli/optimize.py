@@ -62,7 +62,7 @@ def optimize(
         raise ClusterError("--workers is for processes of this machine; it cannot be given with --cluster.")
     from coilarray.compute.workers import default_count
     from coilarray.compute.workers import workers as open_workers
-    from coilarray.design.model import load_design
+    from coilarray.design.model import load_design_file
     from coilarray.report.optimization import write_optimization_report
     from coilarray.studies.cache import open_cache
     from coilarray.studies.optimize.goal import load_goal
@@ -71,12 +71,12 @@ def optimize(
     from coilarray.studies.optimize.store import points_found
     from coilarray.studies.optimize.write import result_data, write_optimization
 
-    opened = load_design(design)
+    opened = load_design_file(design)
     wanted = _with_trials(load_goal(goal), trials)
     axes_of(wanted, opened)  # mistakes before anything is made and any process is started
-    require_coils(opened, wanted)
+    require_coils(opened.design, wanted)
     kept = open_cache(cache)
-    found = points_found(out, opened, wanted)
+    found = points_found(out, opened.design, wanted)
     if found:
         typer.echo(f"coilarray: going on with {found} points of an earlier run in {out}", err=True)
     try:

@@ -12,7 +12,7 @@ from coilarray.cli.shared import (
     AllowViolations,
     AsJson,
     DesignArgument,
-    open_design,
+    open_design_file,
     print_json,
     print_table,
     progress_bar,
@@ -38,8 +38,8 @@ def report(
     """
     from coilarray.report import write_report
 
-    opened = open_design(design, allow_violations=allow_violations)
-    with progress_bar(f"report of {opened.name}") as progress:
+    opened = open_design_file(design, allow_violations=allow_violations)
+    with progress_bar(f"report of {opened.design.name}") as progress:
         made = write_report(opened, out, progress)
     if made.rendering_problem is not None:
         typer.echo(f"coilarray: note: {made.rendering_problem}", err=True)
@@ -47,7 +47,7 @@ def report(
         print_json(made.data)
         return
     typer.echo(f"wrote {made.page} and the data in {made.folder}{os.sep}")
-    print_table(*_summary(opened.array.centres, made.coupling))
+    print_table(*_summary(opened.design.array.centres, made.coupling))
 
 
 def _summary(centres: npt.NDArray[np.float64], coupling: xr.Dataset) -> tuple[list[str], list[list[str]]]:

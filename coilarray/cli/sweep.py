@@ -59,12 +59,13 @@ def sweep(
     from coilarray.compute.netcdf import save_dataset
     from coilarray.compute.workers import default_count
     from coilarray.compute.workers import workers as open_workers
-    from coilarray.design.model import load_design
+    from coilarray.design.model import load_design_file
     from coilarray.studies.cache import open_cache
     from coilarray.studies.sweep import parse_axis, plan_sweep, run_sweep
 
-    opened = load_design(design)
-    plan = plan_sweep(opened, [parse_axis(text) for text in vary or ()], quantity or (), samples, seed, accuracy)
+    file = load_design_file(design)
+    opened = file.design
+    plan = plan_sweep(file, [parse_axis(text) for text in vary or ()], quantity or (), samples, seed, accuracy)
     kept = open_cache(cache)
     count = workers if workers is not None else min(default_count(), len(plan.points))
     done = 0
@@ -76,7 +77,7 @@ def sweep(
                 done = now
                 show(now, total)
 
-            result = run_sweep(plan, pool, kept, progress)
+            result = run_sweep(plan, pool, kept, progress=progress)
     except (KeyboardInterrupt, ClusterError):
         if done:
             typer.echo(

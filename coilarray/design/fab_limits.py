@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import date
@@ -73,7 +72,7 @@ def load_profile(name: str) -> FabProfile:
     """
     if name not in fabs.names():
         raise DesignError(f"there is no fab profile {name!r}; there are {', '.join(fabs.names())}.")
-    text = tomllib.loads(fabs.read(name))
+    text = fabs.PROFILES.parse(fabs.read(name), name)
     return FabProfile(
         name=name,
         title=text["title"],

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from coilarray.design.model import Design
+from coilarray.design.model import Design, DesignFile
 from coilarray.electromagnetics.inductance import coupling_matrix
 from coilarray.geometry import Margin
 
@@ -134,7 +134,7 @@ def pair_table(coupling: xr.Dataset) -> Table:
     return Table("pairs", "Pairs of coils", columns, rows)
 
 
-def design_table(design: Design) -> Table:
+def design_table(file: DesignFile) -> Table:
     """One row for each value of the design, assumed ones with their reason."""
     columns = (
         Column("key", "key"),
@@ -143,9 +143,9 @@ def design_table(design: Design) -> Table:
         Column("reason", "reason"),
     )
     rows = []
-    for key, value in design.values.items():
-        origin = "assumed" if key in design.assumed else "given" if key in design.given else "default"
-        rows.append((key, _plain(value), origin, design.assumed.get(key, "")))
+    for key, value in file.values.items():
+        origin = "assumed" if key in file.assumed else "given" if key in file.given else "default"
+        rows.append((key, _plain(value), origin, file.assumed.get(key, "")))
     return Table("design", "Design", columns, tuple(rows))
 
 

@@ -121,7 +121,7 @@ def local_response(
     conductors = design.array.conductors()
     L0 = design_inductance(design)[0] if inductance is None else inductance()
     R = dc_resistance(conductors, design.circuit.resistivity)
-    states = state_sensitivity(design.array.names, L0, R, design.circuit.switches, design.circuit.plan)
+    states = state_sensitivity(design.array.names, L0, R, design.circuit.switches, design.plan)
     dented = _solve(dents, conductors, states, places + setup.origin_point, error, mesh or LayerMesh())
     near, delta = _respond(dented, states, places + setup.origin_point, progress)
     shape = (len(across), len(along))
@@ -147,7 +147,7 @@ def local_response(
             "depth": ("depth", depth, {"units": "m", "long_name": "depth of the indentation"}),
             "y": ("y", across, {"units": "m"}),
             "x": ("x", along, {"units": "m"}),
-            "state": [state.name for state in design.circuit.plan],
+            "state": [state.name for state in design.plan],
             "coil": list(design.array.names),
             "other": list(design.array.names),
             "coil_x": ("coil", centres[:, 0], {"units": "m", "long_name": "centre of the coil, x"}),

@@ -201,7 +201,7 @@ def response_map(
     L0 = design_inductance(replace(design, sheets=sheets))[0] if inductance is None else inductance()
     L0 = L0 + _wedge_under_coils(design, setup, sheets, faults.tilt)
     network = _plain_network(design, L0) if network is None else replace(network, inductance=L0)
-    delta, base = _through_circuit(network, design.circuit.plan, change, gained)
+    delta, base = _through_circuit(network, design.plan, change, gained)
     if faults.noise:
         delta = _noisy(delta, faults)
     return _dataset(design, setup, contact, (depth, along, across), delta, base, change, gained, L0)
@@ -247,7 +247,7 @@ def respond(
     >>> alone.delta.shape
     (1, 1, 1, 1)
     """
-    states = design.circuit.plan if plan is None else tuple(plan)
+    states = design.plan if plan is None else tuple(plan)
     change = response.inductance_change.values if inductance_change is None else inductance_change
     n = change.shape[-1]
     flat = change.reshape(change.shape[0], -1, n, n)
@@ -519,7 +519,7 @@ def _dataset(
             "depth": ("depth", depth, {"units": "m", "long_name": "depth of the indentation"}),
             "y": ("y", y, {"units": "m"}),
             "x": ("x", x, {"units": "m"}),
-            "state": [state.name for state in design.circuit.plan],
+            "state": [state.name for state in design.plan],
             "coil": list(design.array.names),
             "other": list(design.array.names),
             "coil_x": ("coil", centres[:, 0], {"units": "m", "long_name": "centre of the coil, x"}),

@@ -7,8 +7,9 @@ from typing import Any
 
 from coilarray.compute.threads import Progress
 from coilarray.compute.workers import Pool
-from coilarray.design.model import Design, build_design
-from coilarray.design.vary import vary_document
+from coilarray.design.model import Design, DesignFile, build_design
+from coilarray.design.vary import plain, vary_document
+from coilarray.design.write import as_file
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import DesignError
 from coilarray.studies.cache import Outcome, PointCache, point_key
@@ -18,7 +19,7 @@ _SAYS_NOTHING = ("title", "source", "assumed")  # tables and values of a design 
 
 
 def evaluate_points(
-    design: Design,
+    design: Design | DesignFile,
     changes: Iterable[Mapping[str, Any]],
     quantities: Sequence[str | Mapping[str, Any]],
     pool: Pool,
@@ -31,8 +32,8 @@ def evaluate_points(
 
     Parameters
     ----------
-    design : Design
-        As it is read from a file.
+    design : Design or DesignFile
+        The design to be varied.
     changes : iterable of mapping
         Of each point, as `coilarray.design.vary.vary` takes them; read as the pool has room, so that a generator may
         decide on a point when it knows earlier outcomes.
@@ -63,13 +64,9 @@ def evaluate_points(
         As `Pool.run`.
     OutputError
         A cache that cannot be written.
-    ValueError
-        A design that is not what its document says, as `coilarray.studies.tolerance` makes them.
     """
-    if build_design(design.document, design.name).digest != design.digest:
-        raise ValueError(f"the design {design.name} must be as its document says.")
     how = {"quantities": [canonical(quantity) for quantity in quantities], "accuracy": accuracy}
-    document = {key: value for key, value in design.document.items() if key not in _SAYS_NOTHING}
+    document = {key: plain(value) for key, value in as_file(design).document.items() if key not in _SAYS_NOTHING}
     items = (_item(document, change, how) for change in changes)
     total = len(changes) if isinstance(changes, Sized) else None
     return run_cached(evaluate_point, items, pool, cache, progress, total)

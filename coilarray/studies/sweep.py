@@ -6,9 +6,9 @@ import itertools
 import json
 import math
 import re
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,17 +16,20 @@ import xarray as xr
 
 from coilarray.circuit.coupling import provenance
 from coilarray.compute.threads import Progress
-from coilarray.compute.workers import Pool
-from coilarray.design.model import Design
+from coilarray.compute.workers import Pool, workers
+from coilarray.design.model import Design, DesignFile
+from coilarray.design.toml_file import TomlFiles
 from coilarray.design.vary import vary
+from coilarray.design.write import as_file
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import DesignError, GoalError
-from coilarray.studies.cache import PointCache
+from coilarray.studies.cache import PointCache, open_cache
 from coilarray.studies.evaluate import evaluate_points
 from coilarray.studies.quantities import Request, request
 
 MOST_POINTS = 100_000
 """Points of a sweep."""
+_VALUES = TomlFiles("value", GoalError)
 _LOOKED_AT = 200  # most points that are built before work begins, at 10 ms each
 _DIGITS = 12  # of the values of a range: steps of 0.1 shall have short names
 _RANGE = re.compile(r"([^:,\[\"']+):([^:,\[\"']+)(?::([^:,\[\"']+))?")
@@ -152,21 +155,21 @@ class Sweep:
 
     Parameters
     ----------
-    design : Design
-        To be varied.
+    file : DesignFile
+        The design that is varied.
     axes : tuple of Axis
-        Its entries.
+        Entries that are varied.
     points : tuple of mapping
-        The changes of every point; of a grid with the last axis fastest.
+        Changes of every point; the last axis of a grid runs fastest.
     requests : tuple of Request
-        The quantities, each once.
+        Quantities, each once.
     sampling : str
         How the points were chosen, "grid" for all.
     accuracy : {"full", "screen"}
-        Of the inductances: `coilarray.electromagnetics.inductance.Accuracy`.
+        Accuracy of the inductances: `coilarray.electromagnetics.inductance.Accuracy`.
     """
 
-    design: Design
+    file: DesignFile
     axes: tuple[Axis, ...]
     points: tuple[Mapping[str, Any], ...]
     requests: tuple[Request, ...]
@@ -184,8 +187,65 @@ class Sweep:
         return tuple(len(axis.values) for axis in self.axes) if self.sampling == "grid" else (len(self.points),)
 
 
+def sweep(
+    design: Design | DesignFile,
+    entries: Mapping[str, Sequence[Any]],
+    quantities: Sequence[str | Mapping[str, Any]],
+    *,
+    accuracy: Accuracy = "full",
+    keep: bool | Path = False,
+    pool: Pool | None = None,
+    progress: Progress | None = None,
+) -> xr.Dataset:
+    """Evaluate quantities of a design over a grid of its entries.
+
+    Parameters
+    ----------
+    design : Design or DesignFile
+        The design to be varied.
+    entries : mapping of str to sequence
+        Values of each entry by its dotted key, in the unit of the key.
+    quantities : sequence of str or mapping
+        Names of quantities, as `coilarray.studies.quantities.request` reads them.
+    accuracy : {"full", "screen"}
+        Accuracy of the inductances. ``screen`` is some ten times as fast; see
+        `coilarray.electromagnetics.inductance.Accuracy`.
+    keep : bool or Path
+        Whether points are kept and found again: in the user's cache folder, or in a folder of your own.
+    pool : Pool, optional
+        Workers from `coilarray.compute.workers.workers`; by default the points are computed here, one by one.
+    progress : callable, optional
+        Called with (done, total).
+
+    Returns
+    -------
+    xarray.Dataset
+        As `run_sweep` returns it.
+
+    Raises
+    ------
+    GoalError
+        As `plan_sweep`.
+
+    Examples
+    --------
+    >>> from coilarray import load_design
+    >>> wide = sweep(load_design("starter"), {"array.pitch_mm": [12, 16]}, ["span_mm"])
+    >>> round(float(wide.span_mm.diff("array.pitch_mm")[0]), 6)
+    8.0
+    """
+    plan = plan_sweep(
+        design, [Axis(key, tuple(values)) for key, values in entries.items()], quantities, accuracy=accuracy
+    )
+    cache = open_cache(keep if isinstance(keep, Path) else None) if keep else None
+    if pool is not None:
+        return run_sweep(plan, pool, cache, progress=progress)
+    with workers() as here:
+        return run_sweep(plan, here, cache, progress=progress)
+
+
 def plan_sweep(
-    design: Design,
+    design: Design | DesignFile,
     axes: Sequence[Axis],
     quantities: Sequence[str | Mapping[str, Any]],
     samples: int | None = None,
@@ -196,19 +256,20 @@ def plan_sweep(
 
     Parameters
     ----------
-    design : Design
-        As it is read from a file.
+    design : Design or DesignFile
+        The design to be varied.
     axes : sequence of Axis
         Entries to vary.
     quantities : sequence of str or mapping
-        As `coilarray.studies.quantities.request` reads them.
+        Names of quantities, as `coilarray.studies.quantities.request` reads them.
     samples : int, optional
-        How many points cover the axes evenly, by a scrambled Sobol sequence; all combinations by default. More samples
-        begin with the same ones, so that a sweep can be refined.
+        Number of points that cover the axes evenly, by a scrambled Sobol sequence; all combinations by default. More
+        samples begin with the same ones, so that a sweep can be refined.
     seed : int
-        Of the scrambling.
+        Seed of the scrambling.
     accuracy : {"full", "screen"}
-        Of the inductances. ``screen`` is some ten times as fast; see `coilarray.electromagnetics.inductance.Accuracy`.
+        Accuracy of the inductances. ``screen`` is some ten times as fast; see
+        `coilarray.electromagnetics.inductance.Accuracy`.
 
     Returns
     -------
@@ -229,23 +290,24 @@ def plan_sweep(
     requests = {one.key: one for one in map(request, quantities)}
     if not requests:
         raise GoalError("a sweep must have at least one quantity.")
+    file = as_file(design)
     if samples is None:
         points, sampling = _grid(axes), "grid"
     else:
-        points = _samples(design, axes, samples, seed)
+        points = _samples(file, axes, samples, seed)
         sampling = f"{samples} points of a Sobol sequence, seed {seed}"
-    _check_designs(design, points, tuple(requests.values()))
-    return Sweep(design, tuple(axes), tuple(points), tuple(requests.values()), sampling, accuracy)
+    _check_designs(file, points, tuple(requests.values()))
+    return Sweep(file, tuple(axes), tuple(points), tuple(requests.values()), sampling, accuracy)
 
 
 def run_sweep(
-    sweep: Sweep, pool: Pool, cache: PointCache | None = None, progress: Progress | None = None
+    plan: Sweep, pool: Pool, cache: PointCache | None = None, *, progress: Progress | None = None
 ) -> xr.Dataset:
     """Evaluate all points of a sweep.
 
     Parameters
     ----------
-    sweep : Sweep
+    plan : Sweep
         From `plan_sweep`.
     pool : Pool
         From `coilarray.compute.workers.workers`.
@@ -278,35 +340,33 @@ def run_sweep(
     >>> dict(wide.sizes), wide.span_mm.attrs["units"], round(float(wide.span_mm.diff("array.pitch_mm")[0]), 6)
     ({'array.pitch_mm': 2}, 'mm', 8.0)
     """
-    values = np.full((len(sweep.requests), len(sweep.points)), np.nan)
-    reasons = np.full(len(sweep.points), "", dtype=object)
-    keys = [one.key for one in sweep.requests]
-    for index, outcome in evaluate_points(
-        sweep.design, sweep.points, keys, pool, cache, progress, accuracy=sweep.accuracy
-    ):
+    values = np.full((len(plan.requests), len(plan.points)), np.nan)
+    reasons = np.full(len(plan.points), "", dtype=object)
+    keys = [one.key for one in plan.requests]
+    for index, outcome in evaluate_points(plan.file, plan.points, keys, pool, cache, progress, accuracy=plan.accuracy):
         if isinstance(outcome, str):
             reasons[index] = outcome
         else:
             values[:, index] = [outcome[key] for key in keys]
-    dims, shape = sweep.dims, sweep.shape
+    dims, shape = plan.dims, plan.shape
     variables = {
         one.key: (dims, row.reshape(shape), {"units": one.quantity.unit, "long_name": one.quantity.says})
-        for one, row in zip(sweep.requests, values, strict=True)
+        for one, row in zip(plan.requests, values, strict=True)
     }
     reason = (dims, reasons.reshape(shape), {"long_name": "why the point has no quantities"})
     return xr.Dataset(
         {**variables, "reason": reason},
-        {axis.key: _coordinate(sweep, axis) for axis in sweep.axes},
-        {**provenance(sweep.design), "sampling": sweep.sampling, "accuracy": sweep.accuracy},
+        {axis.key: _coordinate(plan, axis) for axis in plan.axes},
+        {**provenance(plan.file.design), "sampling": plan.sampling, "accuracy": plan.accuracy},
     )
 
 
-def _coordinate(sweep: Sweep, axis: Axis) -> xr.Variable:
+def _coordinate(plan: Sweep, axis: Axis) -> xr.Variable:
     """Values of an entry along its dimension, with its unit by the end of the key, and its value in the design."""
-    grid = sweep.sampling == "grid"
-    values = axis.values if grid else [point[axis.key] for point in sweep.points]
+    grid = plan.sampling == "grid"
+    values = axis.values if grid else [point[axis.key] for point in plan.points]
     attributes: dict[str, Any] = {"long_name": axis.key}
-    own = sweep.design.values.get(axis.key)
+    own = plan.file.values.get(axis.key)
     if own is not None:
         attributes["design_value"] = own if axis.numeric and isinstance(own, int | float) else _label(own)
     dim = axis.key if grid else "sample"
@@ -326,7 +386,7 @@ def _grid(axes: Sequence[Axis]) -> list[dict[str, Any]]:
     return [dict(zip(keys, values, strict=True)) for values in itertools.product(*(axis.values for axis in axes))]
 
 
-def _samples(design: Design, axes: Sequence[Axis], count: int, seed: int) -> list[dict[str, Any]]:
+def _samples(file: DesignFile, axes: Sequence[Axis], count: int, seed: int) -> list[dict[str, Any]]:
     from scipy.stats import qmc
 
     _check_number(count)
@@ -336,7 +396,7 @@ def _samples(design: Design, axes: Sequence[Axis], count: int, seed: int) -> lis
     # whole powers of two are what the sequence is balanced for, and what it gives without a warning
     parts = sequence.random_base2((count - 1).bit_length())[:count]
     columns = [
-        axis.sample(column, whole=_is_whole(design.values.get(axis.key)))
+        axis.sample(column, whole=_is_whole(file.values.get(axis.key)))
         for axis, column in zip(axes, parts.T.tolist(), strict=True)
     ]
     keys = [axis.key for axis in axes]
@@ -348,14 +408,14 @@ def _check_number(points: int) -> None:
         raise GoalError(f"a sweep must have 1 to {MOST_POINTS} points; got {points}.")
 
 
-def _check_designs(design: Design, points: Sequence[Mapping[str, Any]], requests: Sequence[Request]) -> None:
+def _check_designs(file: DesignFile, points: Sequence[Mapping[str, Any]], requests: Sequence[Request]) -> None:
     """Build designs until one is possible and every coil that is asked for is in one."""
     missing = {name: one.key for one in requests for name in _coils(one)}
     names: tuple[str, ...] = ()
     reason = ""
     for point in points[:: -(-len(points) // _LOOKED_AT)]:  # rounded up, so that there are no more
         try:
-            names = vary(design, point).array.names
+            names = vary(file, point).array.names
         except DesignError as error:
             reason = reason or str(error)
             continue
@@ -381,8 +441,8 @@ def _is_whole(value: object) -> bool:
 def _listed(text: str) -> tuple[Any, ...]:
     """Read values as TOML has them in a list; what is none of its texts, numbers and lists is a text itself."""
     try:
-        document = tomllib.loads(f"values = [{text}]")
-    except tomllib.TOMLDecodeError:
+        document = _VALUES.parse(f"values = [{text}]", "--vary")
+    except GoalError:
         document = {}
     if list(document) == ["values"] and all(map(_is_plain, document["values"])):
         return tuple(document["values"])

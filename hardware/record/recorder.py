@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from coilarray.design.model import Design
+from coilarray.design.write import design_document
 from coilarray.errors import HardwareError, OutputError
 from coilarray.hardware.record.recording import GridPlace, RecordedSession, Recording
 from coilarray.hardware.record.recording_file import create_tables, is_blank, reading, require_recording
@@ -234,7 +235,7 @@ def begin_session(
         capacitances={state.name: capacitance for state in settings.states},
         design=design.name,
         design_hash=design.digest,
-        design_document=design.document,
+        design_document=design_document(design),
         version=metadata.version("coilarray"),
     )
 

@@ -42,7 +42,7 @@ def board_network(design: Design, folder: Path) -> Network:
 
 def _circuit(design: Design) -> xr.Dataset:
     network = design_network(design).network
-    found = [resonate(network, state).frequency for state in design.circuit.plan]
+    found = [resonate(network, state).frequency for state in design.plan]
     frequency, resistance = resistance_near(design, found)
     pair = ("coil", "other")
     return xr.Dataset(

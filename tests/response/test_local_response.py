@@ -91,7 +91,7 @@ def test_a_lattice_answers_as_when_all_is_solved(field, error):
 def test_to_be_linear_leaves_out_little(row):
     R = dc_resistance(PAPER.array.conductors(), PAPER.circuit.resistivity)
     circuit = PAPER.circuit
-    states = state_sensitivity(PAPER.array.names, row.inductance.values, R, circuit.switches, circuit.plan)
+    states = state_sensitivity(PAPER.array.names, row.inductance.values, R, circuit.switches, PAPER.plan)
     linear = row.assign(delta=(row.delta.dims, states.delta(row.inductance_change.values)))
     # second order in ΔL/L of 8e-4, for a part of ΔL that neighbours pass on; measured 1.4e-5
     assert largest(linear, row) < 3e-5
@@ -122,7 +122,7 @@ def test_large_boards_answer_as_all_their_coils_together():
     y = design.array.centres[27, 1]
     dent = dent_of(contact.isel(depth=0), design.sheets)
     change = dent_inductance(design.array, [dent], np.column_stack((x, [y, y])), MESH)[0]
-    states = state_sensitivity(design.array.names, L, R, design.circuit.switches, design.circuit.plan)
+    states = state_sensitivity(design.array.names, L, R, design.circuit.switches, design.plan)
     full = states.delta(change)
     local = dense_response(local_response(design, x=x, y=[y], inductance=lambda: L, mesh=MESH))
     assert np.abs(local.delta.values[0, 0] - full).max() < 1e-3 * np.abs(full).max()

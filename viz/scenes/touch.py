@@ -142,7 +142,7 @@ def touch_along(
 
 def first_states(design: Design) -> dict[str, str]:
     """Return the first state of the plan that measures each coil, by the name of the coil."""
-    return {state.measured[0][0]: state.name for state in reversed(design.circuit.plan)}
+    return {state.measured[0][0]: state.name for state in reversed(design.plan)}
 
 
 def _default_way(design: Design, setup: Indentation) -> list[tuple[float, float]]:

@@ -59,14 +59,14 @@ class DesignPanel:
         """
         state = self._page.state
         if not typed:
-            entries = entries_of(work.design)
+            entries = entries_of(work.opened)
             state.groups, state.errors = _groups(entries), {}
             state.save_name = work.file if work.file.endswith(".toml") else f"{work.file}.toml"
             state.texts = {entry.key: text_of(entry.value) for entry in entries}
             state.dirty("texts")  # the page may hold others, which this side does not know
             self._page.server.clear_state_client_cache("texts")
         state.file, state.changed = work.file, work.changed
-        state.title = work.design.title
+        state.title = work.design.title or work.design.name
         state.trame__title = f"{work.design.name} – coilarray studio"
         state.report_url = ""
 
@@ -135,7 +135,7 @@ class DesignPanel:
         if page.start_job(
             _REPORT,
             _write_report,
-            (write, design.document, design.name, folder),
+            (write, page.work.opened.document, design.name, folder),
             on_message=lambda message: page.show_progress(_REPORT, text, message),
             on_end=ended,
         ):

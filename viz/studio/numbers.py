@@ -10,7 +10,7 @@ import numpy.typing as npt
 import xarray as xr
 from matplotlib import colormaps
 
-from coilarray.circuit.coupling import couple, design_inductance
+from coilarray.circuit.coupling import couple, design_inductance, shorts_of
 from coilarray.design.model import Design
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.electromagnetics.resistance import dc_resistance
@@ -95,7 +95,7 @@ def numbers_of(design: Design, accuracy: Accuracy = "full") -> Numbers:
         design_inductance(design, accuracy=accuracy)[0],
         dc_resistance(design.array.conductors(), circuit.resistivity),
         circuit.capacitance,
-        circuit.terminations,
+        shorts_of(design),
         circuit.short_resistance,
     )
     return Numbers(result, accuracy)

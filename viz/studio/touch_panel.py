@@ -105,7 +105,7 @@ class TouchPanel:
         if page.start_job(
             _TABLE,
             _compute_table,
-            (page.setup.services.response_table, design.document, design.name),
+            (page.setup.services.response_table, page.work.opened.document, design.name),
             on_message=lambda message: page.show_progress(_TABLE, text, message),
             on_end=ended,
         ):

@@ -8,7 +8,7 @@ from typing import Any
 
 import tomli_w
 
-from coilarray.design.model import Design, build_design
+from coilarray.design.model import Design, DesignFile, build_design_file
 from coilarray.design.vary import vary_document
 from coilarray.errors import DesignError
 from coilarray.viz.studio.entries import number_of
@@ -26,22 +26,27 @@ class Work:
 
     Parameters
     ----------
-    design : Design
-        As it is now.
+    opened : DesignFile
+        The design as it is now.
     file : str
         Name of its file, or of the bundled design.
     kept : mapping of str to object
         Document of the design as it was read or last saved.
     """
 
-    design: Design
+    opened: DesignFile
     file: str
     kept: Mapping[str, Any]
 
     @property
+    def design(self) -> Design:
+        """The design as it is now."""
+        return self.opened.design
+
+    @property
     def changed(self) -> bool:
         """Whether it differs from what the file says."""
-        return self.design.document != self.kept
+        return self.opened.document != self.kept
 
     def with_entry(self, key: str, text: str) -> Work:
         """Set one entry to what was typed in.
@@ -64,9 +69,9 @@ class Work:
 
         Examples
         --------
-        >>> from coilarray import load_design
-        >>> work = work_on(load_design("gast2020"), "gast2020")
-        >>> work.with_entry("array.pitch_mm", "14").design.values["array.pitch_mm"]
+        >>> from coilarray.design.model import load_design_file
+        >>> work = work_on(load_design_file("gast2020"), "gast2020")
+        >>> work.with_entry("array.pitch_mm", "14").opened.values["array.pitch_mm"]
         14.0
         >>> work.with_entry("array.pitch_mm", "-1")
         Traceback (most recent call last):
@@ -82,8 +87,8 @@ class Work:
         DesignError
             As `with_entry`.
         """
-        _require_few_coils(self.design.values, changes)
-        document = vary_document(self.design.document, changes)
+        _require_few_coils(self.opened.values, changes)
+        document = vary_document(self.opened.document, changes)
         assumed = {
             name: why
             for name, why in document.get("assumed", {}).items()
@@ -93,22 +98,22 @@ class Work:
         if not assumed:
             del document["assumed"]
         try:
-            design = build_design(document, self.design.name)
+            opened = build_design_file(document, self.design.name)
         except DesignError as error:
             raise DesignError(str(error).removeprefix(f"{self.design.name}: ")) from None
-        require_small(design)
-        return replace(self, design=design)
+        require_small(opened.design)
+        return replace(self, opened=opened)
 
     def saved_as(self, file: str) -> Work:
         """Return it as what a file now says."""
-        return replace(self, file=file, kept=self.design.document)
+        return replace(self, file=file, kept=self.opened.document)
 
     def text(self) -> str:
         """Return the design file; comments of the file that was read are not in it."""
-        return tomli_w.dumps(dict(self.design.document))
+        return tomli_w.dumps(dict(self.opened.document))
 
 
-def work_on(design: Design, file: str) -> Work:
+def work_on(opened: DesignFile, file: str) -> Work:
     """Begin with a design as it was read.
 
     Raises
@@ -116,8 +121,8 @@ def work_on(design: Design, file: str) -> Work:
     DesignError
         A design that is too large to be followed while a slider moves.
     """
-    require_small(design)
-    return Work(design, file, design.document)
+    require_small(opened.design)
+    return Work(opened, file, opened.document)
 
 
 def require_small(design: Design) -> None:

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from coilarray.compute.workers import Pool
-from coilarray.design.model import Design
+from coilarray.design.model import Design, DesignFile
 from coilarray.design.vary import vary
+from coilarray.design.write import as_file
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import CoilarrayError, GoalError
 from coilarray.studies import quantities
@@ -32,8 +33,8 @@ class Optimization:
 
     Parameters
     ----------
-    design : Design
-        As it was.
+    file : DesignFile
+        The design as it was.
     goal : Goal
         What was wanted. Where an earlier run tried more points, as many trials as it had.
     axes : tuple of Axis
@@ -53,7 +54,7 @@ class Optimization:
         Why there was nothing for the local solver to do; empty where there was.
     """
 
-    design: Design
+    file: DesignFile
     goal: Goal
     axes: tuple[Axis, ...]
     start: Trial
@@ -62,6 +63,11 @@ class Optimization:
     front: tuple[Trial, ...]
     found: int
     polish_problem: str
+
+    @property
+    def design(self) -> Design:
+        """The design as it was."""
+        return self.file.design
 
     @property
     def best(self) -> Trial | None:
@@ -74,11 +80,11 @@ class Optimization:
 
     def designs(self) -> tuple[Design, ...]:
         """Return the designs of the front, in its order."""
-        return tuple(vary(self.design, trial.changes) for trial in self.front)
+        return tuple(vary(self.file, trial.changes) for trial in self.front)
 
 
 def optimize_design(
-    design: Design,
+    design: Design | DesignFile,
     goal: Goal,
     folder: str | Path,
     pool: Pool,
@@ -89,7 +95,7 @@ def optimize_design(
 
     Parameters
     ----------
-    design : Design
+    design : Design or DesignFile
         Where to start from; its entries that are no variables stay as they are.
     goal : Goal
         As `load_goal` returns it.
@@ -116,20 +122,21 @@ def optimize_design(
     MissingDependencyError
         No Optuna.
     """
-    require_coils(design, goal)
+    file = as_file(design)
+    require_coils(file.design, goal)
 
     def evaluate(changes: Sequence[Mapping[str, Any]], accuracy: Accuracy) -> Iterator[tuple[int, Outcome]]:
-        points = evaluate_points(design, changes, goal.quantities, pool, cache, accuracy=accuracy)
+        points = evaluate_points(file, changes, goal.quantities, pool, cache, accuracy=accuracy)
         for index, outcome in points:
             if isinstance(outcome, str) and not changes[index]:
-                _require_quantities(design, goal)
+                _require_quantities(file.design, goal)
             yield index, outcome
 
-    return optimize_with(design, goal, folder, evaluate, told)
+    return optimize_with(file, goal, folder, evaluate, told)
 
 
 def optimize_with(
-    design: Design, goal: Goal, folder: str | Path, evaluate: Evaluate, told: Told | None = None
+    design: Design | DesignFile, goal: Goal, folder: str | Path, evaluate: Evaluate, told: Told | None = None
 ) -> Optimization:
     """Search as `optimize_design` does, with quantities from anywhere.
 
@@ -149,9 +156,10 @@ def optimize_with(
     GoalError, OutputError, MissingDependencyError
         As `optimize_design`.
     """
-    axes = axes_of(goal, design)
+    file = as_file(design)
+    axes = axes_of(goal, file)
     inside = start_parameters(axes) is not None
-    with open_store(Path(folder), design, goal) as store:
+    with open_store(Path(folder), file.design, goal) as store:
         found = len(store.trials())
         goal = _with_known(goal, store)
         ((_, outcome),) = evaluate([{}], "full")
@@ -164,7 +172,7 @@ def optimize_with(
         if not problem and best is not None:
             polish(goal, axes, best, store, evaluate, count)
         tried = _confirmed(goal, tried + _polished(goal, axes, store), evaluate)
-    return Optimization(design, goal, axes, start, inside, tuple(tried), front_of(tried, goal), found, problem)
+    return Optimization(file, goal, axes, start, inside, tuple(tried), front_of(tried, goal), found, problem)
 
 
 def require_coils(design: Design, goal: Goal) -> None:

@@ -51,7 +51,7 @@ class Outputs:
 
     def names(self, design: Design) -> tuple[str, ...]:
         """Names of all outputs of a board of this design, quantities first, then δ by place and state."""
-        states = [state.name for state in design.circuit.plan]
+        states = [state.name for state in design.plan]
         deltas = [f"delta[{state},{place}]" for place in self.places() for state in states]
         return (*self.quantities, *deltas)
 
@@ -62,11 +62,11 @@ class Outputs:
             return ()
         return tuple(f"x_mm={_mm(x)},y_mm={_mm(y)},depth_mm={_mm(at.depth)}" for y, x in product(at.y, at.x))
 
-    def item(self, design: Design, errors: Mapping[str, float]) -> dict[str, Any]:
+    def item(self, document: Mapping[str, Any], errors: Mapping[str, float]) -> dict[str, Any]:
         """Return one board as plain data, for `evaluate_board` in another process."""
         at = self.positions
         return {
-            "document": design.document,
+            "document": document,
             "errors": dict(errors),
             "quantities": list(self.quantities),
             "positions": None if at is None else {"x": list(at.x), "y": list(at.y), "depth": at.depth},

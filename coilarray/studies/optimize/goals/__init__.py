@@ -2,23 +2,10 @@
 
 from __future__ import annotations
 
-from importlib import resources
+from coilarray.design.toml_file import TomlFiles
+from coilarray.errors import GoalError
 
+GOALS = TomlFiles("goal", GoalError, __name__)
+"""Goal files."""
 
-def names() -> tuple[str, ...]:
-    """Names of the bundled goals, sorted."""
-    folder = resources.files("coilarray.studies.optimize.goals")
-    return tuple(sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml")))
-
-
-def read(name: str) -> str:
-    """Text of the bundled goal `name`.
-
-    Raises
-    ------
-    KeyError
-        No such goal.
-    """
-    if name not in names():
-        raise KeyError(name)
-    return resources.files("coilarray.studies.optimize.goals").joinpath(f"{name}.toml").read_text(encoding="utf-8")
+names, read = GOALS.names, GOALS.read
