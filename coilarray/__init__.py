@@ -13,7 +13,8 @@ if TYPE_CHECKING:
     from coilarray.circuit.active_coil import active_coil, every_active_coil, impedance_matrix, resonance
     from coilarray.circuit.coupling import couple, couple_design
     from coilarray.circuit.operating_field import operating_currents, operating_field
-    from coilarray.design.model import Design, load_design, parse_design
+    from coilarray.design.model import Design, DesignFile, load_design, load_design_file, parse_design
+    from coilarray.design.vary import vary
     from coilarray.elastomer.contact import indent
     from coilarray.elastomer.dent import dent_of
     from coilarray.elastomer.dented_layer import dent_inductance
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     from coilarray.report import write_report
     from coilarray.response.map import Imperfections, response_map
     from coilarray.response.two_dimensional import line_response
+    from coilarray.studies.sweep import sweep
 
 __all__ = [
     "CoilArray",
@@ -42,6 +44,7 @@ __all__ = [
     "Conductor",
     "Design",
     "DesignError",
+    "DesignFile",
     "ElastomerError",
     "GeometryError",
     "Imperfections",
@@ -64,6 +67,7 @@ __all__ = [
     "layer_inductance",
     "line_response",
     "load_design",
+    "load_design_file",
     "magnetic_field",
     "maxwell_garnett_permeability",
     "mutual_inductance",
@@ -75,6 +79,8 @@ __all__ = [
     "response_map",
     "self_inductance",
     "straight_filaments",
+    "sweep",
+    "vary",
     "vector_potential",
     "write_report",
 ]
@@ -83,7 +89,8 @@ _HOME = {
     "circuit.active_coil": ("active_coil", "every_active_coil", "impedance_matrix", "resonance"),
     "localize.comparison": ("compare_responses",),
     "circuit.coupling": ("couple", "couple_design"),
-    "design.model": ("Design", "load_design", "parse_design"),
+    "design.model": ("Design", "DesignFile", "load_design", "load_design_file", "parse_design"),
+    "design.vary": ("vary",),
     "elastomer.contact": ("indent",),
     "elastomer.dent": ("dent_of",),
     "elastomer.dented_layer": ("dent_inductance",),
@@ -105,6 +112,7 @@ _HOME = {
     "report": ("write_report",),
     "electromagnetics.resistance": ("dc_resistance",),
     "response.map": ("Imperfections", "response_map"),
+    "studies.sweep": ("sweep",),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
