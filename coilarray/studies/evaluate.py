@@ -24,8 +24,8 @@ def evaluate_points(
     quantities: Sequence[str | Mapping[str, Any]],
     pool: Pool,
     cache: PointCache | None = None,
-    progress: Progress | None = None,
     *,
+    progress: Progress | None = None,
     accuracy: Accuracy = "full",
 ) -> Iterator[tuple[int, Outcome]]:
     """Evaluate quantities of variations of a design.
@@ -35,26 +35,26 @@ def evaluate_points(
     design : Design or DesignFile
         The design to be varied.
     changes : iterable of mapping
-        Of each point, as `coilarray.design.vary.vary` takes them; read as the pool has room, so that a generator may
-        decide on a point when it knows earlier outcomes.
+        Changed entries of each point, as `coilarray.design.vary.vary` takes them. They are read one by one as the pool
+        has room, so that a generator may choose a point when it knows earlier outcomes.
     quantities : sequence of str or mapping
-        As `coilarray.studies.quantities.evaluate` takes them.
+        Names of quantities, as `coilarray.studies.quantities.evaluate` takes them.
     pool : Pool
-        From `coilarray.compute.workers.workers`.
+        Workers from `coilarray.compute.workers.workers`.
     cache : PointCache, optional
-        From `coilarray.studies.cache.open_cache`; nothing is kept by default.
+        Outcomes of earlier runs, from `coilarray.studies.cache.open_cache`; none are kept by default.
     progress : callable, optional
         Called with (done, total).
     accuracy : {"full", "screen"}
-        Of the inductances: `coilarray.electromagnetics.inductance.Accuracy`.
+        Accuracy of the inductances: `coilarray.electromagnetics.inductance.Accuracy`.
 
     Yields
     ------
     index : int
-        Of the point, from 0, in the order in which they are done.
+        Index of the point, from 0; points come in the order in which they are done.
     outcome : dict of str to float, or str
-        The quantities by their canonical names, or the one line why the point has none: a design that cannot be, or a
-        quantity that it does not have.
+        Quantities by their canonical names, or one line that says why the point has none: an impossible design, or a
+        quantity that the design does not have.
 
     Raises
     ------
@@ -69,7 +69,7 @@ def evaluate_points(
     document = {key: plain(value) for key, value in as_file(design).document.items() if key not in _SAYS_NOTHING}
     items = (_item(document, change, how) for change in changes)
     total = len(changes) if isinstance(changes, Sized) else None
-    return run_cached(evaluate_point, items, pool, cache, progress, total)
+    return run_cached(evaluate_point, items, pool, cache, progress=progress, total=total)
 
 
 def evaluate_point(item: Mapping[str, Any]) -> dict[str, float]:
@@ -92,28 +92,31 @@ def run_cached(
     items: Iterable[Mapping[str, Any] | str],
     pool: Pool,
     cache: PointCache | None = None,
+    *,
     progress: Progress | None = None,
     total: int | None = None,
 ) -> Iterator[tuple[int, Outcome]]:
-    """Apply a function of plain data to items, but once to items that are alike, and not to those that are known.
+    """Apply a function to items of plain data: once to equal items, and not to those whose outcome is known.
 
     Parameters
     ----------
     function : callable
-        Defined in a module; takes an item and returns numbers by name. Its name and the item are the key of the cache.
+        Function of a module that takes an item and returns numbers by name. Its name and the item are the key of the
+        cache.
     items : iterable of mapping or str
-        Plain tables, lists, texts and numbers; a text in place of an item is its outcome. Read as the pool has room.
+        Items of plain tables, lists, texts and numbers; a text in place of an item is its outcome. They are read one
+        by one as the pool has room.
     pool, cache, progress
         As in `evaluate_points`.
     total : int, optional
-        Number of items, for `progress`; by default as many as were read.
+        Number of items, for `progress`; by default the number that was read.
 
     Yields
     ------
     index : int
-        Of the item, from 0, in the order in which they are done.
+        Index of the item, from 0; items come in the order in which they are done.
     outcome : dict of str to float, or str
-        What the function returned, or the line of its CoilarrayError.
+        Result of the function, or the message of its CoilarrayError.
     """
     run = _Run(function, pool, cache, progress, total)
     todo = enumerate(items)
@@ -152,10 +155,10 @@ class _Run:
         self._waiting: dict[str, list[int]] = {}  # indices of equal items, by key
 
     def submit(self, index: int, item: Mapping[str, Any] | str) -> Outcome | None:
-        """Return the outcome of an item where it is known; else see to it that it will be."""
+        """Return the outcome of an item where it is known; else hand the item to the pool."""
         self._read += 1
         if isinstance(item, str):
-            self._tell()
+            self._report()
             return item
         key = point_key(self._name, item)
         if key in self._waiting:
@@ -163,7 +166,7 @@ class _Run:
             return None
         known = None if self._cache is None else self._cache.get(key)
         if known is not None:
-            self._tell()
+            self._report()
             return known
         self._keys[index], self._waiting[key] = key, [index]
         self._pool.submit(index, self._function, item)
@@ -176,10 +179,10 @@ class _Run:
         if self._cache is not None:
             self._cache.put(key, outcome)
         for index in self._waiting.pop(key):
-            self._tell()
+            self._report()
             yield index, outcome
 
-    def _tell(self) -> None:
+    def _report(self) -> None:
         self._done += 1
         if self._progress is not None:
             self._progress(self._done, self._total or self._read)

@@ -343,7 +343,9 @@ def run_sweep(
     values = np.full((len(plan.requests), len(plan.points)), np.nan)
     reasons = np.full(len(plan.points), "", dtype=object)
     keys = [one.key for one in plan.requests]
-    for index, outcome in evaluate_points(plan.file, plan.points, keys, pool, cache, progress, accuracy=plan.accuracy):
+    for index, outcome in evaluate_points(
+        plan.file, plan.points, keys, pool, cache, progress=progress, accuracy=plan.accuracy
+    ):
         if isinstance(outcome, str):
             reasons[index] = outcome
         else:
@@ -410,7 +412,7 @@ def _check_number(points: int) -> None:
 
 def _check_designs(file: DesignFile, points: Sequence[Mapping[str, Any]], requests: Sequence[Request]) -> None:
     """Build designs until one is possible and every coil that is asked for is in one."""
-    missing = {name: one.key for one in requests for name in _coils(one)}
+    missing = {name: one.key for one in requests for name in one.coils}
     names: tuple[str, ...] = ()
     reason = ""
     for point in points[:: -(-len(points) // _LOOKED_AT)]:  # rounded up, so that there are no more
@@ -426,12 +428,6 @@ def _check_designs(file: DesignFile, points: Sequence[Mapping[str, Any]], reques
         raise GoalError(f"no point of the sweep gives a design; the first one: {reason}")
     name, key = next(iter(missing.items()))
     raise GoalError(f"{key}: no design of the sweep has a coil {name!r}; there are {', '.join(names)}.")
-
-
-def _coils(one: Request) -> list[str]:
-    """Names of the coils that a quantity asks for."""
-    named = [one.options[option] for option in ("coil", "coils") if option in one.options]
-    return [str(name) for value in named for name in ((value,) if isinstance(value, str | float) else value)]
 
 
 def _is_whole(value: object) -> bool:

@@ -219,7 +219,9 @@ def test_a_board_with_errors_is_sent_as_it_is(starter):
 def test_any_function_of_plain_data_can_be_cached(cache):
     first, second, told = Counting(), Counting(), []
     for pool in (first, second):
-        found = dict(run_cached(worker_tasks.refuse_odd, [2, 3, 4], pool, cache, lambda *now: told.append(now), 3))
+        found = dict(
+            run_cached(worker_tasks.refuse_odd, [2, 3, 4], pool, cache, progress=lambda *now: told.append(now), total=3)
+        )
         assert found == {0: {"half": 1.0}, 1: "3 is odd.", 2: {"half": 2.0}}
     assert (first.computed, second.computed) == (3, 0)
     assert told == [(1, 3), (2, 3), (3, 3)] * 2

@@ -176,13 +176,11 @@ def optimize_with(
 
 
 def require_coils(design: Design, goal: Goal) -> None:
-    """Refuse a goal that names a coil which the design has not, before anything is computed: GoalError."""
+    """Refuse a goal that names a coil which the design does not have, before anything is computed: GoalError."""
     evaluation = quantities.Evaluation(design)
     for key in goal.quantities:
-        options = quantities.request(key).options
-        for given in (options[name] for name in ("coil", "coils") if name in options):
-            for coil in given if isinstance(given, tuple) else (given,):
-                evaluation.coil(str(coil))
+        for coil in quantities.request(key).coils:
+            evaluation.coil(coil)
 
 
 def _with_known(goal: Goal, store: Store) -> Goal:

@@ -101,13 +101,19 @@ class Request:
     Parameters
     ----------
     quantity : Quantity
-        What.
+        The quantity.
     options : mapping of str to value
-        Those that were given, in the order of the quantity's.
+        Options that were given, in the order of the quantity's.
     """
 
     quantity: Quantity
     options: Mapping[str, Value]
+
+    @property
+    def coils(self) -> list[str]:
+        """Names of the coils that it asks for."""
+        named = [self.options[option] for option in ("coil", "coils") if option in self.options]
+        return [str(name) for value in named for name in (value if isinstance(value, tuple) else (value,))]
 
     @property
     def key(self) -> str:

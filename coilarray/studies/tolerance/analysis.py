@@ -271,7 +271,7 @@ def _evaluated(
     """Outcomes in the order of the boards."""
     items = (outputs.item(file.document, errors) for errors in boards)
     outcomes: list[Outcome] = [""] * len(boards)
-    for k, outcome in run_cached(evaluate_board, items, pool, cache, progress, len(boards)):
+    for k, outcome in run_cached(evaluate_board, items, pool, cache, progress=progress, total=len(boards)):
         if k == 0 and isinstance(outcome, str):
             raise GoalError(outcome)  # no board at all
         outcomes[k] = outcome

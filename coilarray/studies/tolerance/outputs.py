@@ -12,7 +12,7 @@ import numpy as np
 from coilarray.design.model import Design, build_design
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import GoalError
-from coilarray.studies.quantities import Evaluation, Request, request
+from coilarray.studies.quantities import Evaluation, request
 from coilarray.studies.tolerance.perturb import perturb
 from coilarray.studies.tolerance.tolerances import Positions
 
@@ -104,7 +104,7 @@ def wanted_outputs(
     if not requests and positions is None:
         raise GoalError("at least one quantity or position must be asked for.")
     nominal = Evaluation(design, accuracy)
-    for coil in (coil for one in requests.values() for coil in _coils(one)):
+    for coil in (coil for one in requests.values() for coil in one.coils):
         nominal.coil(coil)
     return Outputs(tuple(requests), positions, accuracy)
 
@@ -140,12 +140,6 @@ def evaluate_board(item: Mapping[str, Any]) -> dict[str, float]:
     response = evaluation.response(np.array([positions.depth]), np.array(positions.x), np.array(positions.y))
     names = Outputs((), positions).names(board)
     return {**values, **dict(zip(names, response.delta.values[0].ravel().tolist(), strict=True))}
-
-
-def _coils(one: Request) -> list[str]:
-    """Names of the coils that a quantity asks for."""
-    named = [one.options[option] for option in ("coil", "coils") if option in one.options]
-    return [str(name) for value in named for name in ((value,) if isinstance(value, str | float) else value)]
 
 
 def _mm(length: float) -> str:
