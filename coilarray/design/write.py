@@ -37,6 +37,7 @@ _FLAT_LIST = re.compile(r"\[\n\s*([^\[\]\n]+(?:,\n\s*[^\[\]\n]+)*),\n\s*\]")
 _LONGEST_LINE = 120
 _LEAST_CIRCLE = 8  # segments of a turn that a file takes for a circle
 _PICOMETRE = 1e-12
+_PLACES = ("lines_mm", "outline_mm", "x_mm", "y_mm")
 _MM, _UM, _PF, _DEG = 1e-3, 1e-6, 1e-12, math.pi / 180
 _WORDS = {passive: word for word, passive in PASSIVE.items()}
 
@@ -115,7 +116,7 @@ def design_text(design: Design, assumed: Mapping[str, str] | None = None) -> str
     Returns
     -------
     str
-        TOML. Lengths are rounded to 1 nm, other numbers to 12 digits.
+        TOML. Places are rounded to 1 nm, other numbers to 12 digits.
 
     Examples
     --------
@@ -460,14 +461,14 @@ def _number(guess: float, value: float, read: Callable[[float], float], *, place
 
 
 def _rounded(value: Any, key: str = "") -> Any:
-    """Round lengths in mm to 1 nm and other numbers to 12 digits."""
+    """Round places to 1 nm and other numbers to 12 digits."""
     if isinstance(value, dict):
         return {name: _rounded(item, name) for name, item in value.items()}
     if isinstance(value, list):
         return [_rounded(item, key) for item in value]
     if not isinstance(value, float):
         return value
-    return (round(value, 6) if key.endswith("_mm") else float(f"{value:.12g}")) + 0.0
+    return (round(value, 6) if key in _PLACES else float(f"{value:.12g}")) + 0.0
 
 
 def _on_one_line(match: re.Match[str]) -> str:

@@ -177,7 +177,7 @@ def test_equal_points_in_flight_are_computed_once(starter, cache, kept):
             QUANTITIES,
             pool,
             cache if kept else None,
-            lambda done, total: told.append((done, total)),
+            progress=lambda done, total: told.append((done, total)),
         )
     )
     assert pool.computed == 2
