@@ -183,9 +183,7 @@ def _against_all(design: Design, matrix: FloatArray, peak: float, along: int) ->
     contact = indent(design.sheets, setup.indenter, setup.depths[:1], base=setup.base)
     dent = dent_of(contact.isel(depth=0), design.sheets)
     R = dc_resistance(design.array.conductors(), design.circuit.resistivity)
-    states = state_sensitivity(
-        bare_network(design.array.names, matrix, R, design.circuit.switches), design.circuit.plan
-    )
+    states = state_sensitivity(bare_network(design.array.names, matrix, R, design.circuit.switches), design.plan)
     x, y = _places(design, along, along)
     places = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2) + setup.origin_point
     begun = time.process_time()

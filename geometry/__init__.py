@@ -1,7 +1,7 @@
 """Geometry without physics: spirals, coils, stack-ups, arrays, copper, rules and solids."""
 
-from coilarray.geometry.array import CoilArray, Placement, lattice, lattice_array
-from coilarray.geometry.coil import Coil, Leads, PlatedHole, path_coil, spiral_coil
+from coilarray.geometry.array import CoilArray, Lattice, Placement, lattice, lattice_array
+from coilarray.geometry.coil import Coil, Leads, PlatedHole, Wound, hull_outline, path_coil, spiral_coil
 from coilarray.geometry.conductor import Conductor
 from coilarray.geometry.connectivity import (
     Barrel,
@@ -32,6 +32,7 @@ __all__ = [
     "FlatPunch",
     "Hemisphere",
     "Indenter",
+    "Lattice",
     "Leads",
     "Margin",
     "NetCheck",
@@ -42,6 +43,7 @@ __all__ = [
     "Sheet",
     "Spiral",
     "Stackup",
+    "Wound",
     "apothem_from_size",
     "board_layers",
     "board_outline",
@@ -51,6 +53,7 @@ __all__ = [
     "copper_by_layer",
     "copper_features",
     "drills",
+    "hull_outline",
     "lattice",
     "lattice_array",
     "path_coil",

@@ -91,6 +91,69 @@ class Placement:
         return np.asarray(points @ np.array([[c, s], [-s, c]]) + np.array([self.x, self.y]))
 
 
+LatticeKind = Literal["linear", "square", "hexagonal"]
+"""A row, rows one above the other, or rows shifted by half a pitch."""
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """Equal coils on a regular lattice.
+
+    Parameters
+    ----------
+    kind : {"linear", "square", "hexagonal"}
+        As in `lattice`.
+    pitch : float
+        Distance of neighbours in m.
+    columns, rows : int
+        Coils a row and number of rows.
+    layers : tuple of tuple of str
+        Sets of copper layers that the coils take in turn along a row.
+    direction : float
+        Angle of the rows in rad.
+    rotation : float
+        Counter-clockwise turn of every coil in rad.
+    layer_shift : int or None
+        Steps in `layers` from row to row; by default −1 on a hexagonal lattice, 2 for four sets on a square one, else
+        1, so that neighbours differ.
+    names : tuple of str or None
+        Names of the coils row by row; coil1, coil2, … by default.
+    """
+
+    kind: LatticeKind
+    pitch: float
+    columns: int
+    rows: int = 1
+    layers: tuple[tuple[str, ...], ...] = (("L1", "L2"),)
+    direction: float = 0.0
+    rotation: float = 0.0
+    layer_shift: int | None = None
+    names: tuple[str, ...] | None = None
+
+    def placements(self, coil: Coil) -> tuple[Placement, ...]:
+        """Return the coil placed on every point of the lattice, row by row.
+
+        Raises
+        ------
+        GeometryError
+            As `lattice` and `Placement`; no layers, or a number of names that is not that of the points.
+        """
+        points, indices = lattice(self.kind, self.pitch, self.columns, self.rows, direction=self.direction)
+        names = tuple(f"coil{k + 1}" for k in range(len(points))) if self.names is None else self.names
+        if len(names) != len(points):
+            raise GeometryError(f"a lattice of {len(points)} points must have as many names; got {len(names)}.")
+        if not self.layers:
+            raise GeometryError("a lattice must have at least one set of layers; got none.")
+        # (i − j) mod 3 differs between all neighbours of a hexagonal lattice, (i + j) mod 2 between those of a square
+        # one, and (i + 2j) mod 4 between its diagonal neighbours too
+        default = -1 if self.kind == "hexagonal" else 2 if len(self.layers) == 4 else 1
+        shift = default if self.layer_shift is None else self.layer_shift
+        return tuple(
+            Placement(name, coil, self.layers[(i + shift * j) % len(self.layers)], x, y, self.rotation)
+            for name, (x, y), (i, j) in zip(names, points.tolist(), indices.tolist(), strict=True)
+        )
+
+
 @dataclass(frozen=True, eq=False)
 class CoilArray:
     """Coils on one board.
@@ -105,12 +168,16 @@ class CoilArray:
         Distance in m from the outermost copper to the edge of the rectangular board.
     through_holes : bool
         True: every hole is drilled through the whole board. False: it spans only the layers it joins.
+    lattice : Lattice or None
+        The lattice that `lattice_array` made the placements from: a hint for design files, which has no effect where
+        the placements have been changed since.
     """
 
     stackup: Stackup
     placements: tuple[Placement, ...]
     board_margin: float = 2e-3
     through_holes: bool = True
+    lattice: Lattice | None = None
 
     def __post_init__(self) -> None:
         if not self.placements:
@@ -181,8 +248,41 @@ class CoilArray:
         return Conductor(np.vstack(vertices), widths, thicknesses, areas, placement.name)
 
 
+def lattice_array(
+    stackup: Stackup, coil: Coil, lattice: Lattice, *, board_margin: float = 2e-3, through_holes: bool = True
+) -> CoilArray:
+    """Place one coil on every point of a lattice.
+
+    Parameters
+    ----------
+    stackup : Stackup
+        The board's layers.
+    coil : Coil
+        The shape of all coils.
+    lattice : Lattice
+        Where they lie, and on which layers.
+    board_margin, through_holes
+        As in `CoilArray`.
+
+    Raises
+    ------
+    GeometryError
+        As `Lattice.placements` and `CoilArray`.
+
+    Examples
+    --------
+    >>> from coilarray.geometry import PlatedHole, Spiral, spiral_coil
+    >>> coil = spiral_coil(Spiral(6, 8e-3, 12, 0.15e-3, 0.15e-3), 2, PlatedHole(0.25e-3, 0.5e-3))
+    >>> board = Stackup(("L1", "L2"), (35e-6, 35e-6), (0.2e-3,), (4.5,))
+    >>> row = lattice_array(board, coil, Lattice("linear", pitch=20e-3, columns=3))
+    >>> row.names, row.centres[:, 0].tolist()
+    (('coil1', 'coil2', 'coil3'), [-0.02, 0.0, 0.02])
+    """
+    return CoilArray(stackup, lattice.placements(coil), board_margin, through_holes, lattice)
+
+
 def lattice(
-    kind: Literal["linear", "square", "hexagonal"],
+    kind: LatticeKind,
     pitch: float,
     columns: int,
     rows: int = 1,
@@ -235,73 +335,3 @@ def lattice(
     points -= 0.5 * (points.min(axis=0) + points.max(axis=0))
     c, s = math.cos(direction), math.sin(direction)
     return points @ np.array([[c, s], [-s, c]]), np.column_stack((i, row))
-
-
-def lattice_array(
-    stackup: Stackup,
-    coil: Coil,
-    layers: Sequence[Sequence[str]],
-    pitch: float,
-    columns: int,
-    rows: int = 1,
-    *,
-    kind: Literal["linear", "square", "hexagonal"] = "linear",
-    direction: float = 0.0,
-    rotation: float = 0.0,
-    layer_shift_per_row: int | None = None,
-    names: Sequence[str] | None = None,
-    board_margin: float = 2e-3,
-    through_holes: bool = True,
-) -> CoilArray:
-    """Place equal coils on a regular lattice.
-
-    Parameters
-    ----------
-    stackup : Stackup
-        Layers of the board.
-    coil : Coil
-        Shape of every coil.
-    layers : sequence of sequence of str
-        Sets of copper layers that the coils of a row take in turn: neighbours that overlap must not share copper.
-    pitch, columns, rows, kind, direction
-        As in `lattice`.
-    rotation : float
-        Counter-clockwise turn of every coil in rad.
-    layer_shift_per_row : int, optional
-        Steps in `layers` from row to row. By default −1 on hexagonal lattices, 2 on others with four sets, and 1
-        elsewhere: with three, four and two sets, coils next to each other then have different layers.
-    names : sequence of str, optional
-        Names of the coils, row by row; coil1, coil2, … by default.
-    board_margin, through_holes
-        As in `CoilArray`.
-
-    Raises
-    ------
-    GeometryError
-        As `lattice` and `CoilArray`; no set of layers, or a number of names that is not that of the coils.
-
-    Examples
-    --------
-    >>> from coilarray.geometry import PlatedHole, Spiral, Stackup, spiral_coil
-    >>> coil = spiral_coil(Spiral(6, 8e-3, 10, 0.15e-3, 0.15e-3), 2, PlatedHole(0.25e-3, 0.5e-3))
-    >>> board = Stackup.uniform(("L1", "L2", "L3", "L4"))
-    >>> array = lattice_array(board, coil, [("L1", "L2"), ("L3", "L4")], 11e-3, 3)
-    >>> [(place.name, round(place.x * 1e3, 6), place.layers[0]) for place in array.placements]
-    [('coil1', -11.0, 'L1'), ('coil2', 0.0, 'L3'), ('coil3', 11.0, 'L1')]
-    """
-    points, indices = lattice(kind, pitch, columns, rows, direction=direction)
-    given = [f"coil{k + 1}" for k in range(len(points))] if names is None else names
-    if len(given) != len(points):
-        raise GeometryError(f"names must be {len(points)}, one a coil; got {len(given)}.")
-    if not layers:
-        raise GeometryError("layers must have at least one set of copper layers; got none.")
-    # (i − j) mod 3 differs between all neighbours of a hexagonal lattice, (i + j) mod 2 between those of a square
-    # one, and (i + 2j) mod 4 between its diagonal neighbours too
-    shift = layer_shift_per_row
-    if shift is None:
-        shift = -1 if kind == "hexagonal" else 2 if len(layers) == 4 else 1
-    placements = tuple(
-        Placement(name, coil, tuple(layers[(i + shift * j) % len(layers)]), x, y, rotation)
-        for name, (x, y), (i, j) in zip(given, points.tolist(), indices.tolist(), strict=True)
-    )
-    return CoilArray(stackup, placements, board_margin, through_holes)

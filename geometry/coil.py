@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from itertools import pairwise
 
@@ -96,6 +96,23 @@ class Leads:
             )
 
 
+@dataclass(frozen=True)
+class Wound:
+    """What `spiral_coil` wound a coil from.
+
+    Parameters
+    ----------
+    spiral, winding_layers, via, leads, return_lead
+        Arguments of `spiral_coil`.
+    """
+
+    spiral: Spiral
+    winding_layers: int
+    via: PlatedHole
+    leads: Leads | None = None
+    return_lead: bool = False
+
+
 @dataclass(frozen=True, eq=False)
 class Coil:
     """Centre lines of a coil in its own frame, in the direction of the current.
@@ -115,6 +132,14 @@ class Coil:
         The hole at both ends of the path; None where the ends are bare.
     outline : ndarray, shape (m, 2)
         Closed outline of the winding without leads, x and y in m, first point not repeated.
+    name : str
+        Name of the shape in a design file; may be empty.
+
+    Attributes
+    ----------
+    wound : Wound or None
+        The spiral that `spiral_coil` made the lines from. `dataclasses.replace` does not take it over, so that it is
+        there only while the lines are those of the spiral.
 
     Raises
     ------
@@ -129,6 +154,8 @@ class Coil:
     via: PlatedHole
     terminal: PlatedHole | None
     outline: FloatArray
+    name: str = ""
+    wound: Wound | None = field(default=None, init=False, repr=False)
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.gap) and self.gap > 0):
@@ -192,6 +219,7 @@ def spiral_coil(
     leads: Leads | None = None,
     *,
     return_lead: bool = False,
+    name: str = "",
 ) -> Coil:
     """Wind a spiral on several layers in series.
 
@@ -212,6 +240,8 @@ def spiral_coil(
     return_lead : bool
         For an odd number of layers: one more layer carries a straight trace from the inner end out to the second
         terminal. Needs `leads`.
+    name : str
+        Name of the shape in a design file.
 
     Returns
     -------
@@ -229,14 +259,15 @@ def spiral_coil(
     >>> len(coil.lines), coil.via_points.shape
     (2, (1, 2))
     """
-    return _wound(spiral, winding_layers, via, leads, return_lead)
+    return _wound(Wound(spiral, winding_layers, via, leads, return_lead), name)
 
 
 @lru_cache(maxsize=64)  # searches and sweeps change the array around one coil a thousand times
-def _wound(spiral: Spiral, winding_layers: int, via: PlatedHole, leads: Leads | None, return_lead: bool) -> Coil:
+def _wound(of: Wound, name: str) -> Coil:
+    spiral, winding_layers, via, leads = of.spiral, of.winding_layers, of.via, of.leads
     if winding_layers < 1:
         raise GeometryError(f"a coil must have at least one winding layer; got {winding_layers}.")
-    if return_lead and (winding_layers % 2 == 0 or leads is None):
+    if of.return_lead and (winding_layers % 2 == 0 or leads is None):
         raise GeometryError(
             f"a return lead needs leads and an odd number of winding layers; got {winding_layers} "
             f"{'without' if leads is None else 'with'} leads."
@@ -248,7 +279,7 @@ def _wound(spiral: Spiral, winding_layers: int, via: PlatedHole, leads: Leads | 
     first_lead = last_lead = np.zeros((0, 2))
     if leads is not None:
         first_lead = _lead(windings[0][0], leads, -sense)
-        if return_lead:
+        if of.return_lead:
             inner_end = windings[last][-1]
             corner = inner_end * float(np.hypot(*windings[0][0]) / np.hypot(*inner_end))
             last_lead = np.vstack((corner, _lead(corner, leads, sense)))
@@ -258,7 +289,7 @@ def _wound(spiral: Spiral, winding_layers: int, via: PlatedHole, leads: Leads | 
     # the hole at the end of each layer: every layer but the last, and the last where it ends inside at a hole
     pads = [via.pad] * last
     if leads is not None and ends_inside:
-        pads.append(via.pad if return_lead else leads.terminal.pad)
+        pads.append(via.pad if of.return_lead else leads.terminal.pad)
     holes = _hole_points(spiral, windings, pads, leads, first_lead, last_lead)
 
     lines = list(windings)
@@ -267,18 +298,21 @@ def _wound(spiral: Spiral, winding_layers: int, via: PlatedHole, leads: Leads | 
         if layer < last:
             lines[layer + 1] = np.vstack((hole, lines[layer + 1]))
     lines[0] = np.vstack((first_lead[::-1], lines[0]))
-    if return_lead:
+    if of.return_lead:
         lines.append(np.vstack((holes[last], last_lead)))
     else:
         lines[last] = np.vstack((lines[last], last_lead))
-    return Coil(
+    coil = Coil(
         lines=tuple(lines),
         widths=tuple(np.full(len(line) - 1, spiral.trace_width) for line in lines),
         gap=spiral.gap,
         via=via,
         terminal=None if leads is None else leads.terminal,
         outline=spiral.outline(),
+        name=name,
     )
+    object.__setattr__(coil, "wound", of)
+    return coil
 
 
 def path_coil(
@@ -287,6 +321,8 @@ def path_coil(
     gap: float,
     via: PlatedHole,
     terminal: PlatedHole | None = None,
+    *,
+    name: str = "",
 ) -> Coil:
     """Make a coil of any shape from its centre lines, each on one copper layer.
 
@@ -302,6 +338,8 @@ def path_coil(
         Joins consecutive lines.
     terminal : PlatedHole, optional
         Hole at both ends.
+    name : str
+        Name of the shape in a design file.
 
     Returns
     -------
@@ -325,11 +363,16 @@ def path_coil(
         widths = tuple(np.full(max(line.size // 2 - 1, 0), float(trace_width)) for line in arrays)
     else:
         widths = _arrays(trace_width, "trace_width must be a number, or numbers of shape (n − 1,) for each line.")
-    coil = Coil(arrays, widths, gap, via, terminal, outline=np.zeros((0, 2)))
+    coil = Coil(arrays, widths, gap, via, terminal, outline=np.zeros((0, 2)), name=name)
     for k, line in enumerate(arrays):
         _refuse_self_crossing(line, k)
-    hull = shapely.MultiPoint(np.vstack(arrays)).convex_hull.buffer(coil.trace_width / 2)
-    return replace(coil, outline=shapely.get_coordinates(hull)[:-1])
+    return replace(coil, outline=hull_outline(coil))
+
+
+def hull_outline(coil: Coil) -> FloatArray:
+    """Return the convex hull of a coil's lines, half a trace wider: x and y in m, first point not repeated."""
+    hull = shapely.MultiPoint(np.vstack(coil.lines)).convex_hull.buffer(coil.trace_width / 2)
+    return np.asarray(shapely.get_coordinates(hull)[:-1])
 
 
 def _arrays(values: Sequence[npt.ArrayLike], message: str) -> tuple[FloatArray, ...]:

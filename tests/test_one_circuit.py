@@ -32,9 +32,9 @@ def test_every_place_shows_the_same_coil(tmp_path):
     settings = {name: "measure" if name == "coil1" else "ground" for name in design.array.names}
     by_hand = switched(circuit_of(design).network, settings)
     board = SensorWorld(board_network(design, tmp_path), lambda: None)
-    emulated = board.resonator(design.circuit.plan[0], LIFTED, 25.0).frequency
+    emulated = board.resonator(design.plan[0], LIFTED, 25.0).frequency
     base = response_map(design, x=[0.0], y=[0.0]).base_inductance
-    linear = state_sensitivity(design_circuit(design), design.circuit.plan).base_inductance
+    linear = state_sensitivity(design_circuit(design), design.plan).base_inductance
     for frequency in (first["frequency_Hz"], state["frequency_Hz"], by_hand.frequency, emulated):
         assert frequency == pytest.approx(f, rel=1e-9)
     inductances = (first["effective_inductance_H"], state["effective_inductance_H"], by_hand.effective_inductance)

@@ -107,7 +107,7 @@ def design_circuit(
     >>> from coilarray import load_design
     >>> from coilarray.circuit.network import resonate
     >>> design = load_design("gast2020")
-    >>> ideal = resonate(design_circuit(design, ideal=True), design.circuit.plan[0])
+    >>> ideal = resonate(design_circuit(design, ideal=True), design.plan[0])
     >>> round(ideal.effective_inductance * 1e6, 2), round(ideal.frequency / 1e6, 3)
     (58.07, 1.907)
     """
@@ -146,7 +146,7 @@ def circuit_parts(design: Design, *, accuracy: Accuracy = "full", progress: Prog
     design, accuracy, progress
         See `design_circuit`.
     """
-    return _PARTS.get((*_key(design), accuracy), lambda: _circuit_parts(design, accuracy, progress))
+    return _PARTS.get((design.digest, accuracy), lambda: _circuit_parts(design, accuracy, progress))
 
 
 def _circuit_parts(design: Design, accuracy: Accuracy, progress: Progress | None) -> CircuitParts:
@@ -171,9 +171,9 @@ def _circuit_parts(design: Design, accuracy: Accuracy, progress: Progress | None
         circuit.switches,
         (LEFT_OUT[0], *([f"capacitance of the windings: {problem}"] if problem else [])),
     )
-    low, high = _band(direct, circuit.plan)
-    apart = {_key_of(state): state for state in states_in_turn(names, circuit.terminations)}
-    for state in circuit.plan:
+    low, high = _band(direct, design.plan)
+    apart = {_key_of(state): state for state in states_in_turn(names, shorts_of(design))}
+    for state in design.plan:
         apart.pop(_key_of(state), None)
     if apart:
         lowest, highest = _band(direct, tuple(apart.values()), 0.0)
@@ -216,11 +216,6 @@ def _own_resistance(array: CoilArray, grid: FloatArray, resistivity: float) -> x
         {"resistance": (("frequency", "coil", "other"), R), "model": (("frequency", "coil"), model)},
         coords={"frequency": grid, "coil": names, "other": names},
     )
-
-
-def _key(design: Design) -> tuple[Hashable, ...]:
-    """Return what identifies a design, also what `dataclasses.replace` may have changed."""
-    return design.digest, design.sheets, repr(design.circuit)
 
 
 def _key_of(state: ScanState) -> Hashable:
@@ -274,7 +269,7 @@ def couple_design(design: Design, *, ideal: bool = False, progress: Progress | N
     >>> round(float(result.open_inductance[0]) * 1e6, 1), round(float(result.coupling[0, 1]), 3)
     (58.2, -0.051)
     """
-    names, terminations = design.array.names, design.circuit.terminations
+    names, terminations = design.array.names, shorts_of(design)
     network = design_circuit(design, ideal=ideal, progress=progress)
     bare = design_circuit(design, ideal=True)
     result = _coupled(network, terminations, np.diag(bare.resistance(1.0)))
@@ -322,7 +317,7 @@ def design_inductance(
         The part of it in H that the magnetic sheets make.
     """
     inductance, by_sheets = _INDUCTANCES.get(
-        (*_key(design), accuracy), lambda: _design_inductance(design, accuracy, progress)
+        (design.digest, accuracy), lambda: _design_inductance(design, accuracy, progress)
     )
     return inductance.copy(), by_sheets.copy()
 
@@ -331,6 +326,11 @@ def _design_inductance(design: Design, accuracy: Accuracy, progress: Progress | 
     conductors = design.array.conductors()
     by_sheets = layer_inductance(conductors, design.sheets, accuracy=accuracy)
     return inductance_matrix(conductors, accuracy=accuracy, progress=progress) + by_sheets, by_sheets
+
+
+def shorts_of(design: Design) -> list[Termination]:
+    """Return for each coil whether it is a short or open while another one is measured; half a short is open."""
+    return ["short" if passive == "ground" else "open" for passive in design.terminations.values()]
 
 
 def provenance(design: Design) -> dict[str, str]:

@@ -70,7 +70,7 @@ def scan_design(
     GeometryError
         A coil whose capacitance has no model: see `coilarray.electromagnetics.capacitance.winding_capacitance`.
     """
-    plan = design.circuit.plan
+    plan = design.plan
     steps = len(plan) + 2
 
     def tell(done: int) -> None:
@@ -205,7 +205,7 @@ def sweep_design(design: Design, frequencies: npt.ArrayLike, *, progress: Progre
     )
     R = resistance_matrix(design.array, f, design.circuit.resistivity).resistance.values
     network = replace(design_circuit(design), resistance=SampledResistance(f, R))
-    plan = design.circuit.plan
+    plan = design.plan
     Z = np.empty((len(f), len(plan)), dtype=np.complex128)
     for k, state in enumerate(plan):
         Z[:, k] = impedances(network, state, f)

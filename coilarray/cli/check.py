@@ -47,7 +47,7 @@ def check(
     from coilarray.compute.files import write_text
     from coilarray.design import fabs
     from coilarray.design.fab_limits import load_profile
-    from coilarray.design.model import load_design
+    from coilarray.design.model import load_design_file
     from coilarray.geometry import check_rules, require_kept
     from coilarray.report.tables import rules_table
 
@@ -56,8 +56,9 @@ def check(
         return
     if fab is not None and fab not in fabs.names():
         raise DesignError(f"--fab must be one of {', '.join(fabs.names())}; got {fab!r}.")
-    opened = load_design(design)
-    named = fab or opened.values.get("fab.profile")
+    file = load_design_file(design)
+    opened = file.design
+    named = fab or file.values.get("fab.profile")
     profile = None if named is None else load_profile(str(named))
     margins = check_rules(opened.array, load_profile(fab).rules if fab else opened.rules)
     shown = margins if every else _worst_of_each(margins)

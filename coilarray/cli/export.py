@@ -125,7 +125,9 @@ def _write(
     if to == "kicad":
         from coilarray.geometry.export.kicad import write_kicad
 
-        return write_kicad(array, target, name=opened.name, rules=opened.rules, title=opened.title, check=check)
+        return write_kicad(
+            array, target, name=opened.name, rules=opened.rules, title=opened.title or opened.name, check=check
+        )
     if to == "gerber":
         from coilarray.geometry.export.gerber import write_gerbers
 
@@ -137,7 +139,7 @@ def _write(
     elif to == "svg":
         from coilarray.geometry.export.svg import write_svg
 
-        write_svg(array, target, title=opened.title)
+        write_svg(array, target, title=opened.title or opened.name)
     elif to == "step":
         from coilarray.geometry.export.step import write_step
 

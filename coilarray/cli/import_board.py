@@ -41,7 +41,7 @@ def import_board(
     Example: coilarray import board.kicad_pcb --nets coil1,coil2 --out board.toml
     """
     from coilarray.compute.files import write_text
-    from coilarray.design.model import parse_design
+    from coilarray.design.model import Design, parse_design
     from coilarray.design.write import design_text
     from coilarray.geometry.readers import trace_coils, traced_array
 
@@ -54,7 +54,8 @@ def import_board(
         raise BoardError(f"{board}: --nets must name at least one net; got {nets!r}.")
     tracing = trace_coils(copper, wanted)
     traced = traced_array(copper, tracing.coils)
-    text = design_text(board.stem, traced.array, source=f"imported from {board.name}", assumed=traced.assumed)
+    design = Design(traced.array, name=board.stem, source=f"imported from {board.name}")
+    text = design_text(design, traced.assumed)
     parse_design(text, origin=str(board))  # what no design can be is refused here, not by the next command
     write_text(out, text)
     records = _records(tracing, traced)

@@ -49,14 +49,15 @@ def indent(
     from coilarray.circuit.coupling import provenance
     from coilarray.compute.files import write_atomically, write_text
     from coilarray.compute.netcdf import save_dataset
-    from coilarray.design.model import load_design
+    from coilarray.design.model import load_design_file
     from coilarray.elastomer.compliance import Base
     from coilarray.elastomer.contact import indent as press
     from coilarray.report.indentation_tables import indentation_table
     from coilarray.report.tables import design_table
     from coilarray.response.setup import indentation_of
 
-    opened = load_design(design)
+    file = load_design_file(design)
+    opened = file.design
     setup = indentation_of(opened)
     wanted = setup.base if base is None else base
     chosen = next((allowed for allowed in get_args(Base) if allowed == wanted), None)
@@ -76,7 +77,7 @@ def indent(
     replaced = {"depths_mm": depths is not None, "base": base is not None}
     not_given = [
         row
-        for row in design_table(opened).records()
+        for row in design_table(file).records()
         if row["origin"] != "given" and _enters(str(row["key"])) and not replaced.get(str(row["key"]).split(".")[-1])
     ]
     if as_json:
@@ -87,7 +88,7 @@ def indent(
                 "indenter": setup.indenter.name,
                 "base": chosen,
                 "dents": table.records(),
-                "not_given": [{**row, "value": opened.values[str(row["key"])]} for row in not_given],
+                "not_given": [{**row, "value": file.values[str(row["key"])]} for row in not_given],
             }
         )
         return

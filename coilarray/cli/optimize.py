@@ -56,7 +56,7 @@ def optimize(
         raise GoalError("a design and a goal must be given, as in: coilarray optimize gast2020 worst_k.")
     shared.check_workers(workers, cluster)
     from coilarray.compute.store import open_store
-    from coilarray.design.model import load_design
+    from coilarray.design.model import load_design_file
     from coilarray.report.optimization import write_optimization_report
     from coilarray.studies.optimize.goal import load_goal
     from coilarray.studies.optimize.run import optimize_design, require_coils
@@ -64,12 +64,12 @@ def optimize(
     from coilarray.studies.optimize.study_file import points_found
     from coilarray.studies.optimize.write import result_data, write_optimization
 
-    opened = load_design(design)
+    opened = load_design_file(design)
     wanted = _with_trials(load_goal(goal), trials)
     axes_of(wanted, opened)  # mistakes before anything is made and any process is started
-    require_coils(opened, wanted)
+    require_coils(opened.design, wanted)
     kept = open_store(cache)
-    found = points_found(out, opened, wanted)
+    found = points_found(out, opened.design, wanted)
     if found:
         typer.echo(f"coilarray: going on with {found} points of an earlier run in {out}", err=True)
     with (

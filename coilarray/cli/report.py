@@ -30,8 +30,8 @@ def report(
     """
     from coilarray.report import write_report
 
-    opened = shared.open_design(design, allow_violations=allow_violations)
-    with shared.progress_bar(f"report of {opened.name}") as progress:
+    opened = shared.open_design_file(design, allow_violations=allow_violations)
+    with shared.progress_bar(f"report of {opened.design.name}") as progress:
         made = write_report(opened, out, progress=progress)
     if made.rendering_problem is not None:
         typer.echo(f"coilarray: note: {made.rendering_problem}", err=True)
@@ -39,7 +39,7 @@ def report(
         shared.print_json(made.data)
         return
     typer.echo(f"wrote {made.page} and the data in {made.folder}{os.sep}")
-    shared.print_table(*_summary(opened.array.centres, made.coupling))
+    shared.print_table(*_summary(opened.design.array.centres, made.coupling))
 
 
 def _summary(centres: npt.NDArray[np.float64], coupling: xr.Dataset) -> tuple[list[str], list[list[str]]]:

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from coilarray.compute.threads import Progress
     from coilarray.compute.workers import Pool
-    from coilarray.design.model import Design
+    from coilarray.design.model import Design, DesignFile
     from coilarray.report.tables import Table
 
 
@@ -80,17 +80,22 @@ def open_design(name: str | None, *, allow_violations: bool) -> Design:
     RuleViolationError
         A rule is broken, and violations are not allowed.
     """
-    from coilarray.design.model import load_design
+    return open_design_file(name, allow_violations=allow_violations).design
+
+
+def open_design_file(name: str | None, *, allow_violations: bool) -> DesignFile:
+    """As `open_design`, with what only the file says."""
+    from coilarray.design.model import load_design_file
     from coilarray.errors import RuleViolationError
     from coilarray.geometry import require_rules
 
-    design = load_design(name)
+    file = load_design_file(name)
     if not allow_violations:
         try:
-            require_rules(design.array, design.rules)
+            require_rules(file.design.array, file.design.rules)
         except RuleViolationError as error:
-            raise RuleViolationError(f"{design.name}: {error}") from None
-    return design
+            raise RuleViolationError(f"{file.design.name}: {error}") from None
+    return file
 
 
 def design_record(design: Design) -> dict[str, str]:

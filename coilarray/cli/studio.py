@@ -66,13 +66,13 @@ def studio(
 
     address = Address(LOOPBACK if host is None else host, port, "" if host is None else new_token())
     check_studio()
-    from coilarray.design.model import load_design
+    from coilarray.design.model import load_design_file
     from coilarray.viz.studio.services import Services
     from coilarray.viz.studio.shelf import Shelf
     from coilarray.viz.studio.work import work_on
 
-    opened = load_design(design)
-    work = work_on(opened, Path(design).name if design else opened.name)
+    opened = load_design_file(design)
+    work = work_on(opened, Path(design).name if design else opened.design.name)
     with bind(address) as listening:
         from coilarray.viz.studio.server import serve
 
@@ -107,10 +107,10 @@ def _ready(*, browser: bool) -> Callable[[str], None]:
 
 def write_report(document: Document, name: str, folder: Path, progress: Progress) -> Path:
     """See `coilarray.viz.studio.services.WriteReport`."""
-    from coilarray.design.model import build_design
+    from coilarray.design.model import build_design_file
     from coilarray.report import write_report as write
 
-    return write(build_design(document, name), folder, progress=progress).page
+    return write(build_design_file(document, name), folder, progress=progress).page
 
 
 def kept_response(document: Document, name: str, progress: Progress) -> xr.Dataset:

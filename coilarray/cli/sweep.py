@@ -51,11 +51,12 @@ def sweep(
     shared.check_file("--plot", plot, shared.PICTURES)
     shared.check_workers(workers, cluster)
     from coilarray.compute.store import open_store
-    from coilarray.design.model import load_design
+    from coilarray.design.model import load_design_file
     from coilarray.studies.sweep import parse_axis, plan_sweep, run_sweep
 
-    opened = load_design(design)
-    plan = plan_sweep(opened, [parse_axis(text) for text in vary or ()], quantity or (), samples, seed, accuracy)
+    file = load_design_file(design)
+    opened = file.design
+    plan = plan_sweep(file, [parse_axis(text) for text in vary or ()], quantity or (), samples, seed, accuracy)
     kept = open_store(cache)
     points = len(plan.points)
     with (

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import date
@@ -20,16 +19,16 @@ _MM, _UM = 1e-3, 1e-6
 
 @dataclass(frozen=True)
 class FabProfile:
-    """What a board house says of itself.
+    """Limits that a board house states, and where.
 
     Parameters
     ----------
     name, title : str
-        Name in ``[fab]`` and words for people.
+        Name in ``[fab]``, and title for people.
     read : date
-        When the sources were read.
+        Date on which the sources were read.
     sources : tuple of tuple of str
-        Title and address of every page that the limits stand on.
+        Title and address of every page that states the limits.
     limits : mapping of str to object
         Keys and values of ``[fab]``, in the units of the keys.
     assumed : mapping of str to str
@@ -55,7 +54,7 @@ def load_profile(name: str) -> FabProfile:
     Parameters
     ----------
     name : str
-        One of `coilarray.design.fabs.names`.
+        Name of a profile: one of `coilarray.design.fabs.names`.
 
     Returns
     -------
@@ -64,7 +63,7 @@ def load_profile(name: str) -> FabProfile:
     Raises
     ------
     DesignError
-        No profile of that name; the message names those that there are.
+        No profile of that name; the message lists the profiles.
 
     Examples
     --------
@@ -73,7 +72,7 @@ def load_profile(name: str) -> FabProfile:
     """
     if name not in fabs.names():
         raise DesignError(f"there is no fab profile {name!r}; there are {', '.join(fabs.names())}.")
-    text = tomllib.loads(fabs.read(name))
+    text = fabs.PROFILES.parse(fabs.read(name), name)
     return FabProfile(
         name=name,
         title=text["title"],

@@ -1,27 +1,26 @@
-"""Design files: TOML with units in the key names, read into frozen values in SI."""
+"""Designs as frozen values in SI, and design files: TOML with units in the key names."""
 
 from __future__ import annotations
 
 import difflib
-import hashlib
-import json
-import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import ValidationError
+import numpy as np
 
+from coilarray.constants import RESISTIVITY_COPPER
 from coilarray.design import bundled
+from coilarray.design.digest import digest_of
 from coilarray.design.fab_limits import load_profile
-from coilarray.design.scan_states import Passive, ScanState, Switches, check_state
-from coilarray.design.tables import Document, StateTable, first_error
+from coilarray.design.scan_states import Passive, ScanState, Switches, check_state, terminated_state
+from coilarray.design.tables import PASSIVE, Document
 from coilarray.errors import DesignError, GeometryError, NetworkError
 from coilarray.geometry import Coil, CoilArray, FabRules, Indenter, Sheet
-
-_LONGEST_NAME = 200  # characters shown of a file name
 
 
 @dataclass(frozen=True)
@@ -30,30 +29,36 @@ class Circuit:
 
     Parameters
     ----------
-    capacitance : float
-        Of the tank in F.
-    short_resistance : float
-        Of the path that grounds a passive coil in Ω.
-    resistivity : float
-        Of the copper in Ω·m.
-    terminations : tuple of {"short", "open"}
-        State of each coil while another one is measured.
     switches : Switches
-        The same with every parasitic part, for the network: each end of a coil goes through a switch of half the
-        short resistance.
-    plan : tuple of ScanState
-        The states of a scan; each coil in turn with the others as in `terminations` where the file names none.
+        Multiplexer, bus and tank.
+    resistivity : float
+        Resistivity of the copper in Ω·m.
+    terminations : mapping of str to {"ground", "ground one end", "ground other end", "open", "load"}
+        What closes the coils that differ from `default_termination` while another one is measured, by name.
+    default_termination : such a value
+        What closes every other coil.
+    scan : tuple of ScanState
+        States of a scan; empty for each coil in turn, see `Design.plan`.
     elastomer_permittivity : float
         Relative permittivity of all sheets.
     """
 
-    capacitance: float
-    short_resistance: float
-    resistivity: float
-    terminations: tuple[Literal["short", "open"], ...]
-    switches: Switches
-    plan: tuple[ScanState, ...]
-    elastomer_permittivity: float
+    switches: Switches = field(default_factory=Switches)
+    resistivity: float = RESISTIVITY_COPPER
+    terminations: Mapping[str, Passive] = field(default_factory=dict)
+    default_termination: Passive = "ground"
+    scan: tuple[ScanState, ...] = ()
+    elastomer_permittivity: float = 1.0
+
+    @property
+    def capacitance(self) -> float:
+        """Capacitance of the tank in F."""
+        return self.switches.tank_capacitance
+
+    @property
+    def short_resistance(self) -> float:
+        """Resistance in Ω of the path that grounds both ends of a passive coil: two closed switches."""
+        return 2 * self.switches.on_resistance
 
 
 @dataclass(frozen=True)
@@ -64,81 +69,187 @@ class Indentation:
     ----------
     indenter : Indenter
         The rigid body.
-    base : {"bonded", "frictionless"}
-        How the lowest sheet lies on the board.
     depths : tuple of float
-        In m, rising.
+        Depths of the indentation in m, rising.
     x, y : tuple of float
         Positions of the map in m, relative to `origin_point`.
+    base : {"bonded", "frictionless"}
+        How the lowest sheet lies on the board.
     origin : str or None
-        Name of the coil whose centre is the origin; None for the origin of the board.
+        Name of the coil whose centre is the origin; None where `origin_point` is given.
     origin_point : tuple of float
-        x and y in m of that origin on the board.
+        x and y in m of the origin on the board. `Design` sets it where `origin` names a coil.
     sample_radius : float or None
-        Of a finite sample around the indenter in m, half the width under a cylinder; None for a wide one.
+        Radius in m of a finite sample around the indenter, half the width under a cylinder; None for a wide one.
     sample_bounds : tuple of float or None
         Edges (x_min, y_min, x_max, y_max) in m of the sample relative to `origin_point`; None where it covers
         everything.
+
+    Raises
+    ------
+    DesignError
+        No depth or position, or depths that do not rise from above zero.
     """
 
     indenter: Indenter
-    base: Literal["bonded", "frictionless"]
     depths: tuple[float, ...]
-    x: tuple[float, ...]
-    y: tuple[float, ...]
+    x: tuple[float, ...] = (0.0,)
+    y: tuple[float, ...] = (0.0,)
+    base: Literal["bonded", "frictionless"] = "bonded"
     origin: str | None = None
     origin_point: tuple[float, float] = (0.0, 0.0)
     sample_radius: float | None = None
     sample_bounds: tuple[float, float, float, float] | None = None
 
+    def __post_init__(self) -> None:
+        if not (self.depths and self.x and self.y):
+            raise DesignError("an indentation must have at least one depth, one x and one y.")
+        if not all(shallow < deep for shallow, deep in pairwise((0.0, *self.depths))):
+            raise DesignError(f"depths of an indentation must rise from above zero; got {self.depths} m.")
+
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """A design file, read and checked.
+    """A coil array with all that its results depend on.
 
     Parameters
     ----------
-    name, title, source : str
-        As in the file.
     array : CoilArray
         The coils on their board.
     sheets : tuple of Sheet
         Elastomer on top of the board, upwards.
     indentation : Indentation or None
-        How the elastomer is pressed; None where the file says nothing of it.
+        How the elastomer is pressed; None where nothing is known of it.
     circuit : Circuit
-        Terminations and tank.
+        Switches, tank, terminations and scan.
     rules : FabRules
-        Limits of the board house, of a bundled profile where the file names one.
+        Limits of the board house.
     field_height : float
         Height in m of the plane on which reports show the field.
-    values : mapping of str to object
-        Every value by its dotted key, defaults included, in the units of the keys.
-    given : frozenset of str
-        Keys that stand in the file; the others have their default.
-    assumed : mapping of str to str
-        Keys whose values are assumed, with the reason.
-    digest : str
-        SHA-256 of all values that enter a result, hexadecimal: equal for equal designs whatever their comments.
-    document : mapping of str to object
-        The file as TOML reads it, nothing added: plain tables, lists and values. `coilarray.design.vary.vary` changes
-        its entries, and `build_design` makes the design of it again.
+    name, title, source : str
+        Name in results, words for people, and where the design is from.
+
+    Raises
+    ------
+    DesignError
+        Sheets of one name; an indentation that the sheets do not allow; a termination, state or origin of a coil that
+        there is not; or a state that cannot be.
+
+    Examples
+    --------
+    >>> from coilarray.geometry import Lattice, PlatedHole, Spiral, Stackup, lattice_array, spiral_coil
+    >>> coil = spiral_coil(Spiral(6, 8e-3, 12, 0.15e-3, 0.15e-3), 2, PlatedHole(0.25e-3, 0.5e-3))
+    >>> board = Stackup(("L1", "L2"), (35e-6, 35e-6), (0.2e-3,), (4.5,))
+    >>> design = Design(lattice_array(board, coil, Lattice("linear", pitch=20e-3, columns=3)))
+    >>> [state.name for state in design.plan]
+    ['coil1', 'coil2', 'coil3']
     """
 
-    name: str
-    title: str
-    source: str
     array: CoilArray
-    sheets: tuple[Sheet, ...]
-    indentation: Indentation | None
-    circuit: Circuit
-    rules: FabRules
-    field_height: float
-    values: Mapping[str, object]
+    sheets: tuple[Sheet, ...] = ()
+    indentation: Indentation | None = None
+    circuit: Circuit = field(default_factory=Circuit)
+    rules: FabRules = field(default_factory=FabRules)
+    field_height: float = 6e-3
+    name: str = "design"
+    title: str = ""
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        names, known = self.array.names, ", ".join(self.array.names)
+        sheets = [sheet.name for sheet in self.sheets]
+        if len(set(sheets)) != len(sheets):
+            raise DesignError(f"elastomer sheets must have different names; got {', '.join(sheets)}.")
+        for coil in self.circuit.terminations:
+            if coil not in names:
+                raise DesignError(f"circuit.terminations.{coil} names no coil; there are {known}.")
+        states = [state.name for state in self.plan]
+        if len(set(states)) != len(states):
+            raise DesignError(f"scan must name each state differently; got {', '.join(states)}.")
+        try:
+            for state in self.plan:
+                check_state(state, names)
+        except NetworkError as error:
+            raise DesignError(str(error)) from None
+        if self.indentation is not None:
+            self._check_indentation(self.indentation)
+
+    def _check_indentation(self, setup: Indentation) -> None:
+        """Refuse what the sheets do not allow, and find the origin on the board."""
+        for k, sheet in enumerate(self.sheets):
+            if sheet.youngs_modulus is None:
+                raise DesignError(
+                    f"elastomer.{k}.youngs_modulus_kPa is missing; [indentation] needs it of every sheet."
+                )
+        thickness = sum(sheet.thickness for sheet in self.sheets)
+        if self.sheets and setup.depths[-1] >= thickness:
+            raise DesignError(
+                f"indentation.depths_mm must be less than the {thickness * 1e3:g} mm of all sheets; "
+                f"got {setup.depths[-1] * 1e3:g}."
+            )
+        if setup.origin is not None:
+            if setup.origin not in self.array.names:
+                raise DesignError(
+                    f"indentation.origin names no coil; there are {', '.join(self.array.names)}; got {setup.origin!r}."
+                )
+            place = self.array.placements[self.array.names.index(setup.origin)]
+            if setup.origin_point != (place.x, place.y):
+                object.__setattr__(self, "indentation", replace(setup, origin_point=(place.x, place.y)))
+
+    @cached_property
+    def terminations(self) -> Mapping[str, Passive]:
+        """What closes each coil while another one is measured, by name."""
+        circuit = self.circuit
+        return {name: circuit.terminations.get(name, circuit.default_termination) for name in self.array.names}
+
+    @cached_property
+    def plan(self) -> tuple[ScanState, ...]:
+        """The states of a scan: those of the circuit, or each coil in turn with the others as terminated."""
+        names = self.array.names
+        return self.circuit.scan or tuple(terminated_state(name, ((name, 1),), self.terminations) for name in names)
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of all values that enter a result, hexadecimal: not of name, title and source.
+
+        Equal for equal designs, wherever they are from. Numbers count to 14 digits and places to 1 pm, so that the
+        noise of a change of units makes no other design.
+        """
+        circuit, setup = self.circuit, self.indentation
+        pressed: tuple[object, ...] = ()
+        if setup is not None and self.sheets:  # else there is nothing to press on
+            places = (setup.x, setup.y, setup.origin_point, setup.sample_bounds or ())
+            pressed = (setup.indenter, setup.depths, setup.base, setup.sample_radius, *map(np.array, places))
+        return digest_of(
+            self.array, self.sheets, pressed, circuit.switches, circuit.resistivity, circuit.elastomer_permittivity,
+            self.terminations, self.plan, self.rules, self.field_height,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class DesignFile:
+    """A design with what only its file says.
+
+    Parameters
+    ----------
+    design : Design
+        The design itself.
+    document : mapping of str to object
+        The file as TOML reads it, nothing added: plain tables, lists and values. `coilarray.design.vary.vary` changes
+        its entries.
+    given : frozenset of str
+        Dotted keys that stand in the file; the others have their default.
+    assumed : mapping of str to str
+        Keys whose values are assumed, with the reason.
+    values : mapping of str to object
+        Every value by its dotted key, defaults included, in the units of the keys.
+    """
+
+    design: Design
+    document: Mapping[str, Any]
     given: frozenset[str]
     assumed: Mapping[str, str]
-    digest: str
-    document: Mapping[str, Any]
+    values: Mapping[str, object]
 
 
 def load_design(name_or_path: str | Path | None = None) -> Design:
@@ -164,37 +275,23 @@ def load_design(name_or_path: str | Path | None = None) -> Design:
     >>> load_design("gast2020").array.names
     ('coil1', 'coil2', 'coil3', 'coil4', 'coil5', 'coil6')
     """
+    return load_design_file(name_or_path).design
+
+
+def load_design_file(name_or_path: str | Path | None = None) -> DesignFile:
+    """Read a design with what only its file says: which keys are given, which values assumed. As `load_design`."""
     given = bundled.STARTER if name_or_path is None else str(name_or_path)
-    if not given:
-        raise DesignError("the name of a design file must not be empty.")
-    path = Path(given)
-    if given in bundled.names() and not path.is_file():
-        return parse_design(bundled.read(given), origin=given)
-    try:
-        text = path.read_text(encoding="utf-8-sig")  # some editors put a byte order mark first
-    except FileNotFoundError:
-        raise DesignError(
-            f"there is no design file {given[:_LONGEST_NAME]}, nor a bundled design of that name "
-            f"({', '.join(bundled.names())})."
-        ) from None
-    except UnicodeDecodeError:
-        raise DesignError(f"{given} is no text file in UTF-8.") from None
-    except OSError as error:
-        raise DesignError(f"cannot read {given[:_LONGEST_NAME]}: {error.strerror}.") from None
-    except ValueError as error:  # a name with a zero byte
-        raise DesignError(f"cannot read {given!r}: {error}.") from None
-    return parse_design(text, origin=given)
+    return parse_design_file(bundled.DESIGNS.text(given), given)
 
 
 def parse_design(text: str, origin: str = "design") -> Design:
     """Read a design from the text of a TOML file; `origin` names it in messages. See `load_design`."""
-    try:
-        document = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise DesignError(f"{origin}: not valid TOML: {error}.") from None
-    except RecursionError:
-        raise DesignError(f"{origin}: not valid TOML: nested too deeply.") from None
-    return build_design(document, origin)
+    return parse_design_file(text, origin).design
+
+
+def parse_design_file(text: str, origin: str = "design") -> DesignFile:
+    """Read a design file from its text; `origin` names it in messages. See `load_design_file`."""
+    return build_design_file(bundled.DESIGNS.parse(text, origin), origin)
 
 
 def build_design(document: Mapping[str, Any], origin: str = "design") -> Design:
@@ -205,7 +302,7 @@ def build_design(document: Mapping[str, Any], origin: str = "design") -> Design:
     document : mapping of str to object
         A design file as TOML reads it.
     origin : str
-        Names it in messages.
+        Name of the document in messages.
 
     Returns
     -------
@@ -216,88 +313,71 @@ def build_design(document: Mapping[str, Any], origin: str = "design") -> Design:
     DesignError
         As `load_design`.
     """
+    return build_design_file(document, origin).design
+
+
+def build_design_file(document: Mapping[str, Any], origin: str = "design") -> DesignFile:
+    """Check a document and keep it with the design that it describes. See `build_design`."""
+    parsed = bundled.DESIGNS.check(Document, document, origin)
     try:
-        parsed = Document.model_validate(document)
-    except ValidationError as error:
-        raise DesignError(f"{origin}: {first_error(error, document)}") from None
-    try:
-        return _build(parsed, document)
+        design = _build(parsed)
+        values = _flatten(parsed.model_dump(by_alias=True, exclude={"assumed"}, exclude_none=True))
+        for key in parsed.assumed:
+            if key not in values:
+                raise DesignError(f"assumed.{key!r} names no value of the design{_meant(key, values)}")
     except (DesignError, GeometryError, NetworkError) as error:
         raise DesignError(f"{origin}: {error}") from None
+    given = frozenset(_flatten(document))
+    assumed = {**_assumed_by_profile(parsed.fab.profile, given), **parsed.assumed}
+    return DesignFile(design, document, given, assumed, values)
 
 
-def _build(parsed: Document, document: Mapping[str, Any]) -> Design:
+def _build(parsed: Document) -> Design:
     coils: dict[str, Coil] = {}
     for name, table in parsed.coils.items():
         with _named(f"coils.{name}"):
-            coils[name] = table.build()
+            coils[name] = table.build(name)
     with _named("stackup"):
         stackup = parsed.stackup.build()
     with _named("array"):
-        placements = tuple(parsed.array.build(coils))
-    array = CoilArray(
-        stackup,
-        placements,
-        board_margin=parsed.board.margin_mm * 1e-3,
-        through_holes=parsed.board.through_holes,
-    )
-    values = _flatten(parsed.model_dump(by_alias=True, exclude={"assumed"}, exclude_none=True))
-    for key in parsed.assumed:
-        if key not in values:
-            raise DesignError(f"assumed.{key!r} names no value of the design{_meant(key, values)}")
-    sheets = [sheet.name for sheet in parsed.elastomer]
-    if len(set(sheets)) != len(sheets):
-        raise DesignError(f"elastomer sheets must have different names; got {', '.join(sheets)}.")
-    circuit = parsed.circuit
-    for coil in circuit.terminations:
-        if coil not in array.names:
-            raise DesignError(f"circuit.terminations.{coil} names no coil; there are {', '.join(array.names)}.")
-    terminations = tuple(circuit.terminations.get(name, circuit.default_termination) for name in array.names)
-    passive: dict[str, Passive] = {"short": "ground", "open": "open"}
-    terminated = [passive[termination] for termination in terminations]
-    states = parsed.scan or [StateTable(name=name, measure=[name]) for name in array.names]
-    plan = tuple(state.build(array.names, terminated) for state in states)
-    for state in plan:
-        check_state(state, array.names)
-    if len({state.name for state in plan}) != len(plan):
-        raise DesignError(f"scan must name each state differently; got {', '.join(state.name for state in plan)}.")
-    given = frozenset(_flatten(document))
-    entering = {key: value for key, value in values.items() if key not in ("title", "source")}
+        array = parsed.array.build(stackup, coils, parsed.board)
     return Design(
         name=parsed.name,
         title=parsed.title or parsed.name,
         source=parsed.source,
         array=array,
         sheets=tuple(sheet.build() for sheet in parsed.elastomer),
-        indentation=_indentation(parsed, array),
-        circuit=Circuit(
-            circuit.capacitance_pF * 1e-12,
-            circuit.short_resistance_ohm,
-            circuit.resistivity_ohm_m,
-            terminations,
-            Switches(
-                on_resistance=circuit.short_resistance_ohm / 2,
-                off_capacitance=circuit.switch_off_capacitance_pF * 1e-12,
-                terminal_capacitance=circuit.terminal_capacitance_pF * 1e-12,
-                bus_capacitance=circuit.bus_capacitance_pF * 1e-12,
-                lead_inductance=circuit.lead_inductance_nH * 1e-9,
-                tank_capacitance=circuit.capacitance_pF * 1e-12,
-                tank_at=circuit.tank,
-            ),
-            plan,
-            circuit.elastomer_permittivity,
-        ),
+        indentation=_indentation(parsed),
+        circuit=_circuit(parsed, array.names),
         rules=parsed.fab.build(),
         field_height=parsed.field.height_mm * 1e-3,
-        values=values,
-        given=given,
-        assumed={**_assumed_by_profile(parsed.fab.profile, given), **parsed.assumed},
-        digest=hashlib.sha256(json.dumps(entering, sort_keys=True).encode()).hexdigest(),
-        document=document,
     )
 
 
-def _indentation(parsed: Document, array: CoilArray) -> Indentation | None:
+def _circuit(parsed: Document, names: Sequence[str]) -> Circuit:
+    table = parsed.circuit
+    default = PASSIVE[table.default_termination]
+    terminations = {coil: PASSIVE[how] for coil, how in table.terminations.items()}
+    every = {name: terminations.get(name, default) for name in names}
+    return Circuit(
+        switches=Switches(
+            on_resistance=table.short_resistance_ohm / 2,
+            off_capacitance=table.switch_off_capacitance_pF * 1e-12,
+            terminal_capacitance=table.terminal_capacitance_pF * 1e-12,
+            bus_capacitance=table.bus_capacitance_pF * 1e-12,
+            lead_inductance=table.lead_inductance_nH * 1e-9,
+            tank_capacitance=table.capacitance_pF * 1e-12,
+            tank_at=table.tank,
+        ),
+        resistivity=table.resistivity_ohm_m,
+        terminations=terminations,
+        default_termination=default,
+        scan=tuple(state.build(every) for state in parsed.scan),
+        elastomer_permittivity=table.elastomer_permittivity,
+    )
+
+
+def _indentation(parsed: Document) -> Indentation | None:
     """Put the tables [indenter] and [indentation] together, which say nothing one without the other."""
     indenter, table = parsed.indenter, parsed.indentation
     if indenter is None and table is None:
@@ -307,33 +387,18 @@ def _indentation(parsed: Document, array: CoilArray) -> Indentation | None:
         raise DesignError(f"[{there}] needs the table [{missing}] too.")
     if not parsed.elastomer:
         raise DesignError("[indentation] needs at least one [[elastomer]] to press on.")
-    for k, sheet in enumerate(parsed.elastomer):
-        if sheet.youngs_modulus_kPa is None:
-            raise DesignError(f"elastomer.{k}.youngs_modulus_kPa is missing; [indentation] needs it of every sheet.")
-    thickness = sum(sheet.thickness_mm for sheet in parsed.elastomer)
-    if table.depths_mm[-1] >= thickness:
-        raise DesignError(
-            f"indentation.depths_mm must be less than the {thickness:g} mm of all sheets; got {table.depths_mm[-1]:g}."
-        )
-    if table.origin is not None and table.origin not in array.names:
-        raise DesignError(
-            f"indentation.origin names no coil; there are {', '.join(array.names)}; got {table.origin!r}."
-        )
-    origin = (0.0, 0.0)
-    if table.origin is not None:
-        place = array.placements[array.names.index(table.origin)]
-        origin = (place.x, place.y)
     x, y = table.positions()
+    at_x, at_y = (0.0, 0.0) if table.origin_mm is None else table.origin_mm
     with _named("indenter"):
         body = indenter.build()
     return Indentation(
         indenter=body,
-        base=table.base,
         depths=tuple(depth * 1e-3 for depth in table.depths_mm),
         x=x,
         y=y,
+        base=table.base,
         origin=table.origin,
-        origin_point=origin,
+        origin_point=(at_x * 1e-3, at_y * 1e-3),
         sample_radius=None if table.sample_radius_mm is None else table.sample_radius_mm * 1e-3,
         sample_bounds=table.sample_bounds(),
     )

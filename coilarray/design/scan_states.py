@@ -1,4 +1,4 @@
-"""What the coils are connected to: switches, bus and tank, and the states of a scan. Values only; no arithmetic."""
+"""What the coils are connected to: switches, bus and tank, and the states of a scan. Values only, no arithmetic."""
 
 from __future__ import annotations
 
@@ -20,19 +20,20 @@ class Switches:
     Parameters
     ----------
     on_resistance : float
-        Of a closed switch in Ω.
+        Resistance of a closed switch in Ω.
     off_capacitance : float
-        Through an open switch in F; every terminal has one switch to each of A, B and ground.
+        Capacitance of an open switch in F; every terminal has one switch to each of A, B and ground.
     terminal_capacitance : float
-        From each coil terminal to ground in F: the common pin of its switches.
+        Capacitance from each coil terminal to ground in F: the common pin of its switches.
     bus_capacitance : float
-        From each side of the measuring bus to ground in F: the other pins of all its switches, and the converter's.
+        Capacitance from each side of the measuring bus to ground in F: the other pins of all its switches, and the
+        converter's.
     lead_inductance : float
-        Of each lead from the bus to the converter in H.
+        Inductance of each lead from the bus to the converter in H.
     tank_capacitance : float
-        Of the capacitor that the coil resonates with in F.
+        Capacitance in F of the capacitor that the coil resonates with.
     tank_at : {"converter", "coil"}
-        Where the capacitor stands: across the converter, or across the terminals of the measured coils.
+        Place of that capacitor: across the converter, or across the terminals of the measured coils.
 
     Raises
     ------
@@ -67,17 +68,17 @@ class ScanState:
     Parameters
     ----------
     name : str
-        Shown in results.
+        Name of the state in results.
     measured : tuple of (str, {1, -1})
         The measured coils in order, each with its sense; −1 turns its terminals round.
     connection : {"series", "parallel"}
-        How several measured coils are joined.
+        Connection of several measured coils.
     others : {"ground", "ground one end", "ground other end", "open", "load"}
-        Every other coil.
+        What closes every other coil.
     exceptions : mapping of str to such a value
-        Coils that differ from `others`.
+        What closes the coils that differ from `others`, by name.
     load_resistance : float
-        Of a load in Ω.
+        Resistance of a load in Ω.
     """
 
     name: str
@@ -93,6 +94,21 @@ def paper_plan(names: Sequence[str]) -> tuple[ScanState, ...]:
     return tuple(ScanState(name, ((name, 1),)) for name in names)
 
 
+def terminated_state(
+    name: str,
+    measured: tuple[tuple[str, int], ...],
+    terminations: Mapping[str, Passive],
+    connection: Literal["series", "parallel"] = "series",
+    exceptions: Mapping[str, Passive] | None = None,
+    load_resistance: float = 50.0,
+) -> ScanState:
+    """Return a state in which the coils that it does not mention are closed as `terminations` says of every coil."""
+    own = dict(exceptions or {})
+    taken = {coil for coil, _ in measured} | set(own)
+    own |= {coil: passive for coil, passive in terminations.items() if coil not in taken and passive != "ground"}
+    return ScanState(name, measured, connection, "ground", own, load_resistance)
+
+
 def check_state(state: ScanState, names: Sequence[str]) -> None:
     """Refuse a state that cannot be made with these coils.
 
@@ -101,7 +117,7 @@ def check_state(state: ScanState, names: Sequence[str]) -> None:
     state : ScanState
         The state.
     names : sequence of str
-        Of the coils that are there.
+        Names of all coils.
 
     Raises
     ------

@@ -8,14 +8,16 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, Literal
+from dataclasses import replace
+from typing import Annotated, Literal
 
-from pydantic import Discriminator, Field, Tag, ValidationError, model_validator
-from pydantic_core import ErrorDetails, PydanticCustomError
+import numpy as np
+from pydantic import Discriminator, Field, Tag, model_validator
+from pydantic_core import PydanticCustomError
 
 from coilarray.constants import RESISTIVITY_COPPER
 from coilarray.design.fab_limits import FabTable
-from coilarray.design.scan_states import Passive, ScanState
+from coilarray.design.scan_states import Passive, ScanState, terminated_state
 from coilarray.design.units import (
     Degrees,
     HalfAngle,
@@ -31,6 +33,7 @@ from coilarray.design.units import (
     Point,
     PoissonsRatio,
     Position,
+    Positions,
     Range,
     Relative,
     Resistivity,
@@ -42,10 +45,12 @@ from coilarray.design.units import (
 from coilarray.errors import DesignError, GeometryError
 from coilarray.geometry import (
     Coil,
+    CoilArray,
     Cone,
     CylinderEdge,
     FlatPunch,
     Hemisphere,
+    Lattice,
     Leads,
     Paraboloid,
     Placement,
@@ -54,7 +59,7 @@ from coilarray.geometry import (
     Spiral,
     Stackup,
     apothem_from_size,
-    lattice,
+    lattice_array,
     path_coil,
     spiral_coil,
 )
@@ -67,7 +72,6 @@ _MM, _UM, _DEG, _KPA = 1e-3, 1e-6, math.pi / 180, 1e3
 _MOST_SEGMENTS = 100_000
 _MOST_POSITIONS = 100_000
 _WHOLE_STEPS = 1e-6  # of a step: what a range may lack of a whole number of them
-_LONGEST_VALUE = 80  # characters shown of a wrong value
 
 
 class StackupTable(Table):
@@ -107,10 +111,12 @@ class LeadsTable(Table):
     spacing_mm: Millimetres = 1.5
     pad_mm: Millimetres = 1.0
     drill_mm: Millimetres = 0.5
+    plating_um: Micrometres | None = None  # as that of the vias
 
     def build(self, plating: float) -> Leads:
-        """Return the leads in SI."""
-        terminal = PlatedHole(self.drill_mm * _MM, self.pad_mm * _MM, plating)
+        """Return the leads in SI; `plating` is that of the vias."""
+        own = plating if self.plating_um is None else self.plating_um * _UM
+        terminal = PlatedHole(self.drill_mm * _MM, self.pad_mm * _MM, own)
         return Leads(self.length_mm * _MM, self.spacing_mm * _MM, terminal)
 
 
@@ -127,7 +133,7 @@ class SpiralTable(Table):
     via: ViaTable = ViaTable()
     leads: LeadsTable | None = None
 
-    def spiral(self, sides: int, apothem: float, *, circular: bool) -> Coil:
+    def spiral(self, name: str, sides: int, apothem: float, *, circular: bool) -> Coil:
         """Return the coil in SI from its sides (segments a turn) and outer apothem in m."""
         spiral = Spiral(
             sides=sides,
@@ -144,7 +150,7 @@ class SpiralTable(Table):
             raise GeometryError(f"a coil may have {_MOST_SEGMENTS} segments; this one has {segments}.")
         via = self.via.build()
         leads = None if self.leads is None else self.leads.build(via.plating)
-        return spiral_coil(spiral, self.winding_layers, via, leads, return_lead=self.return_lead)
+        return spiral_coil(spiral, self.winding_layers, via, leads, return_lead=self.return_lead, name=name)
 
 
 class PolygonCoil(SpiralTable):
@@ -161,14 +167,14 @@ class PolygonCoil(SpiralTable):
             raise ValueError("needs exactly one of outer_across_flats_mm and outer_across_corners_mm")
         return self
 
-    def build(self) -> Coil:
+    def build(self, name: str) -> Coil:
         """Return the coil in SI."""
         if self.outer_across_flats_mm is not None:
             apothem = apothem_from_size(self.outer_across_flats_mm * _MM, self.sides, across="flats")
         else:
             assert self.outer_across_corners_mm is not None  # the validator has seen to it
             apothem = apothem_from_size(self.outer_across_corners_mm * _MM, self.sides, across="corners")
-        return self.spiral(self.sides, apothem, circular=False)
+        return self.spiral(name, self.sides, apothem, circular=False)
 
 
 class CircleCoil(SpiralTable):
@@ -178,9 +184,9 @@ class CircleCoil(SpiralTable):
     outer_diameter_mm: Millimetres
     segments_per_turn: Annotated[int, Field(ge=8, le=1000)] = 96
 
-    def build(self) -> Coil:
+    def build(self, name: str) -> Coil:
         """Return the coil in SI."""
-        return self.spiral(self.segments_per_turn, self.outer_diameter_mm / 2 * _MM, circular=True)
+        return self.spiral(name, self.segments_per_turn, self.outer_diameter_mm / 2 * _MM, circular=True)
 
 
 def _number_or_list(value: object) -> Literal["number", "list"]:
@@ -205,18 +211,23 @@ class PathCoil(Table):
     terminals: bool = True  # plated holes at both ends
     terminal_pad_mm: Millimetres = 1.0
     terminal_drill_mm: Millimetres = 0.5
+    terminal_plating_um: Micrometres | None = None  # as that of the vias
+    outline_mm: Annotated[list[Point], Field(min_length=3)] | None = None  # the convex hull of the lines
 
-    def build(self) -> Coil:
+    def build(self, name: str) -> Coil:
         """Return the coil in SI."""
         via, width = self.via.build(), self.trace_width_mm
-        terminal = PlatedHole(self.terminal_drill_mm * _MM, self.terminal_pad_mm * _MM, via.plating)
-        return path_coil(
+        plating = via.plating if self.terminal_plating_um is None else self.terminal_plating_um * _UM
+        terminal = PlatedHole(self.terminal_drill_mm * _MM, self.terminal_pad_mm * _MM, plating)
+        coil = path_coil(
             [[(x * _MM, y * _MM) for x, y in line] for line in self.lines_mm],
             [[each * _MM for each in line] for line in width] if isinstance(width, list) else width * _MM,
             self.gap_mm * _MM,
             via,
             terminal if self.terminals else None,
+            name=name,
         )
+        return coil if self.outline_mm is None else replace(coil, outline=np.array(self.outline_mm) * _MM)
 
 
 class PlacementTable(Table):
@@ -236,9 +247,9 @@ class FreeArray(Table):
     lattice: Literal["free"]
     placements: list[PlacementTable] = Field(min_length=1)
 
-    def build(self, coils: Mapping[str, Coil]) -> list[Placement]:
-        """Return the placements in SI; DesignError for a coil that is not there."""
-        return [
+    def build(self, stackup: Stackup, coils: Mapping[str, Coil], board: BoardTable) -> CoilArray:
+        """Return the array in SI; DesignError for a coil that is not there."""
+        placements = tuple(
             Placement(
                 place.name,
                 _coil(coils, place.coil, f"array.placements.{index}.coil"),
@@ -248,7 +259,8 @@ class FreeArray(Table):
                 place.rotation_deg * _DEG,
             )
             for index, place in enumerate(self.placements)
-        ]
+        )
+        return CoilArray(stackup, placements, board.margin_mm * _MM, board.through_holes)
 
 
 class LatticeArray(Table):
@@ -265,31 +277,23 @@ class LatticeArray(Table):
     layer_shift_per_row: int | None = None
     names: list[Name] | None = None
 
-    def build(self, coils: Mapping[str, Coil]) -> list[Placement]:
-        """Return the placements in SI; DesignError for a coil that is not there."""
-        points, indices = lattice(
-            self.lattice, self.pitch_mm * _MM, self.columns, self.rows, direction=self.direction_deg * _DEG
+    def build(self, stackup: Stackup, coils: Mapping[str, Coil], board: BoardTable) -> CoilArray:
+        """Return the array in SI; DesignError for a coil that is not there."""
+        lattice = Lattice(
+            self.lattice,
+            self.pitch_mm * _MM,
+            self.columns,
+            self.rows,
+            tuple(map(tuple, self.layers)),
+            self.direction_deg * _DEG,
+            self.rotation_deg * _DEG,
+            self.layer_shift_per_row,
+            None if self.names is None else tuple(self.names),
         )
-        names = [f"coil{k + 1}" for k in range(len(points))] if self.names is None else self.names
-        if len(names) != len(points):
-            raise DesignError(f"array.names must have {len(points)} names, one a coil; got {len(names)}.")
-        # (i − j) mod 3 differs between all neighbours of a hexagonal lattice, (i + j) mod 2 between those of a square
-        # one, and (i + 2j) mod 4 between its diagonal neighbours too
-        square_shift = 2 if len(self.layers) == 4 else 1
-        default_shift = -1 if self.lattice == "hexagonal" else square_shift
-        shift = default_shift if self.layer_shift_per_row is None else self.layer_shift_per_row
         coil = _coil(coils, self.coil, "array.coil")
-        return [
-            Placement(
-                name,
-                coil,
-                tuple(self.layers[(i + shift * j) % len(self.layers)]),
-                x,
-                y,
-                self.rotation_deg * _DEG,
-            )
-            for name, (x, y), (i, j) in zip(names, points.tolist(), indices.tolist(), strict=True)
-        ]
+        return lattice_array(
+            stackup, coil, lattice, board_margin=board.margin_mm * _MM, through_holes=board.through_holes
+        )
 
 
 class BoardTable(Table):
@@ -376,10 +380,13 @@ class IndentationTable(Table):
 
     base: Literal["bonded", "frictionless"] = "bonded"
     depths_mm: list[Millimetres] = Field(min_length=1)
-    x_mm: Range
-    y_mm: Range
-    step_mm: StepMillimetres
+    x_mm: Range | None = None
+    y_mm: Range | None = None
+    step_mm: StepMillimetres | None = None
+    x_positions_mm: Positions | None = None  # instead of a range and a step
+    y_positions_mm: Positions | None = None
     origin: str | None = None
+    origin_mm: Point | None = None
     sample_radius_mm: Millimetres | None = None
     sample_x_mm: Range | None = None
     sample_y_mm: Range | None = None
@@ -388,16 +395,20 @@ class IndentationTable(Table):
     def _consistent(self) -> IndentationTable:
         if not all(shallow < deep for shallow, deep in itertools.pairwise(self.depths_mm)):
             raise ValueError(f"needs depths_mm that rise from each to the next; got {self.depths_mm}")
-        for key, (low, high) in (("x_mm", self.x_mm), ("y_mm", self.y_mm)):
-            if low > high:
-                raise ValueError(f"needs {key} from low to high; got [{low:g}, {high:g}]")
-            steps = (high - low) / self.step_mm
-            if abs(steps - round(steps)) > _WHOLE_STEPS:
-                raise ValueError(
-                    f"needs {key} to span a whole number of steps of {self.step_mm:g} mm; "
-                    f"{low:g} to {high:g} are {steps:g}"
-                )
-        count = math.prod(round((high - low) / self.step_mm) + 1 for low, high in (self.x_mm, self.y_mm))
+        if self.origin is not None and self.origin_mm is not None:
+            raise ValueError("needs one of origin and origin_mm, not both")
+        ranges = (self.x_mm, self.y_mm, self.step_mm)
+        lists = (self.x_positions_mm, self.y_positions_mm)
+        if None in (ranges if lists == (None, None) else lists) or (lists != (None, None) and ranges != (None,) * 3):
+            raise ValueError("needs x_mm, y_mm and step_mm, or else x_positions_mm and y_positions_mm")
+        for key, values in (("x_mm", self.x_mm), ("y_mm", self.y_mm)):
+            if values is not None and self.step_mm is not None:
+                low, high = values
+                self._check_range(key, low, high, self.step_mm)
+        for key, positions in (("x_positions_mm", lists[0]), ("y_positions_mm", lists[1])):
+            if positions is not None and not all(low < high for low, high in itertools.pairwise(positions)):
+                raise ValueError(f"needs {key} that rise from each to the next; got {positions}")
+        count = math.prod(map(len, self.positions()))
         if count > _MOST_POSITIONS:
             raise ValueError(f"may have {_MOST_POSITIONS} positions; x_mm, y_mm and step_mm give {count}")
         if (self.sample_x_mm is None) != (self.sample_y_mm is None):
@@ -407,9 +418,24 @@ class IndentationTable(Table):
                 raise ValueError(f"needs {key} from low to high, with a width; got [{bounds[0]:g}, {bounds[1]:g}]")
         return self
 
+    @staticmethod
+    def _check_range(key: str, low: float, high: float, step: float) -> None:
+        if low > high:
+            raise ValueError(f"needs {key} from low to high; got [{low:g}, {high:g}]")
+        steps = (high - low) / step
+        if abs(steps - round(steps)) > _WHOLE_STEPS:
+            raise ValueError(
+                f"needs {key} to span a whole number of steps of {step:g} mm; {low:g} to {high:g} are {steps:g}"
+            )
+        if steps >= _MOST_POSITIONS:
+            raise ValueError(f"may have {_MOST_POSITIONS} positions; {key} and step_mm give {steps + 1:g}")
+
     def positions(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Return the x and the y of the map in m, ends included."""
-        x, y = (self._row(*bounds) for bounds in (self.x_mm, self.y_mm))
+        if self.x_mm is None or self.y_mm is None or self.step_mm is None:
+            x, y = (tuple(v / 1e3 for v in values or ()) for values in (self.x_positions_mm, self.y_positions_mm))
+        else:
+            x, y = map_positions(self.x_mm, self.step_mm), map_positions(self.y_mm, self.step_mm)
         return x, y
 
     def sample_bounds(self) -> tuple[float, float, float, float] | None:
@@ -419,10 +445,21 @@ class IndentationTable(Table):
         (x_min, x_max), (y_min, y_max) = self.sample_x_mm, self.sample_y_mm
         return x_min * _MM, y_min * _MM, x_max * _MM, y_max * _MM
 
-    def _row(self, low: float, high: float) -> tuple[float, ...]:
-        steps = round((high - low) / self.step_mm)
-        # divided, not multiplied by 1e-3: positions are labels, and -26 mm is to be -0.026 m
-        return tuple((low + (high - low) * k / max(steps, 1)) / 1e3 for k in range(steps + 1))
+
+def map_positions(bounds: Sequence[float], step: float) -> tuple[float, ...]:
+    """Return the positions in m of a range [low, high] with a step, both in mm."""
+    low, high = bounds
+    steps = round((high - low) / step)
+    # divided, not multiplied by 1e-3: positions are labels, and -26 mm is to be -0.026 m
+    return tuple((low + (high - low) * k / max(steps, 1)) / 1e3 for k in range(steps + 1))
+
+
+Termination = Literal["short", "open", "ground one end", "ground other end", "load"]
+PASSIVE: Mapping[Termination, Passive] = {
+    "short": "ground", "open": "open", "ground one end": "ground one end", "ground other end": "ground other end",
+    "load": "load",
+}  # fmt: skip
+"""What closes a coil, by its word in ``[circuit]``."""
 
 
 class CircuitTable(Table):
@@ -437,8 +474,8 @@ class CircuitTable(Table):
     lead_inductance_nH: Nanohenries = 0.0  # noqa: N815 - the unit
     tank: Literal["converter", "coil"] = "converter"
     elastomer_permittivity: Relative = 1.0
-    default_termination: Literal["short", "open"] = "short"
-    terminations: dict[str, Literal["short", "open"]] = Field(default_factory=dict)
+    default_termination: Termination = "short"
+    terminations: dict[str, Termination] = Field(default_factory=dict)
 
 
 class StateTable(Table):
@@ -451,18 +488,12 @@ class StateTable(Table):
     exceptions: dict[str, Passive] = Field(default_factory=dict)
     load_ohm: LoadOhms = 50.0
 
-    def build(self, names: Sequence[str], terminated: Sequence[Passive]) -> ScanState:
+    def build(self, terminations: Mapping[str, Passive]) -> ScanState:
         """Return the state; coils that it does not mention are as in ``[circuit]``."""
         measured = tuple((name.removeprefix("-"), -1 if name.startswith("-") else 1) for name in self.measure)
-        exceptions = dict(self.exceptions)
         if self.others is None:
-            taken = {name for name, _ in measured} | set(exceptions)
-            exceptions |= {
-                name: passive
-                for name, passive in zip(names, terminated, strict=True)
-                if name not in taken and passive != "ground"
-            }
-        return ScanState(self.name, measured, self.connection, self.others or "ground", exceptions, self.load_ohm)
+            return terminated_state(self.name, measured, terminations, self.connection, self.exceptions, self.load_ohm)
+        return ScanState(self.name, measured, self.connection, self.others, self.exceptions, self.load_ohm)
 
 
 class FieldTable(Table):
@@ -509,73 +540,3 @@ def _coil(coils: Mapping[str, Coil], name: str, key: str) -> Coil:
     if name not in coils:
         raise DesignError(f"{key} names no coil shape; [coils] has {', '.join(coils) or 'none'}; got {name!r}.")
     return coils[name]
-
-
-def first_error(error: ValidationError, document: Mapping[str, Any]) -> str:
-    """Describe the first mistake of a document in one line: the key, what is allowed, what was given."""
-    errors = error.errors(include_url=False)
-    more = "" if len(errors) == 1 else f" (and {len(errors) - 1} more)"
-    return f"{_describe(errors[0], document)}{more}"
-
-
-def _describe(details: ErrorDetails, document: Mapping[str, Any]) -> str:
-    where: list[str | int] = []
-    table: Any = document
-    for part in details["loc"]:
-        if part == "[key]":  # the key itself is wrong, not its value
-            continue
-        # pydantic adds the tag of a union's member; the file has no such key
-        if isinstance(table, Mapping) and part not in table and part in (table.get("shape"), table.get("lattice")):
-            continue
-        if part in ("number", "list") and not (isinstance(table, Mapping) and part in table):
-            continue
-        where.append(part)
-        try:
-            table = table[part]
-        except (KeyError, IndexError, TypeError):
-            table = None
-    key = ".".join(str(part) for part in where)
-    kind, got = details["type"], details.get("input")
-    if kind == "unknown_key":
-        return f"{key or 'the file'} {details['msg']}."
-    if kind == "missing":
-        return f"{key} is missing."
-    if kind in ("union_tag_not_found", "union_tag_invalid"):
-        tag = str(details["ctx"]["discriminator"]).strip("'")
-        allowed = {
-            "coils": "'polygon', 'circle' or 'path'",
-            "array": "'linear', 'square', 'hexagonal' or 'free'",
-            "indenter": "'hemisphere', 'paraboloid', 'flat_punch', 'cone' or 'cylinder_edge'",
-        }[str(where[0])]
-        value = got.get(tag) if isinstance(got, Mapping) else None
-        return f"{key}.{tag} must be {allowed}; got {'nothing' if value is None else repr(value)}."
-    if kind == "value_error":
-        return f"{key} {details['msg'].removeprefix('Value error, ')}."
-    if kind == "string_pattern_mismatch":
-        return f"{key} may have letters, digits, _ . + and, not first, -; got {_shown(got)}."
-    limits = details.get("ctx", {})
-    wanted = {
-        "too_short": f"have at least {limits.get('min_length')} entries",
-        "too_long": f"have at most {limits.get('max_length')} entries",
-        "string_too_short": "not be empty",
-        "greater_than": f"be greater than {limits.get('gt', 0):g}",
-        "greater_than_equal": f"be at least {limits.get('ge', 0):g}",
-        "less_than_equal": f"be at most {limits.get('le', 0):g}",
-        "less_than": f"be less than {limits.get('lt', 0):g}",
-        "finite_number": "be a finite number",
-        "float_type": "be a number",
-        "int_type": "be a whole number",
-        "bool_type": "be true or false",
-        "string_type": "be a text",
-        "list_type": "be a list",
-        "model_type": "be a table",
-        "dict_type": "be a table",
-        "literal_error": f"be {limits.get('expected')}",
-    }.get(kind, details["msg"].removeprefix("Input should ").removeprefix("Value error, "))
-    return f"{key} must {wanted}; got {_shown(got)}."
-
-
-def _shown(value: object) -> str:
-    """Show a value of the file, cut where it is long."""
-    text = repr(value)
-    return text if len(text) <= _LONGEST_VALUE else f"{text[:_LONGEST_VALUE]}…"

@@ -28,6 +28,7 @@ PoissonsRatio = Annotated[float, Field(ge=0, le=0.5)]
 HalfAngle = Annotated[float, Field(gt=0, lt=90)]
 StepMillimetres = Annotated[float, Field(ge=1e-3, le=10_000)]
 Point = Annotated[list[Position], Field(min_length=2, max_length=2)]
+Positions = Annotated[list[Position], Field(min_length=1, max_length=100_000)]
 Range = Annotated[list[Position], Field(min_length=2, max_length=2)]
 Name = Annotated[str, Field(min_length=1, pattern=r"^[A-Za-z0-9_.+][A-Za-z0-9_.+-]*$")]
 

@@ -1,6 +1,6 @@
 """Change single entries of a design: what sweeps, optimisations and tolerances have in common.
 
-An entry is a dotted key as in `Design.values`, in the unit of its name: ``array.pitch_mm``,
+An entry is a dotted key as in `DesignFile.values`, in the unit of its name: ``array.pitch_mm``,
 ``coils.hexagon.turns_per_layer``, ``elastomer.0.thickness_mm``, ``circuit.terminations.coil2``. Its value is what the
 file could say there, tables excepted. The changed document is checked like a file, so that nothing can be varied into
 what could not be written.
@@ -14,7 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from coilarray.design.model import Design, build_design
+from coilarray.design.model import Design, DesignFile, build_design
+from coilarray.design.write import as_file
 from coilarray.errors import DesignError
 
 _NO_ENTRIES = {
@@ -27,13 +28,14 @@ _NO_ENTRIES = {
 _LARGEST_WHOLE = 1e15  # floats beyond are not exact to the unit
 
 
-def vary(design: Design, changes: Mapping[str, Any]) -> Design:
+def vary(design: Design | DesignFile, changes: Mapping[str, Any]) -> Design:
     """Change entries of a design.
 
     Parameters
     ----------
-    design : Design
-        Stays as it is.
+    design : Design or DesignFile
+        The design, which stays as it is; the entries of one without a file are those of
+        `coilarray.design.write.design_document`.
     changes : mapping of str to object
         New values by dotted key, in the units of the keys. Entries that the file does not give may be set too.
 
@@ -54,11 +56,13 @@ def vary(design: Design, changes: Mapping[str, Any]) -> Design:
     >>> [round(float(x) * 1e3, 6) for x in wider.array.centres[:, 0]]
     [-14.0, 0.0, 14.0]
     """
+    file = as_file(design)
+    name = file.design.name
     try:
-        document = vary_document(design.document, changes)
+        document = vary_document(file.document, changes)
     except DesignError as error:
-        raise DesignError(f"{design.name}: {error}") from None
-    return build_design(document, design.name)
+        raise DesignError(f"{name}: {error}") from None
+    return build_design(document, name)
 
 
 def vary_document(document: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
@@ -67,7 +71,7 @@ def vary_document(document: Mapping[str, Any], changes: Mapping[str, Any]) -> di
     Parameters
     ----------
     document : mapping of str to object
-        As `Design.document`; stays as it is.
+        Document as of a `DesignFile`; stays as it is.
     changes : mapping of str to object
         As in `vary`. Numbers of numpy become plain ones, and a whole number like 3.0 the integer 3, which every
         numeric entry takes.
@@ -99,7 +103,7 @@ def vary_document(document: Mapping[str, Any], changes: Mapping[str, Any]) -> di
             raise DesignError(f"{key} names no coil shape; {hint}[coils] has {', '.join(coils) or 'none'}.")
         if parts[0] in _NO_ENTRIES:
             raise DesignError(f"{key} is no entry: {_NO_ENTRIES[parts[0]]}.")
-        varied = _with_entry(varied, parts, _plain(value), key)
+        varied = _with_entry(varied, parts, plain(value), key)
     return dict(varied)
 
 
@@ -138,12 +142,14 @@ def _longest_key(table: Mapping[str, Any], parts: Sequence[str]) -> int:
     return next((count for count in range(len(parts), 0, -1) if ".".join(parts[:count]) in table), 0)
 
 
-def _plain(value: Any) -> Any:
-    """Return a value as TOML has it: no numpy, lists for tuples, integers for whole numbers."""
+def plain(value: Any) -> Any:
+    """Return a value or table as TOML has it: no numpy, lists for tuples, integers for whole numbers."""
+    if isinstance(value, Mapping):
+        return {key: plain(entry) for key, entry in value.items()}
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
     if isinstance(value, list | tuple):
-        return [_plain(entry) for entry in value]
+        return [plain(entry) for entry in value]
     if isinstance(value, float) and value.is_integer() and abs(value) < _LARGEST_WHOLE:
         return int(value)
     return value

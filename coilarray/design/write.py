@@ -1,86 +1,147 @@
-"""Write an array as a design file: free placements of path coils, which `coilarray.load_design` reads back."""
+"""Designs as documents: the tables of a design file, which `coilarray.design.model.build_design` reads back."""
 
 from __future__ import annotations
 
 import math
 import re
 import textwrap
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
-from coilarray.design.tables import SCHEMA
-from coilarray.geometry import Coil, CoilArray, PlatedHole, Stackup
+import numpy as np
+
+from coilarray.design.fab_limits import FabTable
+from coilarray.design.model import Circuit, Design, DesignFile, Indentation, build_design_file
+from coilarray.design.tables import PASSIVE, SCHEMA, CircuitTable, map_positions
+from coilarray.geometry import (
+    Coil,
+    CoilArray,
+    Cone,
+    FabRules,
+    Indenter,
+    Lattice,
+    Leads,
+    PlatedHole,
+    Sheet,
+    Spiral,
+    Stackup,
+    Wound,
+    apothem_from_size,
+    hull_outline,
+)
 
 _NOT_IN_NAMES = re.compile(r"[^A-Za-z0-9_.+-]+")
 # a list of plain values as tomli-w writes it, one a line
 _FLAT_LIST = re.compile(r"\[\n\s*([^\[\]\n]+(?:,\n\s*[^\[\]\n]+)*),\n\s*\]")
 _LONGEST_LINE = 120
+_LEAST_CIRCLE = 8  # segments of a turn that a file takes for a circle
+_PICOMETRE = 1e-12
+_PLACES = ("lines_mm", "outline_mm", "x_mm", "y_mm")
+_MM, _UM, _PF, _DEG = 1e-3, 1e-6, 1e-12, math.pi / 180
+_WORDS = {passive: word for word, passive in PASSIVE.items()}
 
 
-def design_text(name: str, array: CoilArray, *, source: str, assumed: Mapping[str, str]) -> str:
+def design_document(design: Design) -> dict[str, Any]:
+    """Return the tables of a design file that describes a design.
+
+    Parameters
+    ----------
+    design : Design
+        Read from a file or made in Python.
+
+    Returns
+    -------
+    dict
+        Plain tables, lists and values with all their digits; entries of the circuit and of the board house only where
+        they are not the default. Placements are a lattice where `CoilArray.lattice` gives them, else free; coils are
+        polygons and circles where `Coil.wound` says so, else paths. Names that a file cannot have are changed as
+        `design_names` says.
+
+    Examples
+    --------
+    >>> from coilarray import load_design
+    >>> from coilarray.design.model import build_design
+    >>> design = load_design("gast2020")
+    >>> document = design_document(design)
+    >>> document["array"]["pitch_mm"], build_design(document).digest == design.digest
+    (13.28, True)
+    """
+    array = design.array
+    names, layers = design_names(array.names), design_names(array.stackup.names)
+    shapes = shape_names(array)
+    coils = {shape: place.coil for shape, place in zip(shapes, array.placements, strict=True)}
+    document: dict[str, Any] = {"schema": SCHEMA, "name": design_names([design.name])[design.name]}
+    if design.title not in ("", design.name):
+        document["title"] = design.title
+    if design.source:
+        document["source"] = design.source
+    document |= {
+        "stackup": _stackup_table(array.stackup, layers),
+        "coils": {shape: _coil_table(coil) for shape, coil in coils.items()},
+        "array": _array_table(array, shapes, names, layers),
+        "board": {"margin_mm": _entry(array.board_margin, _MM), "through_holes": array.through_holes},
+    }
+    if design.sheets:
+        document["elastomer"] = _sheet_tables(design.sheets)
+        if design.indentation is not None:
+            document["indenter"] = _indenter_table(design.indentation.indenter)
+            document["indentation"] = _indentation_table(design.indentation, names)
+    document["circuit"] = _circuit_table(design.circuit, names)
+    if design.circuit.scan:
+        document["scan"] = list(_scan_tables(design.circuit, names))
+    document["field"] = {"height_mm": _entry(design.field_height, _MM)}
+    document["fab"] = _fab_table(design.rules)
+    return {key: table for key, table in document.items() if table != {}}
+
+
+def as_file(design: Design | DesignFile) -> DesignFile:
+    """Return a design with a document: a file as it is, else the design with its `design_document`."""
+    if isinstance(design, DesignFile):
+        return design
+    return replace(build_design_file(design_document(design), design.name), design=design)
+
+
+def design_text(design: Design, assumed: Mapping[str, str] | None = None) -> str:
     """Return the text of a design file.
 
     Parameters
     ----------
-    name : str
-        Of the design.
-    array : CoilArray
+    design : Design
         Placements that share a `Coil` share its table, see `shape_names`.
-    source : str
-        Where the design comes from, for the reader.
-    assumed : mapping of str to str
+    assumed : mapping of str to str, optional
         Dotted keys of the design whose values are assumed, with the reason. ``coils.*.KEY`` stands for every shape,
         ``coils.NAME.KEY`` for that of the coil NAME.
 
     Returns
     -------
     str
-        TOML. Places are rounded to 1 nm. Names that a design cannot have are changed as `design_names` says.
+        TOML. Places are rounded to 1 nm, other numbers to 12 digits.
 
     Examples
     --------
     >>> from coilarray import load_design
     >>> from coilarray.design.model import parse_design
-    >>> text = design_text("copy", load_design("gast2020").array, source="a test", assumed={})
-    >>> parse_design(text).array.names[:2]
+    >>> parse_design(design_text(load_design("gast2020"))).array.names[:2]
     ('coil1', 'coil2')
     """
     import tomli_w
 
-    names, layers = design_names(array.names), design_names(array.stackup.names)
-    shapes = shape_names(array)
-    coils = {shape: placement.coil for shape, placement in zip(shapes, array.placements, strict=True)}
-    document = {
-        "schema": SCHEMA,
-        "name": design_names([name])[name],
-        "source": source,
-        "stackup": _stackup_table(array.stackup, layers),
-        "coils": {shape: _coil_table(coil) for shape, coil in coils.items()},
-        "array": {
-            "lattice": "free",
-            "placements": [
-                {
-                    "name": names[placement.name],
-                    "coil": shape,
-                    "layers": [layers[layer] for layer in placement.layers],
-                    "x_mm": _mm(placement.x),
-                    "y_mm": _mm(placement.y),
-                    "rotation_deg": _digits(math.degrees(placement.rotation)),
-                }
-                for shape, placement in zip(shapes, array.placements, strict=True)
-            ],
-        },
-        "board": {"margin_mm": _mm(array.board_margin), "through_holes": array.through_holes},
-    }
-    reasons = _assumed_table(assumed, dict(zip(array.names, shapes, strict=True)), list(coils))
+    document = _rounded(design_document(design))
+    shapes = shape_names(design.array)
+    reasons = _assumed_table(assumed or {}, dict(zip(design.array.names, shapes, strict=True)), list(document["coils"]))
     text = tomli_w.dumps(document | ({"assumed": reasons} if reasons else {}))
     return _FLAT_LIST.sub(_on_one_line, text)
 
 
 def shape_names(array: CoilArray) -> list[str]:
-    """Return for each placement the name of its coil's table: shape1, shape2, …, in the order of first use."""
-    numbers: dict[int, int] = {}
-    return [f"shape{numbers.setdefault(id(place.coil), len(numbers) + 1)}" for place in array.placements]
+    """Return for each placement the name of its coil's table: the coil's own, else shape1, shape2, …; all different."""
+    found: dict[int, str] = {}
+    for place in array.placements:
+        if id(place.coil) not in found:
+            name = place.coil.name or f"shape{len(found) + 1}"
+            found[id(place.coil)] = _different(name, found.values())
+    return [found[id(place.coil)] for place in array.placements]
 
 
 def design_names(names: Iterable[str]) -> dict[str, str]:
@@ -93,41 +154,270 @@ def design_names(names: Iterable[str]) -> dict[str, str]:
     """
     found: dict[str, str] = {}
     for name in names:
-        allowed = _NOT_IN_NAMES.sub("_", name.lstrip("/")).lstrip("-") or "_"
-        different, n = allowed, 1
-        while different in found.values():
-            n += 1
-            different = f"{allowed}_{n}"
-        found[name] = different
+        found[name] = _different(name, found.values())
     return found
+
+
+def _different(name: str, taken: Iterable[str]) -> str:
+    """Return a name that a design can have and that is not taken."""
+    allowed = _NOT_IN_NAMES.sub("_", name.lstrip("/")).lstrip("-") or "_"
+    different, n, others = allowed, 1, set(taken)
+    while different in others:
+        n += 1
+        different = f"{allowed}_{n}"
+    return different
 
 
 def _stackup_table(stackup: Stackup, layers: Mapping[str, str]) -> dict[str, Any]:
     return {
         "layers": [layers[name] for name in stackup.names],
-        "copper_thickness_um": [_digits(value * 1e6) for value in stackup.copper_thickness],
-        "dielectric_thickness_mm": [_digits(value * 1e3) for value in stackup.dielectric_thickness],
-        "dielectric_epsilon_r": [_digits(value) for value in stackup.epsilon_r],
+        "copper_thickness_um": [_entry(value, _UM) for value in stackup.copper_thickness],
+        "dielectric_thickness_mm": [_entry(value, _MM) for value in stackup.dielectric_thickness],
+        "dielectric_epsilon_r": [float(value) for value in stackup.epsilon_r],
     }
 
 
 def _coil_table(coil: Coil) -> dict[str, Any]:
-    widths = [[_mm(width) for width in line] for line in coil.widths]
+    of = coil.wound
+    return _path_table(coil) if of is None or _is_coarse_circle(of.spiral) else _spiral_table(of)
+
+
+def _is_coarse_circle(spiral: Spiral) -> bool:
+    return spiral.circular and spiral.sides < _LEAST_CIRCLE
+
+
+def _spiral_table(of: Wound) -> dict[str, Any]:
+    spiral = of.spiral
+    table: dict[str, Any] = {"shape": "circle" if spiral.circular else "polygon"}
+    if spiral.circular:
+        table["segments_per_turn"] = spiral.sides
+        table["outer_diameter_mm"] = _number(
+            2e3 * spiral.outer_apothem, spiral.outer_apothem, lambda entry: entry / 2 * _MM
+        )
+    else:
+        table["sides"] = spiral.sides
+        table |= _polygon_size(spiral)
+    table |= {
+        "turns_per_layer": float(spiral.turns),
+        "winding_layers": of.winding_layers,
+        "trace_width_mm": _entry(spiral.trace_width, _MM),
+        "gap_mm": _entry(spiral.gap, _MM),
+        "first_corner_deg": _entry(spiral.first_corner, _DEG),
+        "winding": spiral.winding,
+        "return_lead": of.return_lead,
+        "via": _via_table(of.via),
+    }
+    return table if of.leads is None else table | {"leads": _leads_table(of.leads, of.via)}
+
+
+def _polygon_size(spiral: Spiral) -> dict[str, float]:
+    """Across flats or across corners, whichever has fewer digits."""
+    sizes = {}
+    for across, size in (
+        ("flats", 2 * spiral.outer_apothem),
+        ("corners", 2 * spiral.outer_apothem / math.cos(math.pi / spiral.sides)),
+    ):
+        sizes[f"outer_across_{across}_mm"] = _number(
+            size * 1e3,
+            spiral.outer_apothem,
+            lambda entry, across=across: apothem_from_size(entry * _MM, spiral.sides, across=across),  # type: ignore[misc]
+        )
+    key = min(sizes, key=lambda key: len(repr(sizes[key])))
+    return {key: sizes[key]}
+
+
+def _leads_table(leads: Leads, via: PlatedHole) -> dict[str, float]:
+    table = {
+        "length_mm": _entry(leads.length, _MM),
+        "spacing_mm": _entry(leads.spacing, _MM),
+        "pad_mm": _entry(leads.terminal.pad, _MM),
+        "drill_mm": _entry(leads.terminal.drill, _MM),
+    }
+    same = leads.terminal.plating == via.plating
+    return table if same else table | {"plating_um": _entry(leads.terminal.plating, _UM)}
+
+
+def _path_table(coil: Coil) -> dict[str, Any]:
+    widths = [[_entry(width, _MM) for width in line.tolist()] for line in coil.widths]
     uniform = {width for line in widths for width in line}
     table: dict[str, Any] = {
         "shape": "path",
-        "lines_mm": [[[_mm(x), _mm(y)] for x, y in line.tolist()] for line in coil.lines],
+        "lines_mm": [_points(line.tolist()) for line in coil.lines],
         "trace_width_mm": uniform.pop() if len(uniform) == 1 else widths,
-        "gap_mm": _mm(coil.gap),
+        "gap_mm": _entry(coil.gap, _MM),
         "terminals": coil.terminal is not None,
     }
     if coil.terminal is not None:
-        table |= {"terminal_pad_mm": _mm(coil.terminal.pad), "terminal_drill_mm": _mm(coil.terminal.drill)}
+        table["terminal_pad_mm"] = _entry(coil.terminal.pad, _MM)
+        table["terminal_drill_mm"] = _entry(coil.terminal.drill, _MM)
+        if coil.terminal.plating != coil.via.plating:
+            table["terminal_plating_um"] = _entry(coil.terminal.plating, _UM)
+    hull = hull_outline(coil)
+    if hull.shape != coil.outline.shape or not np.allclose(hull, coil.outline, rtol=0, atol=_PICOMETRE):
+        table["outline_mm"] = _points(coil.outline.tolist())
     return table | {"via": _via_table(coil.via)}
 
 
+def _points(points: Sequence[Sequence[float]]) -> list[list[float]]:
+    return [[_place(x), _place(y)] for x, y in points]
+
+
 def _via_table(via: PlatedHole) -> dict[str, float]:
-    return {"drill_mm": _mm(via.drill), "pad_mm": _mm(via.pad), "plating_um": _digits(via.plating * 1e6)}
+    return {
+        "drill_mm": _entry(via.drill, _MM),
+        "pad_mm": _entry(via.pad, _MM),
+        "plating_um": _entry(via.plating, _UM),
+    }
+
+
+def _array_table(
+    array: CoilArray, shapes: Sequence[str], names: Mapping[str, str], layers: Mapping[str, str]
+) -> dict[str, Any]:
+    lattice = array.lattice
+    if lattice is not None and _is_on(lattice, array):
+        table: dict[str, Any] = {
+            "lattice": lattice.kind,
+            "coil": shapes[0],
+            "columns": lattice.columns,
+            "rows": lattice.rows,
+            "pitch_mm": _entry(lattice.pitch, _MM),
+            "direction_deg": _entry(lattice.direction, _DEG),
+            "rotation_deg": _entry(lattice.rotation, _DEG),
+            "layers": [[layers.get(layer, layer) for layer in each] for each in lattice.layers],
+        }
+        if lattice.layer_shift is not None:
+            table["layer_shift_per_row"] = lattice.layer_shift
+        if lattice.names is not None:
+            table["names"] = [names[name] for name in lattice.names]
+        return table
+    return {
+        "lattice": "free",
+        "placements": [
+            {
+                "name": names[place.name],
+                "coil": shape,
+                "layers": [layers[layer] for layer in place.layers],
+                "x_mm": _place(place.x),
+                "y_mm": _place(place.y),
+                "rotation_deg": _place(place.rotation, _DEG),
+            }
+            for shape, place in zip(shapes, array.placements, strict=True)
+        ],
+    }
+
+
+def _is_on(lattice: Lattice, array: CoilArray) -> bool:
+    """Whether a lattice gives the placements of an array."""
+    coil = array.placements[0].coil
+    if len(array.placements) != lattice.columns * lattice.rows or any(p.coil is not coil for p in array.placements):
+        return False
+    return all(
+        (one.name, one.layers) == (other.name, other.layers)
+        and max(abs(one.x - other.x), abs(one.y - other.y), abs(one.rotation - other.rotation)) < 1e-3 * _PICOMETRE
+        for one, other in zip(lattice.placements(coil), array.placements, strict=True)
+    )
+
+
+def _sheet_tables(sheets: Sequence[Sheet]) -> list[dict[str, Any]]:
+    names = design_names(sheet.name for sheet in sheets)
+    tables = []
+    for sheet in sheets:
+        table: dict[str, Any] = {
+            "name": names[sheet.name],
+            "thickness_mm": _entry(sheet.thickness, _MM),
+            "relative_permeability": float(sheet.relative_permeability),
+        }
+        if sheet.youngs_modulus is not None:
+            table["youngs_modulus_kPa"] = _entry(sheet.youngs_modulus, 1e3)
+        tables.append(table | {"poissons_ratio": float(sheet.poissons_ratio)})
+    return tables
+
+
+def _indenter_table(indenter: Indenter) -> dict[str, Any]:
+    table: dict[str, Any] = {"shape": indenter.name.replace(" ", "_")}
+    if isinstance(indenter, Cone):
+        table["half_angle_deg"] = _entry(indenter.half_angle, _DEG)
+    if math.isfinite(indenter.radius):
+        table["radius_mm"] = _entry(indenter.radius, _MM)
+    return table
+
+
+def _indentation_table(setup: Indentation, names: Mapping[str, str]) -> dict[str, Any]:
+    table: dict[str, Any] = {"base": setup.base, "depths_mm": [_entry(depth, _MM) for depth in setup.depths]}
+    x, y = ([_number(1e3 * v, v, lambda mm: mm / 1e3, places=True) for v in row] for row in (setup.x, setup.y))
+    step = next((round(row[1] - row[0], 9) for row in (x, y) if len(row) > 1), 1.0)
+    if _is_regular(x, step) and _is_regular(y, step):
+        table |= {"x_mm": [x[0], x[-1]], "y_mm": [y[0], y[-1]], "step_mm": step}
+    else:
+        table |= {"x_positions_mm": x, "y_positions_mm": y}
+    if setup.origin is not None:
+        table["origin"] = names[setup.origin]
+    elif any(setup.origin_point):
+        table["origin_mm"] = [_place(value) for value in setup.origin_point]
+    if setup.sample_radius is not None:
+        table["sample_radius_mm"] = _entry(setup.sample_radius, _MM)
+    if setup.sample_bounds is not None:
+        x_min, y_min, x_max, y_max = map(_place, setup.sample_bounds)
+        table |= {"sample_x_mm": [x_min, x_max], "sample_y_mm": [y_min, y_max]}
+    return table
+
+
+def _is_regular(row: Sequence[float], step: float) -> bool:
+    """Whether positions in mm are those of a range with a step."""
+    if step <= 0 or round((row[-1] - row[0]) / step) != len(row) - 1:
+        return False
+    positions = np.array(map_positions((row[0], row[-1]), step))
+    return np.allclose(positions, np.array(row) / 1e3, rtol=0, atol=1e-3 * _PICOMETRE)
+
+
+def _circuit_table(circuit: Circuit, names: Mapping[str, str]) -> dict[str, Any]:
+    switches = circuit.switches
+    table = {
+        "capacitance_pF": _entry(switches.tank_capacitance, _PF),
+        "short_resistance_ohm": 2.0 * switches.on_resistance,
+        "resistivity_ohm_m": circuit.resistivity,
+        "switch_off_capacitance_pF": _entry(switches.off_capacitance, _PF),
+        "terminal_capacitance_pF": _entry(switches.terminal_capacitance, _PF),
+        "bus_capacitance_pF": _entry(switches.bus_capacitance, _PF),
+        "lead_inductance_nH": _entry(switches.lead_inductance, 1e-9),
+        "tank": switches.tank_at,
+        "elastomer_permittivity": float(circuit.elastomer_permittivity),
+        "default_termination": _WORDS[circuit.default_termination],
+        "terminations": {names[coil]: _WORDS[passive] for coil, passive in circuit.terminations.items()},
+    }
+    default = CircuitTable().model_dump()
+    return {key: value for key, value in table.items() if value != default[key]}
+
+
+def _scan_tables(circuit: Circuit, names: Mapping[str, str]) -> Iterator[dict[str, Any]]:
+    states = design_names(state.name for state in circuit.scan)
+    for state in circuit.scan:
+        yield {
+            "name": states[state.name],
+            "measure": [f"{'-' if sense < 0 else ''}{names[coil]}" for coil, sense in state.measured],
+            "connection": state.connection,
+            "others": state.others,
+            "exceptions": {names[coil]: passive for coil, passive in state.exceptions.items()},
+            "load_ohm": float(state.load_resistance),
+        }
+
+
+def _fab_table(rules: FabRules) -> dict[str, Any]:
+    def length(value: float | None, unit: float) -> float | None:
+        return None if value is None else _entry(value, unit)
+
+    lengths = ("min_trace", "min_gap", "min_drill", "min_annular_ring", "min_edge_clearance", "min_hole_spacing")
+    table = {
+        **{f"{name}_mm": _entry(getattr(rules, name), _MM) for name in lengths},
+        "max_layers": rules.max_layers,
+        "max_outer_copper_um": length(rules.max_outer_copper, _UM),
+        "max_inner_copper_um": length(rules.max_inner_copper, _UM),
+        "max_aspect_ratio": rules.max_aspect_ratio,
+        "max_board_mm": None if rules.max_board is None else [_entry(side, _MM) for side in rules.max_board],
+        "blind_holes": rules.blind_holes,
+    }
+    default = FabTable().model_dump()
+    return {key: value for key, value in table.items() if value is not None and value != default[key]}
 
 
 def _assumed_table(assumed: Mapping[str, str], of_coil: Mapping[str, str], shapes: list[str]) -> dict[str, str]:
@@ -144,14 +434,41 @@ def _assumed_table(assumed: Mapping[str, str], of_coil: Mapping[str, str], shape
     return table
 
 
-def _mm(value: float) -> float:
-    """Return a length in mm, to 1 nm."""
-    return round(value * 1e3, 6) + 0.0  # no minus zero
+def _entry(value: float, unit: float) -> float:
+    """Return the entry of a file that is read as a value, `unit` times the entry."""
+    return _number(value / unit, value, lambda entry: entry * unit)
 
 
-def _digits(value: float) -> float:
-    """Return a number without the rounding noise of its unit."""
-    return float(f"{value:.12g}")
+def _place(value: float, unit: float = _MM) -> float:
+    """Return the entry of a place or angle, for which zero is no special value."""
+    return _number(value / unit, value, lambda entry: entry * unit, places=True)
+
+
+def _number(guess: float, value: float, read: Callable[[float], float], *, places: bool = False) -> float:
+    """Return the entry, near a guess, that `read` makes a value of: the shortest, or the nearest where none is exact.
+
+    One value in forty has no entry: numbers in mm lie less densely than those in m. What is returned then is equal to
+    all digits that count for `Design.digest`.
+    """
+    for digits in (12, 15, 16, 17):
+        entry = float(f"{guess:.{digits}g}")
+        if read(entry) == value:
+            return entry + 0.0  # no minus zero
+    for entry in (math.nextafter(guess, math.inf), math.nextafter(guess, -math.inf)):
+        if read(entry) == value:
+            return entry
+    return guess if places else guess * (float(f"{value:.14g}") / value)
+
+
+def _rounded(value: Any, key: str = "") -> Any:
+    """Round places to 1 nm and other numbers to 12 digits."""
+    if isinstance(value, dict):
+        return {name: _rounded(item, name) for name, item in value.items()}
+    if isinstance(value, list):
+        return [_rounded(item, key) for item in value]
+    if not isinstance(value, float):
+        return value
+    return (round(value, 6) if key in _PLACES else float(f"{value:.12g}")) + 0.0
 
 
 def _on_one_line(match: re.Match[str]) -> str:

@@ -95,7 +95,7 @@ def distortion(
     """
     names = design.array.names
     for state in states:
-        if state not in names or state not in [s.name for s in design.circuit.plan]:
+        if state not in names or state not in [s.name for s in design.plan]:
             raise LocalizeError(f"a state must be measured and named after its coil; got {state!r}.")
     levels = np.asarray(deltas, dtype=np.float64)
     given = imperfections or Imperfections()
@@ -206,7 +206,7 @@ def _opened(design: Design, base: xr.Dataset, names: Sequence[str]) -> xr.Datase
         measured = {name for name, _ in given.measured}
         return replace(given, exceptions={**given.exceptions, **{n: opened for n in names if n not in measured}})
 
-    return respond(design, base, plan=[state(given) for given in design.circuit.plan])
+    return respond(design, base, plan=[state(given) for given in design.plan])
 
 
 def ellipse_curves(response: xr.Dataset, states: Sequence[str], levels: FloatArray) -> EllipseCurves:

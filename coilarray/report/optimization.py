@@ -105,9 +105,7 @@ def chosen_designs(result: Optimization) -> tuple[Chosen, ...]:
     """Return the best design; of a front its two ends and the point nearest to what is best of everything."""
     labels = [Path(name).stem for name in design_names(result)]
     places = _ends_and_middle(result)
-    return tuple(
-        Chosen(labels[k], result.front[k], vary(result.design, result.front[k].changes)) for k in sorted(places)
-    )
+    return tuple(Chosen(labels[k], result.front[k], vary(result.file, result.front[k].changes)) for k in sorted(places))
 
 
 def _ends_and_middle(result: Optimization) -> set[int]:

@@ -17,7 +17,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from coilarray.compute.display_units import PERCENT, DisplayUnit, display_unit
-from coilarray.design.model import Design
+from coilarray.design.model import Design, DesignFile
 from coilarray.electromagnetics.inductance import coupling_matrix
 from coilarray.geometry import Margin
 
@@ -219,12 +219,12 @@ def pair_table(coupling: xr.Dataset) -> Table:
     return replace(table, rows=tuple(row for row in table.rows if row[0] != row[1]))
 
 
-def design_table(design: Design) -> Table:
+def design_table(file: DesignFile) -> Table:
     """Return one row for each value of the design, assumed ones with their reason."""
     rows = []
-    for key, value in design.values.items():
-        origin = "assumed" if key in design.assumed else "given" if key in design.given else "default"
-        rows.append((key, _plain(value), origin, design.assumed.get(key, "")))
+    for key, value in file.values.items():
+        origin = "assumed" if key in file.assumed else "given" if key in file.given else "default"
+        rows.append((key, _plain(value), origin, file.assumed.get(key, "")))
     return Table("design", "Design", tuple(map(Column, ("key", "value", "origin", "reason"))), tuple(rows))
 
 

@@ -14,14 +14,15 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from coilarray.circuit.coupling import couple_design, design_inductance, provenance
+from coilarray.circuit.coupling import couple_design, design_inductance, provenance, shorts_of
 from coilarray.circuit.impedance import close_channels, scan_design, sweep_design
 from coilarray.circuit.operating_field import operating_field
 from coilarray.compute.files import make_folder, write_text
 from coilarray.compute.netcdf import save_dataset
 from coilarray.compute.threads import Progress
 from coilarray.design.fab_limits import load_profile
-from coilarray.design.model import Design
+from coilarray.design.model import Design, DesignFile
+from coilarray.design.write import as_file
 from coilarray.elastomer.contact import indent
 from coilarray.errors import CoilarrayError, GeometryError, NetworkError
 from coilarray.geometry import check_rules
@@ -72,13 +73,14 @@ class Report:
     rendering_problem: str | None
 
 
-def write_report(design: Design, where: str | Path = ".", *, progress: Progress | None = None) -> Report:
+def write_report(design: Design | DesignFile, where: str | Path = ".", *, progress: Progress | None = None) -> Report:
     """Compute the coupling of a design and write its report.
 
     Parameters
     ----------
-    design : Design
-        Design of the board.
+    design : Design or DesignFile
+        Design of the board; assumed values are marked where it comes from a file, as
+        `coilarray.design.model.load_design_file` reads it.
     where : str or Path
         Folder for ``report.html`` and the folder ``report``; it is made where it does not exist. Files of an earlier
         report there are replaced.
@@ -105,6 +107,8 @@ def write_report(design: Design, where: str | Path = ".", *, progress: Progress 
     Parts that a design does not ask for are left out, and so are parts that cannot be computed, with the reason on the
     page.
     """
+    file = as_file(design)
+    design = file.design
     folder = Path(where)
     data_folder = folder / "report"
     make_folder(folder)  # a folder that cannot be written is known before the work begins
@@ -158,7 +162,7 @@ def write_report(design: Design, where: str | Path = ".", *, progress: Progress 
     all_tables = [
         tables.coil_table(design, coupling),
         tables.pair_table(coupling),
-        tables.design_table(design),
+        tables.design_table(file),
         tables.rules_table(margins),
         tables.line_table(line["others open"], line["others as terminated"]),
         *_circuit_tables(scan, sweep),
@@ -169,11 +173,11 @@ def write_report(design: Design, where: str | Path = ".", *, progress: Progress 
     data: dict[str, object] = {
         "schema": 1,
         "provenance": {**provenance(design), "date": now()},
-        "title": design.title,
+        "title": design.title or design.name,
         "source": design.source,
         "capacitance_F": design.circuit.capacitance,
         "short_resistance_ohm": design.circuit.short_resistance,
-        "terminations": dict(zip(design.array.names, design.circuit.terminations, strict=True)),
+        "terminations": dict(zip(design.array.names, shorts_of(design), strict=True)),
         "left_out": coupling.attrs["left_out"],
         "circuit_problem": circuit_problem,
         "close_channels": [
@@ -189,7 +193,7 @@ def write_report(design: Design, where: str | Path = ".", *, progress: Progress 
         **{table.name: table.records() for table in all_tables},
     }
     # everything that can fail on the numbers comes before the first file
-    page = _page(design, data, all_tables, pictures)
+    page = _page(file, data, all_tables, pictures)
     texts = {f"{table.name}.csv": table.csv() for table in all_tables}
     texts["report.json"] = json.dumps(data, indent=1, allow_nan=False) + "\n"
     make_folder(data_folder)
@@ -312,14 +316,19 @@ def _both(plane: dict[str, xr.Dataset]) -> xr.Dataset:
 
 
 def _page(
-    design: Design, data: Mapping[str, object], all_tables: Sequence[tables.Table], pictures: Sequence[figures.Picture]
+    file: DesignFile,
+    data: Mapping[str, object],
+    all_tables: Sequence[tables.Table],
+    pictures: Sequence[figures.Picture],
 ) -> str:
     by_name = {table.name: table for table in all_tables}
-    profile = design.values.get("fab.profile")
+    profile = file.values.get("fab.profile")
     rows = tuple(row for row in by_name["design"].rows if str(row[0]).startswith(_ENTERING))
     return render_page(
         "page.html.j2",
-        design=design,
+        design=file.design,
+        file=file,
+        shorts=sorted(set(shorts_of(file.design))),
         data=data,
         tables=by_name,
         entering=replace(by_name["design"], rows=rows),

@@ -151,7 +151,7 @@ def response_map(
     true, mesh = imperfections or Imperfections(), mesh or LayerMesh()
     axes, coils = map_axes(design, depths, x, y), len(design.array.names)
     error = _allowed_error(reach, axes, coils, dielectric=dielectric)
-    _require_room(axes, coils, len(design.circuit.plan), error)
+    _require_room(axes, coils, len(design.plan), error)
     pressed = experiment(design, axes, true)
 
     def flat_network() -> Network:
@@ -160,18 +160,18 @@ def response_map(
         return replace(design_circuit(design, ideal=ideal) if network is None else network, inductance=L0)
 
     flat = flat_network() if error else None
-    states = None if flat is None else _sensitivity(flat, design.circuit.plan, required=reach != "auto")
+    states = None if flat is None else _sensitivity(flat, design.plan, required=reach != "auto")
     if flat is not None and states is not None:
         base = states.base_inductance
         delta, cutoff = near_response(pressed, design.array.conductors(), states, error, mesh, progress=progress)
         changes: Variables = {}
         left_out = {"error_of_peak": error, "state_cutoff_m": cutoff.states, "coil_cutoff_m": cutoff.coils}
     else:
-        _require_room(axes, coils, len(design.circuit.plan), 0.0)
+        _require_room(axes, coils, len(design.plan), 0.0)
         permittivity = design.circuit.elastomer_permittivity if dielectric else None
         change, capacitance_change = _changes(pressed, permittivity, mesh, parts, progress)
         flat = flat or flat_network()
-        delta, base = _through_circuit(flat, design.circuit.plan, change, capacitance_change)
+        delta, base = _through_circuit(flat, design.plan, change, capacitance_change)
         changes = {
             "inductance_change": (
                 ("depth", "y", "x", "coil", "other"), change.reshape(*axes.shape, coils, coils),
@@ -237,7 +237,7 @@ def respond(
     """
     if "inductance_change" not in response:
         raise ElastomerError("a response of near coils alone has no inductance changes; compute it with reach=None.")
-    states = design.circuit.plan if plan is None else tuple(plan)
+    states = design.plan if plan is None else tuple(plan)
     change = response.inductance_change.values if inductance_change is None else inductance_change
     n = change.shape[-1]
     flat = change.reshape(change.shape[0], -1, n, n)
@@ -316,7 +316,7 @@ def response_dataset(
     names = list(design.array.names if coils is None else coils)
     kept = [design.array.names.index(name) for name in names]
     centres = design.array.centres[kept] - setup.origin_point
-    states = [state.name for state in design.circuit.plan] if states is None else states
+    states = [state.name for state in design.plan] if states is None else states
     return xr.Dataset(
         {
             "delta": (

@@ -8,8 +8,9 @@ from typing import Any
 from coilarray.compute.store import Store, content_key
 from coilarray.compute.threads import Progress
 from coilarray.compute.workers import Pool
-from coilarray.design.model import Design, build_design
-from coilarray.design.vary import vary_document
+from coilarray.design.model import Design, DesignFile, build_design
+from coilarray.design.vary import plain, vary_document
+from coilarray.design.write import as_file
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import DesignError
 from coilarray.studies.quantities import canonical, evaluate
@@ -21,7 +22,7 @@ Outcome = dict[str, float] | str
 
 
 def evaluate_points(
-    design: Design,
+    design: Design | DesignFile,
     changes: Iterable[Mapping[str, Any]],
     quantities: Sequence[str | Mapping[str, Any]],
     pool: Pool,
@@ -69,10 +70,8 @@ def evaluate_points(
     ValueError
         A design that differs from its document, as `coilarray.studies.tolerance` makes them.
     """
-    if build_design(design.document, design.name).digest != design.digest:
-        raise ValueError(f"the design {design.name} must be as its document says.")
     how = {"quantities": [canonical(quantity) for quantity in quantities], "accuracy": accuracy}
-    document = {key: value for key, value in design.document.items() if key not in _SAYS_NOTHING}
+    document = {key: plain(value) for key, value in as_file(design).document.items() if key not in _SAYS_NOTHING}
     items = (_item(document, change, how) for change in changes)
     total = len(changes) if isinstance(changes, Sized) else None
     return run_cached(evaluate_point, items, pool, cache, progress=progress, total=total)
@@ -125,7 +124,7 @@ def run_cached(
     pool, cache, progress
         See `evaluate_points`.
     total : int, optional
-        Number of items, for `progress`; by default as many as were read.
+        Number of items, for `progress`; by default the number that was read.
 
     Yields
     ------

@@ -6,20 +6,22 @@ import itertools
 import json
 import math
 import re
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from coilarray.circuit.coupling import provenance
-from coilarray.compute.store import Store
+from coilarray.compute.store import Store, open_store
 from coilarray.compute.threads import Progress
-from coilarray.compute.workers import Pool
-from coilarray.design.model import Design
+from coilarray.compute.workers import Pool, workers
+from coilarray.design.model import Design, DesignFile
+from coilarray.design.toml_file import TomlFiles
 from coilarray.design.vary import vary
+from coilarray.design.write import as_file
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import DesignError, GoalError
 from coilarray.studies.evaluate import evaluate_points
@@ -27,8 +29,9 @@ from coilarray.studies.quantities import Request, request
 
 MOST_POINTS = 100_000
 """Points of a sweep."""
-_LOOKED_AT = 200  # largest number of points that are built before the work begins, at 10 ms each
-_DIGITS = 12  # of the values of a range, so that steps of 0.1 have short names
+_VALUES = TomlFiles("value", GoalError)
+_LOOKED_AT = 200  # most points that are built before work begins, at 10 ms each
+_DIGITS = 12  # of the values of a range: steps of 0.1 shall have short names
 _RANGE = re.compile(r"([^:,\[\"']+):([^:,\[\"']+)(?::([^:,\[\"']+))?")
 _UNITS = {
     "mm": "mm", "um": "µm", "deg": "deg", "pF": "pF", "nH": "nH", "MHz": "MHz", "kPa": "kPa", "ohm": "ohm",
@@ -38,21 +41,21 @@ _UNITS = {
 
 @dataclass(frozen=True)
 class Axis:
-    """An entry of a design and its values in a sweep.
+    """An entry of a design, and what it takes in a sweep.
 
     Parameters
     ----------
     key : str
-        Dotted key of the entry, as for `coilarray.design.vary.vary`.
+        As in `coilarray.design.vary.vary`.
     values : tuple
-        Distinct values; the two ends of an interval.
+        Different from each other; of an interval its two ends.
     interval : bool
-        True where samples lie anywhere between the two values, on whole numbers for an entry that takes no others.
+        Samples lie anywhere between the two values, on whole numbers for an entry that takes no others.
 
     Raises
     ------
     GoalError
-        No value, a value given twice or not finite, or an interval that does not rise.
+        No value, one that is there twice or is not finite, or an interval that does not rise.
     """
 
     key: str
@@ -103,7 +106,7 @@ class Axis:
 
 
 def parse_axis(text: str) -> Axis:
-    """Read an axis from the text of the command line.
+    """Read an axis as the command line has it.
 
     Parameters
     ----------
@@ -114,7 +117,7 @@ def parse_axis(text: str) -> Axis:
     Raises
     ------
     GoalError
-        A text of another form.
+        Anything else.
 
     Examples
     --------
@@ -152,21 +155,21 @@ class Sweep:
 
     Parameters
     ----------
-    design : Design
-        Design to vary.
+    file : DesignFile
+        The design that is varied.
     axes : tuple of Axis
-        Entries to vary.
+        Entries that are varied.
     points : tuple of mapping
-        Changes of every point; in a grid the last axis varies fastest.
+        Changes of every point; the last axis of a grid runs fastest.
     requests : tuple of Request
-        Quantities to compute, each once.
+        Quantities, each once.
     sampling : str
-        Description of how the points were chosen; "grid" for all combinations.
+        How the points were chosen, "grid" for all.
     accuracy : {"full", "screen"}
-        Accuracy of the inductances; see `coilarray.electromagnetics.inductance.Accuracy`.
+        Accuracy of the inductances: `coilarray.electromagnetics.inductance.Accuracy`.
     """
 
-    design: Design
+    file: DesignFile
     axes: tuple[Axis, ...]
     points: tuple[Mapping[str, Any], ...]
     requests: tuple[Request, ...]
@@ -184,31 +187,88 @@ class Sweep:
         return tuple(len(axis.values) for axis in self.axes) if self.sampling == "grid" else (len(self.points),)
 
 
+def sweep(
+    design: Design | DesignFile,
+    entries: Mapping[str, Sequence[Any]],
+    quantities: Sequence[str | Mapping[str, Any]],
+    *,
+    accuracy: Accuracy = "full",
+    keep: bool | Path = False,
+    pool: Pool | None = None,
+    progress: Progress | None = None,
+) -> xr.Dataset:
+    """Evaluate quantities of a design over a grid of its entries.
+
+    Parameters
+    ----------
+    design : Design or DesignFile
+        The design to be varied.
+    entries : mapping of str to sequence
+        Values of each entry by its dotted key, in the unit of the key.
+    quantities : sequence of str or mapping
+        Names of quantities, as `coilarray.studies.quantities.request` reads them.
+    accuracy : {"full", "screen"}
+        Accuracy of the inductances. ``screen`` is some ten times as fast; see
+        `coilarray.electromagnetics.inductance.Accuracy`.
+    keep : bool or Path
+        Whether points are kept and found again: in the user's cache folder, or in a folder of your own.
+    pool : Pool, optional
+        Workers from `coilarray.compute.workers.workers`; by default the points are computed here, one by one.
+    progress : callable, optional
+        Called with (done, total).
+
+    Returns
+    -------
+    xarray.Dataset
+        As `run_sweep` returns it.
+
+    Raises
+    ------
+    GoalError
+        As `plan_sweep`.
+
+    Examples
+    --------
+    >>> from coilarray import load_design
+    >>> wide = sweep(load_design("starter"), {"array.pitch_mm": [12, 16]}, ["span_mm"])
+    >>> round(float(wide.span_mm.diff("array.pitch_mm")[0]), 6)
+    8.0
+    """
+    plan = plan_sweep(
+        design, [Axis(key, tuple(values)) for key, values in entries.items()], quantities, accuracy=accuracy
+    )
+    cache = open_store(keep if isinstance(keep, Path) else None) if keep else None
+    if pool is not None:
+        return run_sweep(plan, pool, cache, progress=progress)
+    with workers() as here:
+        return run_sweep(plan, here, cache, progress=progress)
+
+
 def plan_sweep(
-    design: Design,
+    design: Design | DesignFile,
     axes: Sequence[Axis],
     quantities: Sequence[str | Mapping[str, Any]],
     samples: int | None = None,
     seed: int = 0,
     accuracy: Accuracy = "full",
 ) -> Sweep:
-    """Choose the points of a sweep, and refuse mistakes before the work begins.
+    """Choose the points of a sweep and refuse before the work what would only show after it.
 
     Parameters
     ----------
-    design : Design
-        Design to vary.
+    design : Design or DesignFile
+        The design to be varied.
     axes : sequence of Axis
         Entries to vary.
     quantities : sequence of str or mapping
-        Quantities to compute; see `coilarray.studies.quantities.request`.
+        Names of quantities, as `coilarray.studies.quantities.request` reads them.
     samples : int, optional
-        Number of points that cover the axes evenly, from a scrambled Sobol sequence; all combinations by default. A
-        larger number begins with the same points, so that a sweep can be refined.
+        Number of points that cover the axes evenly, by a scrambled Sobol sequence; all combinations by default. More
+        samples begin with the same ones, so that a sweep can be refined.
     seed : int
         Seed of the scrambling.
     accuracy : {"full", "screen"}
-        Accuracy of the inductances; ``screen`` is some ten times as fast. See
+        Accuracy of the inductances. ``screen`` is some ten times as fast; see
         `coilarray.electromagnetics.inductance.Accuracy`.
 
     Returns
@@ -218,9 +278,9 @@ def plan_sweep(
     Raises
     ------
     GoalError
-        No axis or no quantity, an entry given twice, an interval without samples, more than `MOST_POINTS` points, an
-        unknown quantity, one of a coil that no design of the sweep has, or no valid design among up to 200 points
-        spread over the sweep, for example because of an unknown entry.
+        No axis or no quantity; an entry twice; an interval without samples; more than `MOST_POINTS`; a quantity that
+        there is not, or of a coil that no design of the sweep has; or no design at all: none of up to 200 points spread
+        over the sweep gives one, because of an unknown entry for example.
     """
     keys = [axis.key for axis in axes]
     if not keys:
@@ -230,26 +290,27 @@ def plan_sweep(
     requests = {one.key: one for one in map(request, quantities)}
     if not requests:
         raise GoalError("a sweep must have at least one quantity.")
+    file = as_file(design)
     if samples is None:
         points, sampling = _grid(axes), "grid"
     else:
-        points = _samples(design, axes, samples, seed)
+        points = _samples(file, axes, samples, seed)
         sampling = f"{samples} points of a Sobol sequence, seed {seed}"
-    _check_designs(design, points, tuple(requests.values()))
-    return Sweep(design, tuple(axes), tuple(points), tuple(requests.values()), sampling, accuracy)
+    _check_designs(file, points, tuple(requests.values()))
+    return Sweep(file, tuple(axes), tuple(points), tuple(requests.values()), sampling, accuracy)
 
 
-def run_sweep(sweep: Sweep, pool: Pool, cache: Store | None = None, *, progress: Progress | None = None) -> xr.Dataset:
+def run_sweep(plan: Sweep, pool: Pool, cache: Store | None = None, *, progress: Progress | None = None) -> xr.Dataset:
     """Evaluate all points of a sweep.
 
     Parameters
     ----------
-    sweep : Sweep
-        Sweep made by `plan_sweep`.
+    plan : Sweep
+        From `plan_sweep`.
     pool : Pool
-        Workers, from `coilarray.compute.workers.workers`.
+        From `coilarray.compute.workers.workers`.
     cache : Store, optional
-        Store that keeps the outcomes, so that an interrupted sweep can be continued; none by default.
+        Where outcomes are kept and found again, so that an interrupted sweep goes on; none by default.
     progress : callable, optional
         Called with (done, total).
 
@@ -265,7 +326,7 @@ def run_sweep(sweep: Sweep, pool: Pool, cache: Store | None = None, *, progress:
     Raises
     ------
     ClusterError, OutputError
-        See `coilarray.studies.evaluate.evaluate_points`.
+        As `coilarray.studies.evaluate.evaluate_points`.
 
     Examples
     --------
@@ -277,35 +338,35 @@ def run_sweep(sweep: Sweep, pool: Pool, cache: Store | None = None, *, progress:
     >>> dict(wide.sizes), wide.span_mm.attrs["units"], round(float(wide.span_mm.diff("array.pitch_mm")[0]), 6)
     ({'array.pitch_mm': 2}, 'mm', 8.0)
     """
-    values = np.full((len(sweep.requests), len(sweep.points)), np.nan)
-    reasons = np.full(len(sweep.points), "", dtype=object)
-    keys = [one.key for one in sweep.requests]
+    values = np.full((len(plan.requests), len(plan.points)), np.nan)
+    reasons = np.full(len(plan.points), "", dtype=object)
+    keys = [one.key for one in plan.requests]
     for index, outcome in evaluate_points(
-        sweep.design, sweep.points, keys, pool, cache, progress=progress, accuracy=sweep.accuracy
+        plan.file, plan.points, keys, pool, cache, progress=progress, accuracy=plan.accuracy
     ):
         if isinstance(outcome, str):
             reasons[index] = outcome
         else:
             values[:, index] = [outcome[key] for key in keys]
-    dims, shape = sweep.dims, sweep.shape
+    dims, shape = plan.dims, plan.shape
     variables = {
         one.key: (dims, row.reshape(shape), {"units": one.quantity.unit, "long_name": one.quantity.says})
-        for one, row in zip(sweep.requests, values, strict=True)
+        for one, row in zip(plan.requests, values, strict=True)
     }
     reason = (dims, reasons.reshape(shape), {"long_name": "why the point has no quantities"})
     return xr.Dataset(
         {**variables, "reason": reason},
-        {axis.key: _coordinate(sweep, axis) for axis in sweep.axes},
-        {**provenance(sweep.design), "sampling": sweep.sampling, "accuracy": sweep.accuracy},
+        {axis.key: _coordinate(plan, axis) for axis in plan.axes},
+        {**provenance(plan.file.design), "sampling": plan.sampling, "accuracy": plan.accuracy},
     )
 
 
-def _coordinate(sweep: Sweep, axis: Axis) -> xr.Variable:
+def _coordinate(plan: Sweep, axis: Axis) -> xr.Variable:
     """Values of an entry along its dimension, with its unit by the end of the key, and its value in the design."""
-    grid = sweep.sampling == "grid"
-    values = axis.values if grid else [point[axis.key] for point in sweep.points]
+    grid = plan.sampling == "grid"
+    values = axis.values if grid else [point[axis.key] for point in plan.points]
     attributes: dict[str, Any] = {"long_name": axis.key}
-    own = sweep.design.values.get(axis.key)
+    own = plan.file.values.get(axis.key)
     if own is not None:
         attributes["design_value"] = own if axis.numeric and isinstance(own, int | float) else _label(own)
     dim = axis.key if grid else "sample"
@@ -325,7 +386,7 @@ def _grid(axes: Sequence[Axis]) -> list[dict[str, Any]]:
     return [dict(zip(keys, values, strict=True)) for values in itertools.product(*(axis.values for axis in axes))]
 
 
-def _samples(design: Design, axes: Sequence[Axis], count: int, seed: int) -> list[dict[str, Any]]:
+def _samples(file: DesignFile, axes: Sequence[Axis], count: int, seed: int) -> list[dict[str, Any]]:
     from scipy.stats import qmc
 
     _check_number(count)
@@ -335,7 +396,7 @@ def _samples(design: Design, axes: Sequence[Axis], count: int, seed: int) -> lis
     # whole powers of two are what the sequence is balanced for, and what it gives without a warning
     parts = sequence.random_base2((count - 1).bit_length())[:count]
     columns = [
-        axis.sample(column, whole=_is_whole(design.values.get(axis.key)))
+        axis.sample(column, whole=_is_whole(file.values.get(axis.key)))
         for axis, column in zip(axes, parts.T.tolist(), strict=True)
     ]
     keys = [axis.key for axis in axes]
@@ -347,14 +408,14 @@ def _check_number(points: int) -> None:
         raise GoalError(f"a sweep must have 1 to {MOST_POINTS} points; got {points}.")
 
 
-def _check_designs(design: Design, points: Sequence[Mapping[str, Any]], requests: Sequence[Request]) -> None:
+def _check_designs(file: DesignFile, points: Sequence[Mapping[str, Any]], requests: Sequence[Request]) -> None:
     """Build designs until one is possible and every coil that is asked for is in one."""
-    missing = {name: one.key for one in requests for name in _coils(one)}
+    missing = {name: one.key for one in requests for name in one.coils}
     names: tuple[str, ...] = ()
     reason = ""
     for point in points[:: -(-len(points) // _LOOKED_AT)]:  # rounded up, so that there are no more
         try:
-            names = vary(design, point).array.names
+            names = vary(file, point).array.names
         except DesignError as error:
             reason = reason or str(error)
             continue
@@ -367,12 +428,6 @@ def _check_designs(design: Design, points: Sequence[Mapping[str, Any]], requests
     raise GoalError(f"{key}: no design of the sweep has a coil {name!r}; there are {', '.join(names)}.")
 
 
-def _coils(one: Request) -> list[str]:
-    """Names of the coils that a quantity asks for."""
-    named = [one.options[option] for option in ("coil", "coils") if option in one.options]
-    return [str(name) for value in named for name in ((value,) if isinstance(value, str | float) else value)]
-
-
 def _is_whole(value: object) -> bool:
     return isinstance(value, int) and not isinstance(value, bool)
 
@@ -380,8 +435,8 @@ def _is_whole(value: object) -> bool:
 def _listed(text: str) -> tuple[Any, ...]:
     """Read values as TOML has them in a list; what is none of its texts, numbers and lists is a text itself."""
     try:
-        document = tomllib.loads(f"values = [{text}]")
-    except tomllib.TOMLDecodeError:
+        document = _VALUES.parse(f"values = [{text}]", "--vary")
+    except GoalError:
         document = {}
     if list(document) == ["values"] and all(map(_is_plain, document["values"])):
         return tuple(document["values"])

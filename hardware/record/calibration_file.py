@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import tomllib
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import tomli_w
-from pydantic import Field, ValidationError
+from pydantic import Field
 
-from coilarray.design.tables import first_error
+from coilarray.design.toml_file import TomlFiles
 from coilarray.design.units import Table
 from coilarray.errors import HardwareError
 from coilarray.hardware.record.baseline_drift import HIGHEST_ORDER, Drift
@@ -20,7 +20,7 @@ SCHEMA = 1
 """Version of the format."""
 
 _KIND = "coilarray board calibration"
-_LONGEST_NAME = 200  # characters of a file name that are shown
+_CALIBRATIONS = TomlFiles("calibration", HardwareError)
 _MOST_BYTES = 10_000_000
 
 
@@ -73,16 +73,10 @@ def calibration_from_toml(text: str, origin: str = "calibration") -> BoardCalibr
         Text that is not TOML or of another kind, an unknown or missing key, a value outside its range: one line that
         names the key, what was given and what is allowed.
     """
-    try:
-        document = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise HardwareError(f"{origin}: not valid TOML: {error}.") from None
+    document = _CALIBRATIONS.parse(text, origin)
     if document.get("kind") != _KIND:
         raise HardwareError(f'{origin} is no calibration of a board: it must have kind = "{_KIND}".')
-    try:
-        file = _File.model_validate(document)
-    except ValidationError as error:
-        raise HardwareError(f"{origin}: {first_error(error, document)}") from None
+    file = _CALIBRATIONS.check(_File, document, origin)
     try:
         return file.build()
     except HardwareError as error:
@@ -91,20 +85,10 @@ def calibration_from_toml(text: str, origin: str = "calibration") -> BoardCalibr
 
 def load_calibration(path: str | Path) -> BoardCalibration:
     """Read a file with the constants of a board; HardwareError for one that cannot be read or is invalid."""
-    shown = str(path)[:_LONGEST_NAME]
-    try:
+    with suppress(OSError, ValueError):  # reading says why it cannot be read
         if Path(path).stat().st_size > _MOST_BYTES:
-            raise HardwareError(f"{shown} must be at most {_MOST_BYTES} bytes long.")
-        text = Path(path).read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        raise HardwareError(f"there is no calibration {shown}.") from None
-    except UnicodeDecodeError:
-        raise HardwareError(f"{shown} is no text file in UTF-8.") from None
-    except OSError as error:
-        raise HardwareError(f"cannot read {shown}: {error.strerror}.") from None
-    except ValueError as error:
-        raise HardwareError(f"cannot read {shown!r}: {error}.") from None
-    return calibration_from_toml(text, shown)
+            raise HardwareError(f"{path} must be at most {_MOST_BYTES} bytes long.")
+    return calibration_from_toml(_CALIBRATIONS.text(path), str(path))
 
 
 def _keyed(table: type[Table], values: dict[str, Any]) -> dict[str, Any]:

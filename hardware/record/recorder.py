@@ -20,6 +20,7 @@ from typing import TypeVar, cast
 from coilarray.compute.store import locked_database
 from coilarray.compute.threads import Progress
 from coilarray.design.model import Design
+from coilarray.design.write import design_document
 from coilarray.errors import HardwareError, OutputError
 from coilarray.hardware.record.recording import GridPlace, RecordedSession, Recording
 from coilarray.hardware.record.recording_file import create_tables, is_blank, reading, require_recording
@@ -228,7 +229,7 @@ def begin_session(
         capacitances={state.name: capacitance for state in settings.states},
         design=design.name,
         design_hash=design.digest,
-        design_document=design.document,
+        design_document=design_document(design),
         version=metadata.version("coilarray"),
     )
 

@@ -39,7 +39,7 @@ def design_plan(design: Design, states: Sequence[str] | None = None) -> tuple[Sc
     >>> [state.name for state in design_plan(load_design("gast2020"), ["coil1", "coil3"])]
     ['coil1', 'coil3']
     """
-    plan = design.circuit.plan
+    plan = design.plan
     known = [state.name for state in plan]
     for name in states or ():
         if name not in known:

@@ -13,7 +13,7 @@ from typing import Annotated
 from pydantic import Field, ValidationError
 
 from coilarray.design.scan_states import ScanState, paper_plan
-from coilarray.design.tables import first_error
+from coilarray.design.toml_file import first_error
 from coilarray.design.units import Table
 from coilarray.errors import HardwareError
 from coilarray.hardware.chips.ldc1614 import (

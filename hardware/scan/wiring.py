@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections import Counter
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from importlib import resources
-from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple, TypeVar, get_args
 
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from coilarray.design.scan_states import Passive, ScanState, check_state
-from coilarray.design.tables import first_error
 from coilarray.design.units import Name, Table
 from coilarray.errors import HardwareError
 from coilarray.hardware.chips.adg739 import chain_bytes, check_bits, switch_word
+from coilarray.hardware.scan import wirings
 from coilarray.hardware.scan.closure import UNUSED, Net, WiredSwitch
 
 End = Literal["a", "b"]
@@ -27,7 +24,6 @@ SCHEMA = 1
 """Version of the wiring file format."""
 _MOST_COILS = 31  # the code of a switch is a byte, 4·terminal + net, and 0xFF means that it is not wired
 _MOST_DEVICES = 255
-_LONGEST_NAME = 200  # characters shown of a file name
 _GROUNDED: Mapping[Passive, tuple[End, ...]] = {
     "ground": ("a", "b"), "ground one end": ("a",), "ground other end": ("b",), "open": (),
 }  # fmt: skip
@@ -230,13 +226,6 @@ class Wiring:
             raise HardwareError(f"wiring {self.name}: {device.name} has {twice} twice.")
 
 
-def bundled_wirings() -> dict[str, Traversable]:
-    """Return the files of the bundled wirings by name, sorted."""
-    folder = resources.files("coilarray.hardware.scan.wirings")
-    found = {entry.name.removesuffix(".toml"): entry for entry in folder.iterdir() if entry.name.endswith(".toml")}
-    return dict(sorted(found.items()))
-
-
 def load_wiring(name_or_path: str | Path | None = None) -> Wiring:
     """Read a wiring file.
 
@@ -261,26 +250,10 @@ def load_wiring(name_or_path: str | Path | None = None) -> Wiring:
     >>> wiring.safe_words.hex()
     '111111111111'
     """
-    given = "six_coils" if name_or_path is None else str(name_or_path)
+    given = wirings.STARTER if name_or_path is None else str(name_or_path)
     if not given:
         raise HardwareError("the name of a wiring file must not be empty.")
-    path, bundled = Path(given), bundled_wirings()
-    if given in bundled and not path.is_file():
-        return parse_wiring(bundled[given].read_text(encoding="utf-8"), given)
-    try:
-        text = path.read_text(encoding="utf-8-sig")  # some editors put a byte order mark first
-    except FileNotFoundError:
-        raise HardwareError(
-            f"there is no wiring file {given[:_LONGEST_NAME]}, nor a bundled wiring of that name "
-            f"({', '.join(bundled)})."
-        ) from None
-    except UnicodeDecodeError:
-        raise HardwareError(f"{given[:_LONGEST_NAME]} is not a text file in UTF-8.") from None
-    except OSError as error:
-        raise HardwareError(f"cannot read {given[:_LONGEST_NAME]}: {error.strerror}.") from None
-    except ValueError as error:  # a name with a zero byte
-        raise HardwareError(f"cannot read {given[:_LONGEST_NAME]!r}: {error}.") from None
-    return parse_wiring(text, given)
+    return parse_wiring(wirings.WIRINGS.text(given), given)
 
 
 def one_device_a_coil(coils: Sequence[str]) -> Wiring:
@@ -315,21 +288,11 @@ def one_device_a_coil(coils: Sequence[str]) -> Wiring:
 
 def parse_wiring(text: str, origin: str = "wiring") -> Wiring:
     """Read a wiring from the text of a TOML file, as `load_wiring`; `origin` names the file in messages."""
-    shown = origin[:_LONGEST_NAME]
-    try:
-        document = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise HardwareError(f"{shown}: not valid TOML: {error}.") from None
-    except RecursionError:
-        raise HardwareError(f"{shown}: not valid TOML: nested too deeply.") from None
-    try:
-        file = _File.model_validate(document)
-    except ValidationError as error:
-        raise HardwareError(f"{shown}: {first_error(error, document)}") from None
+    file = wirings.WIRINGS.check(_File, wirings.WIRINGS.parse(text, origin), origin)
     try:
         return file.wiring.build(Path(origin).stem)
     except HardwareError as error:
-        raise HardwareError(f"{shown}: {error}") from None
+        raise HardwareError(f"{origin[:200]}: {error}") from None
 
 
 class _SwitchTable(Table):

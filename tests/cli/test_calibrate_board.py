@@ -10,7 +10,7 @@ import tomli_w
 from support.command_line import runner
 from support.quick_coils import series_tank
 from support.quick_recordings import campaign_file, stream_file
-from support.recorded_boards import WIRING_TEXT, QuickWorld, two_coils
+from support.recorded_boards import WIRING_TEXT, QuickWorld, two_coils_document
 
 from coilarray.cli.main import main
 from coilarray.hardware.emulator import Drift, Oscillator
@@ -102,7 +102,7 @@ def test_the_whole_way_from_the_emulator(capsys, tmp_path_factory, monkeypatch):
     """
     folder = tmp_path_factory.mktemp("board")
     monkeypatch.setenv("COILARRAY_CACHE", str(folder / "cache"))
-    (folder / "two_coils.toml").write_text(tomli_w.dumps(two_coils().document))
+    (folder / "two_coils.toml").write_text(tomli_w.dumps(two_coils_document()))
     (folder / "wiring.toml").write_text(WIRING_TEXT)
     board = (str(folder / "two_coils.toml"), "--wiring", str(folder / "wiring.toml"))
     noise = ("--emulate", "noise=1e-6", "--emulate", "drift=0.002")

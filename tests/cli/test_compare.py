@@ -10,7 +10,7 @@ import pytest
 import tomli_w
 from support.command_line import runner
 from support.quick_recordings import GRID, campaign_file, quick_map, stream_file
-from support.recorded_boards import two_coils
+from support.recorded_boards import two_coils_document
 
 from coilarray.cli.main import main
 from coilarray.compute.netcdf import load_part, save_dataset
@@ -204,7 +204,7 @@ def test_bad_input(capsys, arguments, words):
     save_dataset(a1.assign_coords(depth=[2e-3]), Path("deep.nc"))
     save_dataset(a1.assign_coords(x=a1.x + 1), Path("far.nc"))
     Path("text.nc").write_text("no netCDF")
-    document = dict(two_coils().document)
+    document = two_coils_document()
     flat = {key: value for key, value in document.items() if key not in ("indenter", "indentation")}
     Path("flat.toml").write_text(tomli_w.dumps({**flat, "name": "flat"}))
     Path("text.sqlite").write_text("no SQLite, but long enough to be read as a page" * 100)

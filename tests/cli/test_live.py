@@ -19,7 +19,7 @@ import tomli_w
 from support.command_line import runner
 from support.patience import PATIENCE, until
 from support.quick_recordings import campaign_file, stream_file
-from support.recorded_boards import WIRING_TEXT, configured, quick_board, two_coils
+from support.recorded_boards import WIRING_TEXT, configured, quick_board, two_coils_document
 
 from coilarray import load_design
 from coilarray.cli import live as live_command
@@ -42,7 +42,7 @@ def board(tmp_path_factory):
     """Folder with a design of two coils, its wiring and a table of one depth."""
     folder = tmp_path_factory.mktemp("board")
     path = folder / "two_coils.toml"
-    path.write_text(tomli_w.dumps(two_coils().document))
+    path.write_text(tomli_w.dumps(two_coils_document()))
     (folder / "wiring.toml").write_text(WIRING_TEXT)
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("COILARRAY_CACHE", str(folder / "cache"))

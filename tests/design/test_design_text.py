@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from support.boards import FOUR_LAYERS, LEADS, VIA, many_layers, reference_board
 
 from coilarray import load_design
-from coilarray.design.model import parse_design
+from coilarray.design.model import Design, parse_design, parse_design_file
 from coilarray.design.write import design_names, design_text, shape_names
 from coilarray.errors import DesignError
 from coilarray.geometry import CoilArray, Placement, PlatedHole, Spiral, Stackup, path_coil, spiral_coil
@@ -21,7 +21,7 @@ GRID = 1e-9  # m: places are rounded to it
 
 
 def text(array, name="copy", assumed=None):
-    return design_text(name, array, source="a test", assumed=assumed or {})
+    return design_text(Design(array, name=name, source="a test"), assumed)
 
 
 def same(found, array):
@@ -144,16 +144,16 @@ def test_assumptions_are_carried_to_the_keys_they_are_of():
         "coils.two.gap_mm": "a guess",
         "board.margin_mm": "none given",
     }
-    design = parse_design(text(mixed_array(), assumed=assumed))
-    assert design.assumed == {
+    file = parse_design_file(text(mixed_array(), assumed=assumed))
+    assert file.assumed == {
         "stackup.dielectric_epsilon_r": "FR-4",
         "coils.shape1.via.plating_um": "usual",
         "coils.shape2.via.plating_um": "usual",
         "coils.shape2.gap_mm": "a guess",
         "board.margin_mm": "none given",
     }
-    assert design.source == "a test"
-    assert parse_design(text(mixed_array())).assumed == {}
+    assert file.design.source == "a test"
+    assert parse_design_file(text(mixed_array())).assumed == {}
 
 
 def test_names_with_dots_find_their_shape():
@@ -161,7 +161,7 @@ def test_names_with_dots_find_their_shape():
     other = path_coil([[(0, 0), (2e-3, 0)]], 2e-4, 2e-4, VIA)
     placements = (Placement("a", coil, ("L1",), 0, 0), Placement("a.gap_mm", other, ("L1",), 0, 1e-3))
     array = CoilArray(many_layers(1), placements)
-    reasons = parse_design(text(array, assumed={"coils.a.gap_mm": "1", "coils.a.gap_mm.gap_mm": "2"})).assumed
+    reasons = parse_design_file(text(array, assumed={"coils.a.gap_mm": "1", "coils.a.gap_mm.gap_mm": "2"})).assumed
     assert reasons == {"coils.shape1.gap_mm": "1", "coils.shape2.gap_mm": "2"}
 
 

@@ -20,6 +20,7 @@ from coilarray import parse_design, write_report
 from coilarray.design import fabs
 from coilarray.design.bundled import read
 from coilarray.design.fab_limits import FabTable, load_profile
+from coilarray.design.model import parse_design_file
 from coilarray.errors import DesignError, GeometryError, RuleViolationError
 from coilarray.geometry import FabRules, Spiral, check_rules, require_rules, spiral_coil
 from coilarray.report.tables import rules_table
@@ -35,7 +36,7 @@ WITHOUT_FAB = STARTER[: STARTER.index("[fab]")]
 
 def with_fab(table):
     """The starter design with this table [fab] instead of its own."""
-    return parse_design(f"{WITHOUT_FAB}\n[fab]\n{table}\n")
+    return parse_design_file(f"{WITHOUT_FAB}\n[fab]\n{table}\n")
 
 
 def found(array, rules, rule):
@@ -145,13 +146,13 @@ def test_an_unknown_profile_names_the_known_ones():
 def test_without_a_profile_or_keys_the_defaults_hold():
     assert FabTable().build() == FabRules()
     assert parse_design(WITHOUT_FAB).rules == FabRules()
-    assert with_fab("").rules == FabRules()
+    assert with_fab("").design.rules == FabRules()
 
 
 @pytest.mark.parametrize("name", fabs.names())
 def test_a_profile_gives_every_limit(name):
     profile, design = load_profile(name), with_fab(f'profile = "{name}"')
-    assert design.rules == profile.rules
+    assert design.design.rules == profile.rules
     for key, value in profile.limits.items():
         assert design.values[f"fab.{key}"] == value
     assert design.given & {key for key in design.values if key.startswith("fab.")} == {"fab.profile"}
@@ -164,7 +165,7 @@ def test_a_profile_gives_every_limit(name):
 def test_keys_beside_a_profile_go_first():
     design = with_fab('profile = "jlcpcb-4-layer"\nmin_gap_mm = 0.2\nmin_hole_spacing_mm = 0.4\nblind_holes = true')
     stated = load_profile("jlcpcb-4-layer").rules
-    assert design.rules == replace(stated, min_gap=0.2 * 1e-3, min_hole_spacing=0.4 * 1e-3, blind_holes=True)
+    assert design.design.rules == replace(stated, min_gap=0.2 * 1e-3, min_hole_spacing=0.4 * 1e-3, blind_holes=True)
     assert design.values["fab.min_gap_mm"] == 0.2
     assert "fab.min_gap_mm" in design.given
     # no longer the profile's assumption
@@ -174,14 +175,14 @@ def test_keys_beside_a_profile_go_first():
 
 def test_a_design_may_say_why_it_takes_a_limit():
     text = f'{WITHOUT_FAB}\n[fab]\nprofile = "multi-cb-35um"\n[assumed]\n"fab.min_hole_spacing_mm" = "asked them"\n'
-    assert parse_design(text).assumed["fab.min_hole_spacing_mm"] == "asked them"
+    assert parse_design_file(text).assumed["fab.min_hole_spacing_mm"] == "asked them"
 
 
 def test_the_digest_follows_the_limits():
-    base = with_fab("").digest
-    assert with_fab("min_trace_mm = 0.1").digest == base  # the default
-    assert with_fab("max_layers = 4").digest != base
-    assert with_fab('profile = "multi-cb-35um"').digest != base
+    base = with_fab("").design.digest
+    assert with_fab("min_trace_mm = 0.1").design.digest == base  # the default
+    assert with_fab("max_layers = 4").design.digest != base
+    assert with_fab('profile = "multi-cb-35um"').design.digest != base
 
 
 @pytest.mark.parametrize(
@@ -202,7 +203,7 @@ def test_the_digest_follows_the_limits():
     ],
 )
 def test_each_key_sets_its_limit_in_si(table, name, expected):
-    rules = with_fab(table).rules
+    rules = with_fab(table).design.rules
     assert getattr(rules, name) == pytest.approx(expected, rel=ROUNDING)
     assert rules == replace(FabRules(), **{name: getattr(rules, name)})  # and nothing else
 
@@ -389,7 +390,7 @@ def test_the_table_shows_millimetres_and_numbers_and_files_keep_si():
 
 def test_a_report_names_the_profile_and_its_sources(tmp_path):
     stated = load_profile("multi-cb-35um")
-    design = parse_design("""
+    design = parse_design_file("""
 schema = 1
 name = "one"
 stackup = { layers = ["top"], copper_thickness_um = [35] }

@@ -523,7 +523,7 @@ def test_settings_fit_the_coils(kept):
 
     settings = design_settings(DESIGN, two_coil_wiring())
     network = board_network(DESIGN, open_store())
-    for state, plan in zip(settings.states, DESIGN.circuit.plan, strict=True):
+    for state, plan in zip(settings.states, DESIGN.plan, strict=True):
         result = resonate(network, plan)
         assert state.drive == drive_for(result.parallel_resistance).code
         # settling by the data sheet: Q periods of the sensor in 16 periods of the reference each

@@ -107,7 +107,7 @@ def scanned():
 
 def test_the_tank_of_an_untouched_board_is_that_of_the_scan(network, table, scanned):
     world = SensorWorld(network, lambda: table)
-    for state in PAPER.circuit.plan:
+    for state in PAPER.plan:
         tank, expected = world.resonator(state, LIFTED, 25.0), scanned.sel(state=state.name)
         # the same functions on the same numbers, kept as float64
         assert tank.frequency == pytest.approx(float(expected.frequency), rel=1e-12)

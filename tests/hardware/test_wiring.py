@@ -19,12 +19,12 @@ from support.named_switching import check_words, nets_of
 from coilarray.design.scan_states import ScanState, paper_plan
 from coilarray.errors import HardwareError, NetworkError
 from coilarray.hardware.chips.adg739 import SWITCHES
+from coilarray.hardware.scan import wirings
 from coilarray.hardware.scan.wiring import (
     Device,
     Switch,
     Terminal,
     Wiring,
-    bundled_wirings,
     load_wiring,
     one_device_a_coil,
     parse_wiring,
@@ -177,7 +177,7 @@ def test_safe_words(wiring):
 @BOTH
 def test_encoding(wiring):
     """Against the file itself: device by device from the far end, bit by bit."""
-    file = tomllib.loads(bundled_wirings()[wiring.name].read_text(encoding="utf-8"))["wiring"]
+    file = tomllib.loads(wirings.read(wiring.name))["wiring"]
     codes = []
     for device in reversed(file["device"]):
         for name in file["part"][device["part"]]["bits"]:
@@ -207,7 +207,7 @@ def _bytes(codes):
 
 
 def test_every_bundled_wiring_loads():
-    for name in bundled_wirings():
+    for name in wirings.names():
         wiring = load_wiring(name)
         assert wiring.name == name
         assert dict(wiring.assumed)["ADG739.bits"]  # not verified, so it is said

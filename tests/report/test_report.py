@@ -17,6 +17,7 @@ import xarray as xr
 
 from coilarray import active_coil, coupling_matrix, indent, load_design, magnetic_field, parse_design, write_report
 from coilarray.design.bundled import read
+from coilarray.design.model import load_design_file
 from coilarray.errors import LocalizeError
 from coilarray.localize.ellipse import fit_ellipses
 from coilarray.localize.ellipse_model import ellipse_model, locate_x
@@ -175,7 +176,7 @@ def test_field_line_is_the_bell_of_the_paper(made):
 
 
 def test_assumed_values_are_marked(made):
-    design = load_design("gast2020")
+    design = load_design_file("gast2020")
     rows = {row["key"]: row for row in table(made, "design")}
     for key, reason in design.assumed.items():
         assert rows[key]["origin"] == "assumed"

@@ -163,7 +163,7 @@ def test_large_boards_answer_as_all_their_coils_together():
     y = design.array.centres[27, 1]
     dent = dent_of(contact.isel(depth=0), design.sheets)
     change = dent_inductance(design.array, [dent], np.column_stack((x, [y, y])), MESH)[0]
-    states = state_sensitivity(design.array.names, L, R, design.circuit.switches, design.circuit.plan)
+    states = state_sensitivity(design.array.names, L, R, design.circuit.switches, design.plan)
     full = states.delta(change)
     local = response_map(design, reach=1e-3, x=x, y=[y], inductance=lambda: L, mesh=MESH)
     assert np.abs(local.delta.values[0, 0] - full).max() < 1e-3 * np.abs(full).max()

@@ -74,7 +74,7 @@ def test_response_is_largest_at_the_coil_and_negative_beyond(plain):
 
 def test_open_neighbours_and_strays_change_little(plain):
     opened = parse_design(read("gast2020").replace('default_termination = "short" ', 'default_termination = "open" '))
-    assert opened.circuit.plan[0].exceptions["coil2"] == "open"
+    assert opened.plan[0].exceptions["coil2"] == "open"
     without = response_map(opened, x=X, y=[0.0], ideal=True).delta.values
     strays = nominal().delta.values
     largest = plain.delta.values.max()

@@ -114,8 +114,7 @@ def test_no_point_is_computed_twice(starter, cache):
     assert second.computed == 1
     assert (again[0], again[2]) == (expected[2], expected[1])
     # the same board from a file that says so, under another title, its numbers set by numpy
-    near = dataclasses.replace(starter, document={**vary(starter, {"array.pitch_mm": 13}).document, "title": "Mine"})
-    near = vary(near, {})
+    near = dataclasses.replace(vary(starter, {"array.pitch_mm": 13}), title="Mine")
     (_, same), (_, shifted) = evaluate_points(
         near, [{}, {"array.pitch_mm": np.float64(14.0)}], QUANTITIES, other, cache
     )
@@ -213,12 +212,17 @@ def test_points_may_depend_on_earlier_outcomes(starter):
 
 
 def test_quantities_and_design_are_checked_at_once(starter):
+    with workers() as pool, pytest.raises(GoalError, match="there is no quantity 'span'"):
+        evaluate_points(starter, pitches(12), ["span"], pool)
+
+
+def test_a_board_with_errors_is_sent_as_it_is(starter):
+    """It stands in no file: every line of its coils travels."""
+    thick = perturb(starter, {"etch.L1": 2e-6, "registration_x.L3": 20e-6})
     with workers() as pool:
-        with pytest.raises(GoalError, match="there is no quantity 'span'"):
-            evaluate_points(starter, pitches(12), ["span"], pool)
-        thick = perturb(starter, {"copper.L1": 0.1})  # its document does not say so
-        with pytest.raises(ValueError, match="must be as its document says"):
-            evaluate_points(thick, pitches(12), QUANTITIES, pool)
+        ((_, outcome),) = evaluate_points(thick, [{}], QUANTITIES, pool)
+    assert outcome == pytest.approx(evaluate(thick, QUANTITIES), rel=1e-12)
+    assert outcome != pytest.approx(evaluate(starter, QUANTITIES), rel=1e-6)
 
 
 def test_any_function_of_plain_data_can_be_cached(cache):

@@ -367,7 +367,7 @@ def synthetic(monkeypatch):
         def response_map_of(design, *, depths, x, y, inductance):
             calls.append((depths, x, y))
             points = np.stack(np.meshgrid(depths, y, x, indexing="ij")[::-1], axis=-1)
-            states = [state.name for state in design.circuit.plan]
+            states = [state.name for state in design.plan]
             coords = {"depth": depths, "y": y, "x": x, "state": states}
             return xr.Dataset({"delta": (("depth", "y", "x", "state"), delta(points))}, coords)
 

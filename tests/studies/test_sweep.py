@@ -19,6 +19,7 @@ from coilarray.errors import DesignError, GoalError
 from coilarray.studies.quantities import evaluate
 from coilarray.studies.sweep import MOST_POINTS, Axis, parse_axis, plan_sweep, run_sweep
 
+PITCH_MM = 11.0  # of the starter
 PITCH, COLUMNS, LAYERS = "array.pitch_mm", "array.columns", "array.layers"
 
 
@@ -116,7 +117,7 @@ def test_a_grid_has_every_number_at_its_place(starter):
                 board, ["board_area_mm2", "span_mm"]
             )
             # the outline of a row of equal coils grows by a pitch a coil
-            expected = evaluate(vary(starter, {COLUMNS: 2}), ["span_mm"])["span_mm"] - starter.values[PITCH]
+            expected = evaluate(vary(starter, {COLUMNS: 2}), ["span_mm"])["span_mm"] - PITCH_MM
             assert there.span_mm.item() == pytest.approx(expected + pitch * (columns - 1), rel=1e-12)
     assert set(result.reason.values.ravel().tolist()) == {""}
 
@@ -124,7 +125,11 @@ def test_a_grid_has_every_number_at_its_place(starter):
 def test_the_dataset_says_what_it_is(starter):
     result = swept(starter, [Axis(PITCH, (12, 13.5)), Axis("circuit.tank", ("coil", "converter"))])
     assert result.span_mm.attrs == {"units": "mm", "long_name": "extent of the windings' outlines along x"}
-    assert result[PITCH].attrs == {"long_name": PITCH, "units": "mm", "design_value": starter.values[PITCH]}
+    assert result[PITCH].attrs == {
+        "long_name": PITCH,
+        "units": "mm",
+        "design_value": PITCH_MM,
+    }
     assert result["circuit.tank"].attrs == {"long_name": "circuit.tank", "design_value": "converter"}
     assert result["circuit.tank"].values.tolist() == ["coil", "converter"]
     assert result.attrs["design_hash"] == starter.digest
@@ -215,7 +220,7 @@ def test_sampled_numbers_stand_beside_their_entries(starter):
     axes = [Axis(PITCH, (12.0, 18.0), interval=True), Axis(COLUMNS, (2, 3))]
     result = swept(starter, axes, samples=5, seed=2)
     assert dict(result.sizes) == {"sample": 5}
-    alone = evaluate(vary(starter, {COLUMNS: 2}), ["span_mm"])["span_mm"] - starter.values[PITCH]
+    alone = evaluate(vary(starter, {COLUMNS: 2}), ["span_mm"])["span_mm"] - PITCH_MM
     np.testing.assert_allclose(result.span_mm, alone + result[PITCH] * (result[COLUMNS] - 1), rtol=1e-12)
     assert result[PITCH].attrs["units"] == "mm"
 

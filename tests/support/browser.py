@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from coilarray.design.model import build_design
+from coilarray.design.model import build_design, load_design_file
 from coilarray.geometry.extras import import_extra
 from coilarray.localize.forward import table_grid
 from support.patience import PATIENCE, until
@@ -306,7 +306,7 @@ def bells(document, name, progress):
     ]
     for k in range(3):
         progress(k + 1, 3)
-    coords = {"depth": depth, "y": y, "x": x, "state": [state.name for state in design.circuit.plan]}
+    coords = {"depth": depth, "y": y, "x": x, "state": [state.name for state in design.plan]}
     return xr.Dataset(
         {"delta": (("depth", "y", "x", "state"), np.stack(delta, axis=-1))}, coords, {"design_hash": design.digest}
     )
@@ -387,7 +387,6 @@ def steady_board(request, send, stopped):
 
 def main():
     """Serve a studio with the stand-ins."""
-    from coilarray import load_design
     from coilarray.viz.studio import server
     from coilarray.viz.studio.server import LOOPBACK, Address, bind, new_token, serve
     from coilarray.viz.studio.services import Services
@@ -410,7 +409,7 @@ def main():
 
     services = Services(browser.bells, browser.slow_report, browser.steady_board, "emulator")
     address = Address(given.host or LOOPBACK, given.port, new_token() if given.host else "")
-    work = work_on(load_design(given.design), given.design)
+    work = work_on(load_design_file(given.design), given.design)
     with bind(address) as listening:
         serve(
             work, Shelf(given.folder.resolve()), services, address, listening, linger=given.linger,

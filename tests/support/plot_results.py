@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from coilarray import couple, load_design
+from coilarray.design.model import load_design_file
 from coilarray.localize.ellipse import fit_ellipses
 from coilarray.localize.ellipse_model import ellipse_model
 from coilarray.localize.forward import forward_model
@@ -214,7 +215,15 @@ def optimization(scores=((0.3, 40.0), (0.2, 30.0), (0.4, 35.0), (0.25, 50.0))):
     trials.append(Trial("search", len(trials), {}, {}, (), {}, "no board"))
     start = Trial("start", 0, {}, {"worst_k": 0.35, "span_mm": 20.0}, (0.35, 20.0), {})
     return Optimization(
-        load_design("starter"), goal, (), start, False, tuple(trials), front_of(trials, goal), 0, "several objectives"
+        load_design_file("starter"),
+        goal,
+        (),
+        start,
+        False,
+        tuple(trials),
+        front_of(trials, goal),
+        0,
+        "several objectives",
     )
 
 

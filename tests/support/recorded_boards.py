@@ -7,8 +7,7 @@ import math
 import pytest
 import tomli_w
 
-from coilarray import load_design
-from coilarray.design.model import build_design
+from coilarray.design.model import build_design, load_design_file
 from coilarray.hardware.board.connect import Board
 from coilarray.hardware.board.direct import DirectReader
 from coilarray.hardware.emulator import Conditions, EmulatedBoard, VirtualClock
@@ -40,14 +39,19 @@ bits = ["S1A", "S2A", "S3A", "S4A", "S1B", "S2B", "S3B", "S4B"]
 """ + "".join(_DEVICE.format(k=k) for k in (1, 2))
 
 
-def two_coils():
+def two_coils_document():
     """The reference design with two of its coils and a sample that is just large enough."""
-    document = dict(load_design("gast2020").document)
+    document = dict(load_design_file("gast2020").document)
     document["array"] = {**document["array"], "columns": 2}
     own = {"x_mm": [-6, 6], "y_mm": [-4, 4], "sample_x_mm": [-12, 12], "sample_y_mm": [-10, 10], "origin": "coil1"}
     document["indentation"] = {**document["indentation"], **own}
     document.pop("assumed")
-    return build_design({**document, "name": "two_coils"}, "two_coils")
+    return {**document, "name": "two_coils"}
+
+
+def two_coils():
+    """The design of `two_coils_document`."""
+    return build_design(two_coils_document(), "two_coils")
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +59,7 @@ def board(tmp_path_factory):
     """Arguments of a command for the small board, whose physics is computed once."""
     folder = tmp_path_factory.mktemp("board")
     design, wiring = folder / "two_coils.toml", folder / "wiring.toml"
-    design.write_text(tomli_w.dumps(two_coils().document))
+    design.write_text(tomli_w.dumps(two_coils_document()))
     wiring.write_text(WIRING_TEXT)
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("COILARRAY_CACHE", str(folder / "cache"))

@@ -98,7 +98,7 @@ def test_arcs_are_the_coupling_of_the_design(design, coupling):
 
 def test_copper_is_coloured_by_the_currents_of_the_circuit(design, coupling):
     scene = scene_of_design(design, View(show=("board", "currents"), coil="coil1"))
-    solved = resonate(design_circuit(design), design.circuit.plan[0])
+    solved = resonate(design_circuit(design), design.plan[0])
     seen = set()
     for name, part in parts_of(scene).items():
         if name.startswith("copper"):
@@ -109,7 +109,7 @@ def test_copper_is_coloured_by_the_currents_of_the_circuit(design, coupling):
             seen |= set(coil.tolist())
     assert seen == {0, 1, 2}
     # (R + Z + jωL) i = −jωM i_1: without strays the currents of that network solve the passive loops
-    ideal = resonate(design_circuit(design, ideal=True), design.circuit.plan[0])
+    ideal = resonate(design_circuit(design, ideal=True), design.plan[0])
     L, R, omega = coupling.inductance.values, coupling.resistance.values, 2j * np.pi * ideal.frequency
     Z = np.diag(R[1:] + design.circuit.short_resistance) + omega * L[1:, 1:]
     np.testing.assert_allclose(ideal.currents[1:], np.linalg.solve(Z, -omega * L[1:, 0]), rtol=1e-9)

@@ -16,7 +16,7 @@ from support.browser import bells, quick_run
 
 from coilarray import couple_design, load_design
 from coilarray.circuit.coupling import design_circuit
-from coilarray.design.model import build_design, parse_design
+from coilarray.design.model import build_design, build_design_file, load_design_file, parse_design
 from coilarray.design.vary import vary
 from coilarray.electromagnetics.field import magnetic_field
 from coilarray.errors import DesignError, ElastomerError, GeometryError, LocalizeError, NetworkError, OutputError
@@ -41,15 +41,17 @@ from coilarray.viz.studio.top_view import board_drawing, delta_bars, delta_fills
 from coilarray.viz.studio.touch import crossing_line, first_place, location_lines, sensor_of, touched
 from coilarray.viz.studio.work import MOST_COILS, require_small, work_on
 
+OPENED = load_design_file("starter")
+
 
 @pytest.fixture(scope="module")
 def starter():
-    return load_design("starter")
+    return OPENED.design
 
 
 @pytest.fixture(scope="module")
 def sensor(starter):
-    return sensor_of(starter, bells(starter.document, starter.name, lambda done, total: None))
+    return sensor_of(starter, bells(OPENED.document, starter.name, lambda done, total: None))
 
 
 # ------------------------------------------------------------------------ entries and changes
@@ -57,41 +59,41 @@ def sensor(starter):
 
 @pytest.mark.parametrize("name", ["gast2020", "gast_fem", "starter"])
 def test_every_slider_reaches_its_value_and_every_value_can_be_entered(name):
-    design = load_design(name)
-    entries = entries_of(design)
+    file = load_design_file(name)
+    entries = entries_of(file)
     assert len({entry.key for entry in entries}) == len(entries) > 15
-    work = work_on(design, name)
+    work = work_on(file, name)
     for entry in entries:
         assert entry.low <= entry.value <= entry.high
         assert entry.step > 0
         again = work.with_entry(entry.key, text_of(entry.value))
-        assert again.design.digest == design.digest  # its own value changes nothing
-    values = design.values
+        assert again.design.digest == file.design.digest  # its own value changes nothing
+    values = file.values
     assert {entry.key: entry.value for entry in entries if entry.key in values} == {
         entry.key: pytest.approx(values[entry.key]) for entry in entries if entry.key in values
     }
 
 
 def test_a_change_is_what_the_library_makes_of_it(starter):
-    work = work_on(starter, "starter")
+    work = work_on(OPENED, "starter")
     wider = work.with_entry("array.pitch_mm", " 12.5 ")
     assert (
         wider.design.digest
-        == build_design({**starter.document, "array": {**starter.document["array"], "pitch_mm": 12.5}}).digest
+        == build_design({**OPENED.document, "array": {**OPENED.document["array"], "pitch_mm": 12.5}}).digest
     )
     assert (work.changed, wider.changed) == (False, True)
     assert work.design is starter  # values, not states
-    assert wider.with_entry("array.pitch_mm", text_of(starter.values["array.pitch_mm"])).design.digest == starter.digest
+    assert wider.with_entry("array.pitch_mm", text_of(OPENED.values["array.pitch_mm"])).design.digest == starter.digest
 
 
 def test_what_was_chosen_is_no_longer_assumed():
-    design = load_design("gast2020")
+    design = load_design_file("gast2020")
     assert "array.pitch_mm" in design.assumed
     work = work_on(design, "gast2020").with_entry("array.pitch_mm", "13.28")
-    assert set(design.assumed) - set(work.design.assumed) == {"array.pitch_mm"}
+    assert set(design.assumed) - set(work.opened.assumed) == {"array.pitch_mm"}
     layer = work_on(design, "gast2020").with_entry("stackup.dielectric_thickness_mm.1", "0.3")
-    assert layer.design.values["stackup.dielectric_thickness_mm"] == [0.215, 0.3, 0.215]
-    assert "stackup.dielectric_thickness_mm" not in layer.design.assumed
+    assert layer.opened.values["stackup.dielectric_thickness_mm"] == [0.215, 0.3, 0.215]
+    assert "stackup.dielectric_thickness_mm" not in layer.opened.assumed
 
 
 @pytest.mark.parametrize(
@@ -109,7 +111,7 @@ def test_what_was_chosen_is_no_longer_assumed():
     ],
 )  # fmt: skip
 def test_a_wrong_value_is_one_line_without_the_name_of_the_design(starter, key, text, line):
-    work = work_on(starter, "starter")
+    work = work_on(OPENED, "starter")
     with pytest.raises(DesignError) as refused:
         work.with_entry(key, text)
     assert str(refused.value).startswith(line)
@@ -118,7 +120,7 @@ def test_a_wrong_value_is_one_line_without_the_name_of_the_design(starter, key, 
 
 
 def test_a_design_that_no_page_can_follow_is_refused(starter):
-    many = build_design({**starter.document, "array": {**starter.document["array"], "columns": 70}})
+    many = build_design_file({**OPENED.document, "array": {**OPENED.document["array"], "columns": 70}})
     with pytest.raises(DesignError, match="at most 64 coils; the array has 70"):
         work_on(many, "many")
     fine = replace(starter, array=starter.array)
@@ -267,12 +269,12 @@ def test_the_papers_ellipses_meet_at_the_touch(sensor):
 
 
 def test_a_table_of_another_design_and_a_design_without_indenter_are_refused(starter, sensor):
-    other = work_on(starter, "starter").with_entry("array.pitch_mm", "12").design
+    other = work_on(OPENED, "starter").with_entry("array.pitch_mm", "12").design
     with pytest.raises(LocalizeError, match="another design"):
-        sensor_of(other, bells(starter.document, "starter", lambda done, total: None))
-    bare = {key: table for key, table in starter.document.items() if key not in ("indenter", "indentation", "assumed")}
+        sensor_of(other, bells(OPENED.document, "starter", lambda done, total: None))
+    bare = {key: table for key, table in OPENED.document.items() if key not in ("indenter", "indentation", "assumed")}
     with pytest.raises(ElastomerError, match=r"no \[indenter\] and \[indentation\]"):
-        sensor_of(build_design(bare, "bare"), bells(starter.document, "starter", lambda done, total: None))
+        sensor_of(build_design(bare, "bare"), bells(OPENED.document, "starter", lambda done, total: None))
 
 
 # ------------------------------------------------------------------------ the drawing from above
@@ -346,13 +348,13 @@ def test_the_legend_tells_units_and_ends():
 
 def test_a_saved_design_is_read_back_and_nothing_else_is_touched(starter, tmp_path):
     shelf = Shelf(tmp_path)
-    changed = work_on(starter, "starter").with_entry("array.pitch_mm", "12.5")
+    changed = work_on(OPENED, "starter").with_entry("array.pitch_mm", "12.5")
     saved = shelf.save(changed, "better.toml")
     assert [path.name for path in tmp_path.iterdir()] == ["better.toml"]
     assert (saved.file, saved.changed) == ("better.toml", False)
     again = shelf.open("better.toml")
     assert again.design.digest == changed.design.digest
-    assert tomllib.loads((tmp_path / "better.toml").read_text(encoding="utf-8")) == changed.design.document
+    assert tomllib.loads((tmp_path / "better.toml").read_text(encoding="utf-8")) == changed.opened.document
     assert shelf.names() == ["better.toml", "gast2020", "gast_fem", "starter"]
     assert parse_design(again.text()).digest == changed.design.digest
 
@@ -374,14 +376,14 @@ def test_a_saved_design_is_read_back_and_nothing_else_is_touched(starter, tmp_pa
 def test_only_plain_names_are_written_and_read(starter, tmp_path, name):
     shelf = Shelf(tmp_path)
     with pytest.raises(OutputError, match=r"plain, short name that ends in \.toml"):
-        shelf.save(work_on(starter, "starter"), name)
+        shelf.save(work_on(OPENED, "starter"), name)
     with pytest.raises((OutputError, DesignError)):
         shelf.open(name)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_what_would_be_lost_is_known_before_it_is(starter, tmp_path):
-    shelf, begun = Shelf(tmp_path), work_on(starter, "starter")
+    shelf, begun = Shelf(tmp_path), work_on(OPENED, "starter")
     changed = begun.with_entry("array.pitch_mm", "12")
     assert not shelf.would_lose(begun, "mine.toml")  # there is none
     mine = shelf.save(begun, "mine.toml")
@@ -424,8 +426,8 @@ def test_runs_are_read_as_they_were_written(tmp_path):
     assert sorted(path.name for path in (tmp_path / "found").iterdir()) == before  # reading leaves nothing behind
     assert run_folders(tmp_path) == ["found"]
     assert run_folders(tmp_path / "found") == ["."]
-    work = work_on(load_design("starter"), "starter").with_entries(best.entries)
-    assert work.design.values["array.columns"] == trial.changes["array.columns"]
+    work = work_on(OPENED, "starter").with_entries(best.entries)
+    assert work.opened.values["array.columns"] == trial.changes["array.columns"]
 
 
 def test_what_is_no_study_is_one_line(tmp_path):

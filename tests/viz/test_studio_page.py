@@ -26,6 +26,7 @@ from support.patience import until
 
 from coilarray import couple_design, load_design
 from coilarray.circuit.coupling import design_circuit
+from coilarray.design.model import load_design_file
 from coilarray.design.vary import vary
 from coilarray.localize.forward import forward_model
 from coilarray.viz import rendering_problem
@@ -207,8 +208,7 @@ def test_the_indenter_is_dragged_and_located(page):
     )
     heard(page)  # the last move and the end of the drag are one place, told twice
     place = [float(page.input_value(f"[data-axis={axis}] input")) for axis in ("x", "y", "depth")]
-    design = load_design("starter")
-    model = forward_model(browser.bells(design.document, "starter", lambda done, total: None))
+    model = forward_model(browser.bells(load_design_file("starter").document, "starter", lambda done, total: None))
     shown = [float(page.inner_text(f"[data-delta={name}] span:last-child").replace("−", "-")) for name in model.states]
     # the place is shown to 0.01 mm, half of which is some 5e-6 on the flank of a bell
     np.testing.assert_allclose(shown, model.delta(np.array(place) * 1e-3) * 1e6, atol=15.0)
@@ -246,7 +246,7 @@ def test_a_design_is_saved_opened_and_kept_through_a_reload(page, folder):
     page.click("#save-now")
     page.wait_for_selector("#file:has-text('better.toml')")
     page.wait_for_selector("#changed", state="detached")
-    assert load_design(folder / "better.toml").values["array.pitch_mm"] == 12.5
+    assert load_design_file(folder / "better.toml").values["array.pitch_mm"] == 12.5
     (folder / "other.toml").write_text("another's", encoding="utf-8")
     page.click("#save")
     page.fill("#save-name", "other.toml")
@@ -255,7 +255,7 @@ def test_a_design_is_saved_opened_and_kept_through_a_reload(page, folder):
     assert (folder / "other.toml").read_text(encoding="utf-8") == "another's"
     page.click("#save-now:has-text('Replace')")
     page.wait_for_selector("#file:has-text('other.toml')")
-    assert load_design(folder / "other.toml").values["array.pitch_mm"] == 12.5
+    assert load_design_file(folder / "other.toml").values["array.pitch_mm"] == 12.5
     page.click("#save")
     page.fill("#save-name", "better.toml")
     page.click("#save-now")

@@ -19,6 +19,7 @@ from coilarray import load_design
 from coilarray.cli import main as program
 from coilarray.cli import studio as command
 from coilarray.design import bundled
+from coilarray.design.model import load_design_file
 from coilarray.errors import OutputError
 from coilarray.viz.studio.server import LOOPBACK, Address, bind, new_token
 from coilarray.viz.studio.services import BoardRequest, Services, compute_table
@@ -294,13 +295,14 @@ def test_a_report_is_that_of_the_report_command(monkeypatch, tmp_path):
         page = tmp_path / "report.html"
 
     def write(design, where, progress):
-        calls.append((design.digest, where))
+        calls.append((design.design.digest, where))
         progress(1, 8)
         return Made
 
     monkeypatch.setattr("coilarray.report.write_report", write)
-    design, steps = load_design("starter"), []
-    page = command.write_report(design.document, design.name, tmp_path, lambda *step: steps.append(step))
+    file, steps = load_design_file("starter"), []
+    design = file.design
+    page = command.write_report(file.document, design.name, tmp_path, lambda *step: steps.append(step))
     assert (page, calls, steps) == (tmp_path / "report.html", [(design.digest, tmp_path)], [(1, 8)])
 
 
@@ -314,20 +316,21 @@ def test_a_response_is_computed_once(monkeypatch, tmp_path):
 
     monkeypatch.setattr("coilarray.localize.forward.table_for", table_for)
     monkeypatch.setattr("coilarray.hardware.scan.board_network.board_network", lambda design, folder: "network")
-    design = load_design("starter")
+    file = load_design_file("starter")
+    design = file.design
     for _ in range(2):
-        found = command.kept_response(design.document, design.name, lambda done, total: None)
+        found = command.kept_response(file.document, design.name, lambda done, total: None)
         assert found.attrs["design_hash"] == design.digest
     assert made == [(design.digest, "network")]
     monkeypatch.setattr("coilarray.localize.forward.table_for", lambda design, progress: design.name)
-    assert compute_table(design.document, "name", lambda done, total: None) == "starter"
+    assert compute_table(file.document, "name", lambda done, total: None) == "starter"
     assert Services().response_table is compute_table
 
 
 def test_the_emulated_board_is_watched_until_it_is_stopped(monkeypatch, tmp_path):
     monkeypatch.setenv("COILARRAY_CACHE", str(tmp_path))
     # without an indentation there is no response to be computed, which takes half a minute
-    document = dict(load_design("gast2020").document)
+    document = dict(load_design_file("gast2020").document)
     for table in ("indenter", "indentation"):
         del document[table]
     document["assumed"] = {key: why for key, why in document["assumed"].items() if not key.startswith("indent")}

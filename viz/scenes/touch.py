@@ -135,7 +135,7 @@ def touch_along(
 
 def first_states(design: Design) -> dict[str, str]:
     """Return the first state of the plan that measures each coil, by the name of the coil."""
-    return {state.measured[0][0]: state.name for state in reversed(design.circuit.plan)}
+    return {state.measured[0][0]: state.name for state in reversed(design.plan)}
 
 
 def off_middle(setup: Indentation) -> tuple[float, float]:

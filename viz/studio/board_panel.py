@@ -58,7 +58,7 @@ class BoardPanel(Panel):
         if watch is None:
             return
         design = page.work.design
-        request = BoardRequest(design.document, design.name, services.port, services.wiring)
+        request = BoardRequest(page.work.opened.document, design.name, services.port, services.wiring)
         if page.start_job(
             _JOB, _watch, (watch, request), on_message=self._take, on_end=self._ended, patience=_PATIENCE
         ):

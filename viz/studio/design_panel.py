@@ -36,14 +36,14 @@ class DesignPanel(Panel):
         """Show a design; `typed` where it comes from the fields, which then stay unchanged."""
         state = self._page.state
         if not typed:
-            entries = entries_of(work.design)
+            entries = entries_of(work.opened)
             state.groups, state.errors = _groups(entries), {}
             state.save_name = work.file if work.file.endswith(".toml") else f"{work.file}.toml"
             state.texts = {entry.key: text_of(entry.value) for entry in entries}
             state.dirty("texts")  # the page may hold others, which this side does not know
             self._page.server.clear_state_client_cache("texts")
         state.file, state.changed = work.file, work.changed
-        state.title = work.design.title
+        state.title = work.design.title or work.design.name
         state.trame__title = f"{work.design.name} – coilarray studio"
         state.report_url = ""
 
@@ -106,7 +106,7 @@ class DesignPanel(Panel):
         def failed(problem: str) -> None:
             page.state.problem = problem
 
-        item = (write, design.document, design.name, folder)
+        item = (write, page.work.opened.document, design.name, folder)
         page.start_bar("report", f"report of {design.name}", _write_report, item, done, failed)
 
 

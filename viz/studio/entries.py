@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from coilarray.design.model import Design
+from coilarray.design.model import DesignFile
 from coilarray.errors import DesignError
 
 _UNITS = {
@@ -87,17 +87,17 @@ class Entry:
     step: float
 
 
-def entries_of(design: Design) -> tuple[Entry, ...]:
+def entries_of(file: DesignFile) -> tuple[Entry, ...]:
     """Return the main entries of a design, in the order in which they are shown.
 
     Examples
     --------
-    >>> from coilarray import load_design
-    >>> pitch = next(e for e in entries_of(load_design("gast2020")) if e.key == "array.pitch_mm")
+    >>> from coilarray.design.model import load_design_file
+    >>> pitch = next(e for e in entries_of(load_design_file("gast2020")) if e.key == "array.pitch_mm")
     >>> pitch.label, pitch.unit, pitch.value, pitch.low, pitch.high, pitch.step
     ('pitch', 'mm', 13.28, 6.6, 26.6, 0.1)
     """
-    return tuple(_entries(design.values))
+    return tuple(_entries(file.values))
 
 
 def number_of(key: str, text: str) -> float:

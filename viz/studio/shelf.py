@@ -8,7 +8,7 @@ from pathlib import Path
 
 from coilarray.compute.files import write_text
 from coilarray.design import bundled
-from coilarray.design.model import load_design, parse_design
+from coilarray.design.model import load_design_file, parse_design, parse_design_file
 from coilarray.errors import CoilarrayError, DesignError, OutputError
 from coilarray.viz.studio.work import Work, work_on
 
@@ -32,11 +32,11 @@ class Shelf:
     def open(self, name: str) -> Work:
         """Read a design; DesignError for an unknown name or an invalid file."""
         if name in bundled.names():
-            return work_on(parse_design(bundled.read(name), name), name)
+            return work_on(parse_design_file(bundled.read(name), name), name)
         path = self.path(name)
         if not path.is_file():
             raise DesignError(f"there is no file {name} in {self.folder}.")
-        return work_on(load_design(path), name)
+        return work_on(load_design_file(path), name)
 
     def save(self, work: Work, name: str) -> Work:
         """Write a design into the folder in one step and return it with its new file.
@@ -58,7 +58,7 @@ class Shelf:
         if not path.exists():
             return False
         try:
-            return name != work.file or load_design(path).document != work.kept
+            return name != work.file or load_design_file(path).document != work.kept
         except CoilarrayError:
             return True
 

@@ -153,7 +153,7 @@ def delta_by_coil(design: Design, delta: Mapping[str, float | None]) -> dict[str
 
 def coil_of_state(design: Design) -> dict[str, str]:
     """Return the first measured coil of every state."""
-    return {state.name: state.measured[0][0] for state in design.circuit.plan}
+    return {state.name: state.measured[0][0] for state in design.plan}
 
 
 def delta_bars(delta: Iterable[tuple[str, float | None]], least: float = 1e-4) -> list[dict[str, Any]]:

@@ -95,7 +95,7 @@ class TouchPanel(Panel):
         def note(text: str = "Cancelled.") -> None:
             page.state.touch_note = text
 
-        item = (page.setup.services.response_table, design.document, design.name)
+        item = (page.setup.services.response_table, page.work.opened.document, design.name)
         if page.start_bar("table", f"response of {design.name}", _compute_table, item, done, note, note):
             note("")
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import tomli_w
 
-from coilarray.design.model import Design, build_design
+from coilarray.design.model import Design, DesignFile, build_design_file
 from coilarray.design.vary import vary_document
 from coilarray.errors import DesignError
 from coilarray.viz.studio.entries import number_of
@@ -26,7 +26,7 @@ class Work:
 
     Parameters
     ----------
-    design : Design
+    opened : DesignFile
         Current design.
     file : str
         Name of its file or bundled design.
@@ -34,14 +34,19 @@ class Work:
         Document of the design as it was read or last saved.
     """
 
-    design: Design
+    opened: DesignFile
     file: str
     kept: Mapping[str, Any]
 
     @property
+    def design(self) -> Design:
+        """Current design."""
+        return self.opened.design
+
+    @property
     def changed(self) -> bool:
         """True where it differs from its file."""
-        return self.design.document != self.kept
+        return bool(self.opened.document != self.kept)
 
     def with_entry(self, key: str, text: str) -> Work:
         """Set the entry of a dotted key to a typed number in its unit.
@@ -53,9 +58,9 @@ class Work:
 
         Examples
         --------
-        >>> from coilarray import load_design
-        >>> work = work_on(load_design("gast2020"), "gast2020")
-        >>> work.with_entry("array.pitch_mm", "14").design.values["array.pitch_mm"]
+        >>> from coilarray.design.model import load_design_file
+        >>> work = work_on(load_design_file("gast2020"), "gast2020")
+        >>> work.with_entry("array.pitch_mm", "14").opened.values["array.pitch_mm"]
         14.0
         >>> work.with_entry("array.pitch_mm", "-1")
         Traceback (most recent call last):
@@ -65,8 +70,8 @@ class Work:
 
     def with_entries(self, changes: Mapping[str, Any]) -> Work:
         """Set several entries at once, to values as for `coilarray.design.vary.vary`; errors as in `with_entry`."""
-        _require_few_coils(self.design.values, changes)
-        document = vary_document(self.design.document, changes)
+        _require_few_coils(self.opened.values, changes)
+        document = vary_document(self.opened.document, changes)
         assumed = {
             name: why
             for name, why in document.get("assumed", {}).items()
@@ -76,25 +81,25 @@ class Work:
         if not assumed:
             del document["assumed"]
         try:
-            design = build_design(document, self.design.name)
+            opened = build_design_file(document, self.design.name)
         except DesignError as error:
             raise DesignError(str(error).removeprefix(f"{self.design.name}: ")) from None
-        require_small(design)
-        return replace(self, design=design)
+        require_small(opened.design)
+        return replace(self, opened=opened)
 
     def saved_as(self, file: str) -> Work:
         """Return it after it was saved to a file."""
-        return replace(self, file=file, kept=self.design.document)
+        return replace(self, file=file, kept=self.opened.document)
 
     def text(self) -> str:
         """Return the design file, without comments."""
-        return tomli_w.dumps(dict(self.design.document))
+        return tomli_w.dumps(dict(self.opened.document))
 
 
-def work_on(design: Design, file: str) -> Work:
+def work_on(opened: DesignFile, file: str) -> Work:
     """Return a design as it was read; DesignError where it is too large for the studio."""
-    require_small(design)
-    return Work(design, file, design.document)
+    require_small(opened.design)
+    return Work(opened, file, opened.document)
 
 
 def require_small(design: Design) -> None:

@@ -2,23 +2,10 @@
 
 from __future__ import annotations
 
-from importlib import resources
+from coilarray.design.toml_file import TomlFiles
+from coilarray.errors import DesignError
 
+PROFILES = TomlFiles("fab profile", DesignError, __name__)
+"""Profiles of board houses."""
 
-def names() -> tuple[str, ...]:
-    """Names of the bundled profiles, sorted."""
-    folder = resources.files("coilarray.design.fabs")
-    return tuple(sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml")))
-
-
-def read(name: str) -> str:
-    """Text of the bundled profile `name`.
-
-    Raises
-    ------
-    KeyError
-        No such profile.
-    """
-    if name not in names():
-        raise KeyError(name)
-    return resources.files("coilarray.design.fabs").joinpath(f"{name}.toml").read_text(encoding="utf-8")
+names, read = PROFILES.names, PROFILES.read

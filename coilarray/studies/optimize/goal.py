@@ -8,10 +8,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, ValidationError, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
-from coilarray.compute.toml_files import parse_toml, read_text
-from coilarray.design.tables import first_error
 from coilarray.design.units import Table
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import GoalError
@@ -22,7 +20,6 @@ _POLISH = 60  # evaluations of the local solver where the goal says nothing
 _WHOLE_STEPS = 1e-9  # of a step: what a range may lack of a whole number of them
 _MOST_STEPS = 1e9
 _ROUNDING = 1e-9  # of a bound: less is no violation
-_LONGEST_NAME = 200  # characters shown of a file name
 
 Sampler = Literal["tpe", "nsga2", "nsga3", "random", "qmc", "cmaes"]
 
@@ -266,28 +263,14 @@ def load_goal(name_or_path: str | Path) -> Goal:
     >>> load_goal("worst_k").objectives[0].wish
     'minimize worst_k'
     """
-    given = str(name_or_path)
-    path = Path(given)
-    if given in goals.names() and not path.is_file():
-        return parse_goal(goals.read(given), given)
-    bundled = ", ".join(goals.names())
-    missing = f"there is no goal file {given[:_LONGEST_NAME]!r}, nor a bundled goal of that name ({bundled})."
-    if path.is_dir():
-        raise GoalError(missing)
-    text = read_text(path, missing, GoalError)
-    return parse_goal(text, given)
+    return parse_goal(goals.GOALS.text(name_or_path), str(name_or_path))
 
 
 def parse_goal(text: str, origin: str = "goal") -> Goal:
     """Read a goal from the text of a TOML file; `origin` names it in messages. See `load_goal`."""
-    return check_goal(parse_toml(text, origin, GoalError), origin)
+    return check_goal(goals.GOALS.parse(text, origin), origin)
 
 
 def check_goal(document: Mapping[str, Any], origin: str = "goal") -> Goal:
     """Read a goal from tables as TOML gives them. See `load_goal`."""
-    try:
-        return Goal.model_validate(document)
-    except ValidationError as error:
-        message = first_error(error, document).removeprefix("the design")
-        whole = "the goal" if message.startswith(" ") else ""  # a mistake of no single key
-        raise GoalError(f"{origin}: {whole}{message}") from None
+    return goals.GOALS.check(Goal, document, origin)

@@ -9,8 +9,9 @@ from typing import Any, TypeAlias
 
 from coilarray.compute.store import Store
 from coilarray.compute.workers import Pool
-from coilarray.design.model import Design
+from coilarray.design.model import Design, DesignFile
 from coilarray.design.vary import vary
+from coilarray.design.write import as_file
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import CoilarrayError, GoalError
 from coilarray.studies import quantities
@@ -32,7 +33,7 @@ class Optimization:
 
     Parameters
     ----------
-    design : Design
+    file : DesignFile
         Design that the search started from.
     goal : Goal
         Goal of the search, with as many trials as an earlier run had where those were more.
@@ -53,7 +54,7 @@ class Optimization:
         Why the local solver did not run; empty where it did.
     """
 
-    design: Design
+    file: DesignFile
     goal: Goal
     axes: tuple[Axis, ...]
     start: Trial
@@ -62,6 +63,11 @@ class Optimization:
     front: tuple[Trial, ...]
     found: int
     polish_problem: str
+
+    @property
+    def design(self) -> Design:
+        """The design as it was."""
+        return self.file.design
 
     @property
     def best(self) -> Trial | None:
@@ -74,11 +80,11 @@ class Optimization:
 
     def designs(self) -> tuple[Design, ...]:
         """Return the designs of the front, in its order."""
-        return tuple(vary(self.design, trial.changes) for trial in self.front)
+        return tuple(vary(self.file, trial.changes) for trial in self.front)
 
 
 def optimize_design(
-    design: Design,
+    design: Design | DesignFile,
     goal: Goal,
     folder: str | Path,
     pool: Pool,
@@ -90,7 +96,7 @@ def optimize_design(
 
     Parameters
     ----------
-    design : Design
+    design : Design or DesignFile
         Design to start from; entries that are not variables stay as they are.
     goal : Goal
         Goal of the search, from `load_goal`.
@@ -117,20 +123,26 @@ def optimize_design(
     MissingDependencyError
         Optuna is not installed.
     """
-    require_coils(design, goal)
+    file = as_file(design)
+    require_coils(file.design, goal)
 
     def evaluate(changes: Sequence[Mapping[str, Any]], accuracy: Accuracy) -> Iterator[tuple[int, Outcome]]:
-        points = evaluate_points(design, changes, goal.quantities, pool, cache, accuracy=accuracy)
+        points = evaluate_points(file, changes, goal.quantities, pool, cache, accuracy=accuracy)
         for index, outcome in points:
             if isinstance(outcome, str) and not changes[index]:
-                _require_quantities(design, goal)
+                _require_quantities(file.design, goal)
             yield index, outcome
 
     return optimize_with(design, goal, folder, evaluate, progress=progress)
 
 
 def optimize_with(
-    design: Design, goal: Goal, folder: str | Path, evaluate: Evaluate, *, progress: SearchProgress | None = None
+    design: Design | DesignFile,
+    goal: Goal,
+    folder: str | Path,
+    evaluate: Evaluate,
+    *,
+    progress: SearchProgress | None = None,
 ) -> Optimization:
     """Search as `optimize_design` does, with quantities from any function.
 
@@ -150,9 +162,10 @@ def optimize_with(
     GoalError, OutputError, MissingDependencyError
         See `optimize_design`.
     """
-    axes = axes_of(goal, design)
+    file = as_file(design)
+    axes = axes_of(goal, file)
     inside = start_parameters(axes) is not None
-    with open_study(Path(folder), design, goal) as store:
+    with open_study(Path(folder), file.design, goal) as store:
         found = len(store.trials())
         goal = _with_known(goal, store)
         ((_, outcome),) = evaluate([{}], "full")
@@ -165,17 +178,15 @@ def optimize_with(
         if not problem and best is not None:
             polish(goal, axes, best, store, evaluate, count)
         tried = _confirmed(goal, tried + _polished(goal, axes, store), evaluate)
-    return Optimization(design, goal, axes, start, inside, tuple(tried), front_of(tried, goal), found, problem)
+    return Optimization(file, goal, axes, start, inside, tuple(tried), front_of(tried, goal), found, problem)
 
 
 def require_coils(design: Design, goal: Goal) -> None:
     """Refuse a goal that names a coil which the design does not have, before anything is computed: GoalError."""
     evaluation = quantities.Evaluation(design)
     for key in goal.quantities:
-        options = quantities.request(key).options
-        for given in (options[name] for name in ("coil", "coils") if name in options):
-            for coil in given if isinstance(given, tuple) else (given,):
-                evaluation.coil(str(coil))
+        for coil in quantities.request(key).coils:
+            evaluation.coil(coil)
 
 
 def _with_known(goal: Goal, store: StudyFile) -> Goal:

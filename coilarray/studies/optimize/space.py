@@ -14,9 +14,11 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
-from coilarray.design.model import Design
-from coilarray.design.tables import Document, first_error
+from coilarray.design.model import Design, DesignFile
+from coilarray.design.tables import Document
+from coilarray.design.toml_file import first_error
 from coilarray.design.vary import vary_document
+from coilarray.design.write import as_file
 from coilarray.errors import DesignError, GoalError
 from coilarray.studies.optimize.goal import Goal, Variable
 
@@ -123,7 +125,7 @@ class Axis:
         return (parameter - self.low) / (self.high - self.low)
 
 
-def axes_of(goal: Goal, design: Design) -> tuple[Axis, ...]:
+def axes_of(goal: Goal, design: Design | DesignFile) -> tuple[Axis, ...]:
     """Check the variables of a goal against a design.
 
     Parameters
@@ -143,7 +145,8 @@ def axes_of(goal: Goal, design: Design) -> tuple[Axis, ...]:
         An entry that there is not, a bound or choice that the design file could not say: which variable, what is
         allowed, what was given. Whether a geometry is possible is only seen in the search.
     """
-    return tuple(_axis(variable, f"variable.{k}", design) for k, variable in enumerate(goal.variables))
+    file = as_file(design)
+    return tuple(_axis(variable, f"variable.{k}", file) for k, variable in enumerate(goal.variables))
 
 
 def distributions_of(axes: Sequence[Axis]) -> dict[str, BaseDistribution]:
@@ -162,20 +165,20 @@ def start_parameters(axes: Sequence[Axis]) -> dict[str, Any] | None:
     return None if None in parameters.values() else parameters
 
 
-def _axis(variable: Variable, key: str, design: Design) -> Axis:
-    start = _value_of(design, variable.entry)
+def _axis(variable: Variable, key: str, file: DesignFile) -> Axis:
+    start = _value_of(file, variable.entry)
     if variable.choices is not None:
         for choice in variable.choices:
-            _check(design, variable.entry, choice, f"{key}.choices")
+            _check(file, variable.entry, choice, f"{key}.choices")
         return Axis(variable.entry, tuple(json.dumps(choice) for choice in variable.choices), start=start)
     low, high = variable.low, variable.high
     assert low is not None  # the table has seen to it
     assert high is not None
-    _check(design, variable.entry, low, f"{key}.low")
-    _check(design, variable.entry, high, f"{key}.high")
+    _check(file, variable.entry, low, f"{key}.low")
+    _check(file, variable.entry, high, f"{key}.high")
     whole = isinstance(start, int) and not isinstance(start, bool)
     if start is None:  # the entry's type shows by what it refuses
-        whole = low.is_integer() and high.is_integer() and not _allowed(design, variable.entry, _fraction(low, high))
+        whole = low.is_integer() and high.is_integer() and not _allowed(file, variable.entry, _fraction(low, high))
     step = variable.step
     if whole:
         for name, number in (("low", low), ("high", high), ("step", step or 1.0)):
@@ -184,21 +187,21 @@ def _axis(variable: Variable, key: str, design: Design) -> Axis:
     return Axis(variable.entry, (), low, high, step, variable.log, whole, start)
 
 
-def _value_of(design: Design, entry: str) -> Any:
+def _value_of(file: DesignFile, entry: str) -> Any:
     """Value of an entry, of one place of a list too; None where the design says nothing."""
-    if entry in design.values:
-        return design.values[entry]
+    if entry in file.values:
+        return file.values[entry]
     whole, _, place = entry.rpartition(".")
-    values = design.values.get(whole)
+    values = file.values.get(whole)
     if isinstance(values, list) and place.isdecimal() and int(place) < len(values):
         return values[int(place)]
     return None
 
 
-def _check(design: Design, entry: str, value: Any, key: str) -> None:
+def _check(file: DesignFile, entry: str, value: Any, key: str) -> None:
     """Refuse what a design file could not say at this entry."""
     try:
-        document = vary_document(design.document, {entry: value})
+        document = vary_document(file.document, {entry: value})
         Document.model_validate(document)
     except DesignError as error:
         raise GoalError(f"{key}: {error}") from None
@@ -206,9 +209,9 @@ def _check(design: Design, entry: str, value: Any, key: str) -> None:
         raise GoalError(f"{key}: {first_error(error, document)}") from None
 
 
-def _allowed(design: Design, entry: str, value: Any) -> bool:
+def _allowed(file: DesignFile, entry: str, value: Any) -> bool:
     try:
-        _check(design, entry, value, entry)
+        _check(file, entry, value, entry)
     except GoalError:
         return False
     return True

@@ -14,7 +14,7 @@ import tomli_w
 
 from coilarray.circuit.coupling import provenance
 from coilarray.compute.files import make_folder, write_text
-from coilarray.design.model import Design
+from coilarray.design.model import DesignFile
 from coilarray.design.vary import vary_document
 from coilarray.studies.optimize.importance import importance
 from coilarray.studies.optimize.run import Optimization
@@ -52,7 +52,7 @@ def write_optimization(result: Optimization, folder: str | Path) -> tuple[Path, 
         "trials.csv": trials_csv(result),
         "result.json": json.dumps(result_data(result), indent=1, allow_nan=False) + "\n",
         **{
-            name: design_text(result.design, trial, Path(name).stem)
+            name: trial_text(result.file, trial, Path(name).stem)
             for name, trial in zip(names, result.front, strict=True)
         },
     }
@@ -79,7 +79,7 @@ def design_names(result: Optimization) -> tuple[str, ...]:
     return tuple(f"pareto_{k + 1:02d}.toml" for k in range(len(result.front)))
 
 
-def design_text(design: Design, trial: Trial, label: str) -> str:
+def trial_text(file: DesignFile, trial: Trial, label: str) -> str:
     """Return the design file of a trial.
 
     Parameters
@@ -96,9 +96,10 @@ def design_text(design: Design, trial: Trial, label: str) -> str:
     str
         TOML that `coilarray.load_design` reads. Entries that were chosen are no longer marked as assumed.
     """
-    document = vary_document(design.document, trial.changes)
+    design = file.design
+    document = vary_document(file.document, trial.changes)
     document["name"] = f"{design.name}-{label}"
-    document["title"] = f"{design.title} – {label}"
+    document["title"] = f"{design.title or design.name} – {label}"
     assumed = {
         key: reason
         for key, reason in document.get("assumed", {}).items()

@@ -63,7 +63,7 @@ class Evaluation:
     def own_states(self) -> dict[str, int]:
         """Index of the first state of the scan that measures a coil alone, of those coils that have one."""
         states: dict[str, int] = {}
-        for k, state in enumerate(self.design.circuit.plan):
+        for k, state in enumerate(self.design.plan):
             if len(state.measured) == 1:
                 states.setdefault(state.measured[0][0], k)
         return states

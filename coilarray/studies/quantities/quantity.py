@@ -110,6 +110,12 @@ class Request:
     options: Mapping[str, Value]
 
     @property
+    def coils(self) -> list[str]:
+        """Names of the coils that it asks for."""
+        named = [self.options[option] for option in ("coil", "coils") if option in self.options]
+        return [str(name) for value in named for name in (value if isinstance(value, tuple) else (value,))]
+
+    @property
     def key(self) -> str:
         """Canonical text, equal for equal requests: ``k[coil1,coil2]``, ``position_error_mm[depth_mm=1]``."""
         bare = {option.name for option in self.quantity.options if option.bare}

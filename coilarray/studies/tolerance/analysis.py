@@ -16,7 +16,8 @@ from coilarray.compute.memory import require_memory
 from coilarray.compute.store import Store
 from coilarray.compute.threads import Progress
 from coilarray.compute.workers import Pool, workers
-from coilarray.design.model import Design, build_design
+from coilarray.design.model import Design, DesignFile
+from coilarray.design.write import as_file
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import GoalError, LocalizeError
 from coilarray.localize.forward import forward_model, table_for, table_grid
@@ -37,7 +38,7 @@ _LINEAR_SAMPLES = 1 << 16  # of the linear model, for its yield: errs by less th
 
 
 def analyse(
-    design: Design,
+    design: Design | DesignFile,
     tolerances: Tolerances,
     *,
     quantities: Sequence[str] = (),
@@ -111,6 +112,8 @@ def analyse(
     >>> result.output.item(), round(float(result.linear_deviation[0] / result.nominal[0]), 5)
     ('inductance_uH[coil1]', 0.00051)
     """
+    file = as_file(design)
+    design = file.design
     asked = _asked(design, tolerances, quantities, samples, seed, sampling, accuracy)
     found, outputs, limits, drawn = asked.found, asked.outputs, asked.limits, asked.drawn
     if table is None:
@@ -124,7 +127,7 @@ def analyse(
     boards = [{}, *around, *(errors_of(found, row) for row in drawn)]
     with ExitStack() as stack:
         used = pool or stack.enter_context(workers())
-        outcomes = _evaluated(design, outputs, boards, used, cache, progress)
+        outcomes = _evaluated(file, outputs, boards, used, cache, progress)
     near, taken = outcomes[: 1 + len(around)], outcomes[1 + len(around) :]
     values = _near_values(near, boards, outputs.names(design))
     nominal, linear = values[0], sensitivity(found, steps, values[1:])
@@ -144,7 +147,7 @@ def analyse(
 
 
 def check_analysis(
-    design: Design,
+    design: Design | DesignFile,
     tolerances: Tolerances,
     *,
     quantities: Sequence[str] = (),
@@ -179,6 +182,7 @@ def check_analysis(
     >>> from coilarray.studies.tolerance import load_tolerances
     >>> check_analysis(load_design("starter"), load_tolerances(), samples=8)
     """
+    design = as_file(design).design
     asked = _asked(design, tolerances, quantities, samples, seed, sampling, accuracy)
     places = asked.outputs.places()
     shifts = [f"shift_{parameter}_mm[{place}]" for place in places for parameter in PARAMETERS]
@@ -206,8 +210,6 @@ def _asked(
     sampling: Sampling,
     accuracy: Accuracy,
 ) -> _Asked:
-    if build_design(design.document, design.name).digest != design.digest:
-        raise ValueError(f"the design {design.name} must be as its document says.")
     if 0 < samples < LEAST_SAMPLES:
         raise GoalError(f"samples must be 0 or at least {LEAST_SAMPLES}; got {samples}.")
     found = contributors(design, tolerances)
@@ -216,7 +218,7 @@ def _asked(
     by_name = [limit.quantity for limit in limits if limit.quantity.partition("[")[0] in QUANTITIES]
     outputs = wanted_outputs(design, [*asked, *by_name], tolerances.positions, accuracy)
     if tolerances.positions is not None:
-        states, places = len(design.circuit.plan), len(tolerances.positions.x) * len(tolerances.positions.y)
+        states, places = len(design.plan), len(tolerances.positions.x) * len(tolerances.positions.y)
         needed = 8.0 * len(PARAMETERS) * states * places**2  # of `Shifts.matrix`
         require_memory(needed, f"the matrix of shifts at {places} positions", "take fewer")
     return _Asked(found, outputs, limits, draw(found, samples, seed, sampling))
@@ -241,7 +243,7 @@ def _check_places(design: Design, outputs: Outputs) -> None:
                 raise LocalizeError(
                     f"{name} must be {low:g} to {high:g} mm, in the table of {design.name}; got {value * 1e3:g}."
                 )
-    states = [state.name for state in design.circuit.plan]
+    states = [state.name for state in design.plan]
     if len(states) < len(PARAMETERS):
         raise LocalizeError(
             f"{len(PARAMETERS)} unknowns need at least as many states; the scan has {', '.join(states)}."
@@ -264,7 +266,7 @@ def _shifts(design: Design, outputs: Outputs, table: xr.Dataset | None) -> Shift
 
 
 def _evaluated(
-    design: Design,
+    file: DesignFile,
     outputs: Outputs,
     boards: Sequence[Mapping[str, float]],
     pool: Pool,
@@ -272,7 +274,7 @@ def _evaluated(
     progress: Progress | None,
 ) -> list[Outcome]:
     """Outcomes in the order of the boards."""
-    items = (outputs.item(design, errors) for errors in boards)
+    items = (outputs.item(file.document, errors) for errors in boards)
     outcomes: list[Outcome] = [""] * len(boards)
     for k, outcome in run_cached(evaluate_board, items, pool, cache, progress=progress, total=len(boards)):
         if k == 0 and isinstance(outcome, str):

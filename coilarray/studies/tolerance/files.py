@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from functools import cache
+from importlib import resources
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
-from coilarray.compute.toml_files import bundled_text, parse_toml, read_text
-from coilarray.design.tables import first_error
+from coilarray.design.toml_file import TomlFiles
 from coilarray.design.units import Millimetres, Position, Table
 from coilarray.errors import GoalError
 from coilarray.studies.tolerance.tolerances import KINDS, Distribution, Limit, Positions, Spread, Tolerances
@@ -20,7 +20,7 @@ from coilarray.studies.tolerance.tolerances import KINDS, Distribution, Limit, P
 SCHEMA = 1
 """Version of the tolerance file format."""
 
-_LONGEST_NAME = 200  # characters shown of a file name
+_TOLERANCES = TomlFiles("tolerance", GoalError)
 
 
 def load_tolerances(path: str | Path | None = None) -> Tolerances:
@@ -50,13 +50,12 @@ def load_tolerances(path: str | Path | None = None) -> Tolerances:
     """
     if path is None:
         return _typical()
-    shown = str(path)[:_LONGEST_NAME]
-    return parse_tolerances(read_text(path, f"there is no tolerance file {shown}.", GoalError), shown)
+    return parse_tolerances(_TOLERANCES.text(path), str(path))
 
 
 def parse_tolerances(text: str, origin: str = "tolerances") -> Tolerances:
     """Read tolerances from the text of a TOML file; `origin` names it in messages. See `load_tolerances`."""
-    file = _read(text, origin)
+    file = _TOLERANCES.check(_File, _TOLERANCES.parse(text, origin), origin)
     given = file.spreads()
     for key in file.assumed:
         if key not in given:
@@ -69,15 +68,7 @@ def parse_tolerances(text: str, origin: str = "tolerances") -> Tolerances:
 
 def typical_text() -> str:
     """Return the text of the bundled tolerance file, as a template."""
-    return bundled_text("coilarray.studies.tolerance", "typical")
-
-
-def _read(text: str, origin: str) -> _File:
-    document = parse_toml(text, origin, GoalError)
-    try:
-        return _File.model_validate(document)
-    except ValidationError as error:
-        raise GoalError(f"{origin}: {first_error(error, document)}") from None
+    return resources.files("coilarray.studies.tolerance").joinpath("typical.toml").read_text(encoding="utf-8")
 
 
 # bounds far beyond any board, so that a typo is refused where it stands
@@ -214,5 +205,5 @@ class _File(Table):
 
 @cache
 def _typical() -> Tolerances:
-    file = _read(typical_text(), "typical.toml")
+    file = _TOLERANCES.check(_File, _TOLERANCES.parse(typical_text(), "typical.toml"), "typical.toml")
     return file.build(file.spreads(), file.assumed)

@@ -12,7 +12,7 @@ import numpy as np
 from coilarray.design.model import Design, build_design
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import GoalError
-from coilarray.studies.quantities import Evaluation, Request, request
+from coilarray.studies.quantities import Evaluation, request
 from coilarray.studies.tolerance.perturb import perturb
 from coilarray.studies.tolerance.tolerances import Positions
 
@@ -51,7 +51,7 @@ class Outputs:
 
     def names(self, design: Design) -> tuple[str, ...]:
         """Names of all outputs of a board of this design, quantities first, then δ by place and state."""
-        states = [state.name for state in design.circuit.plan]
+        states = [state.name for state in design.plan]
         deltas = [f"delta[{state},{place}]" for place in self.places() for state in states]
         return (*self.quantities, *deltas)
 
@@ -62,11 +62,11 @@ class Outputs:
             return ()
         return tuple(f"x_mm={_mm(x)},y_mm={_mm(y)},depth_mm={_mm(at.depth)}" for y, x in product(at.y, at.x))
 
-    def item(self, design: Design, errors: Mapping[str, float]) -> dict[str, Any]:
+    def item(self, document: Mapping[str, Any], errors: Mapping[str, float]) -> dict[str, Any]:
         """Return one board as plain data, for `evaluate_board` in another process."""
         at = self.positions
         return {
-            "document": design.document,
+            "document": document,
             "errors": dict(errors),
             "quantities": list(self.quantities),
             "positions": None if at is None else {"x": list(at.x), "y": list(at.y), "depth": at.depth},
@@ -104,7 +104,7 @@ def wanted_outputs(
     if not requests and positions is None:
         raise GoalError("at least one quantity or position must be asked for.")
     nominal = Evaluation(design, accuracy)
-    for coil in (coil for one in requests.values() for coil in _coils(one)):
+    for coil in (coil for one in requests.values() for coil in one.coils):
         nominal.coil(coil)
     return Outputs(tuple(requests), positions, accuracy)
 
@@ -140,12 +140,6 @@ def evaluate_board(item: Mapping[str, Any]) -> dict[str, float]:
     response = evaluation.response(np.array([positions.depth]), np.array(positions.x), np.array(positions.y))
     names = Outputs((), positions).names(board)
     return {**values, **dict(zip(names, response.delta.values[0].ravel().tolist(), strict=True))}
-
-
-def _coils(one: Request) -> list[str]:
-    """Names of the coils that a quantity asks for."""
-    named = [one.options[option] for option in ("coil", "coils") if option in one.options]
-    return [str(name) for value in named for name in ((value,) if isinstance(value, str | float) else value)]
 
 
 def _mm(length: float) -> str:

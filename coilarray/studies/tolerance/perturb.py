@@ -23,8 +23,6 @@ The ends of every line stay at the drilled holes that join them. Pads, holes and
 from __future__ import annotations
 
 import difflib
-import hashlib
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import replace
@@ -34,7 +32,7 @@ import numpy as np
 import numpy.typing as npt
 
 from coilarray.design.model import Design, Indentation
-from coilarray.errors import GeometryError, GoalError
+from coilarray.errors import DesignError, GeometryError, GoalError
 from coilarray.geometry import Coil, CoilArray, Placement, Sheet, Stackup
 
 FloatArray = npt.NDArray[np.float64]
@@ -85,8 +83,7 @@ def perturb(design: Design, errors: Mapping[str, float]) -> Design:
     Returns
     -------
     Design
-        With another digest; the design itself where all errors are zero. `Design.values` and `Design.document` stay
-        those of the file.
+        The board; the design itself where all errors are zero.
 
     Raises
     ------
@@ -120,15 +117,13 @@ def perturb(design: Design, errors: Mapping[str, float]) -> Design:
             indentation=_indentation(design.indentation, nonzero),
             circuit=replace(
                 design.circuit,
-                capacitance=_scaled(design.circuit.capacitance, nonzero, "capacitance"),
                 switches=replace(
                     design.circuit.switches,
                     tank_capacitance=_scaled(design.circuit.switches.tank_capacitance, nonzero, "capacitance"),
                 ),
             ),
-            digest=hashlib.sha256(json.dumps([design.digest, nonzero], sort_keys=True).encode()).hexdigest(),
         )
-    except GeometryError as error:
+    except (DesignError, GeometryError) as error:
         raise GoalError(f"these errors leave no board: {error}") from None
 
 
@@ -152,7 +147,11 @@ def _indentation(setup: Indentation | None, errors: Mapping[str, float]) -> Inde
     if setup is None:
         return None
     x, y = setup.origin_point
-    return replace(setup, origin_point=(x + errors.get("placement_x", 0.0), y + errors.get("placement_y", 0.0)))
+    if not {"placement_x", "placement_y"} & errors.keys():
+        return setup
+    return replace(
+        setup, origin=None, origin_point=(x + errors.get("placement_x", 0.0), y + errors.get("placement_y", 0.0))
+    )
 
 
 def _array(array: CoilArray, errors: Mapping[str, float]) -> CoilArray:

@@ -1,1 +1,14 @@
-"""The bundled wirings, as TOML files."""
+"""The bundled wirings: which switch joins which coil to what."""
+
+from __future__ import annotations
+
+from coilarray.design.toml_file import TomlFiles
+from coilarray.errors import HardwareError
+
+STARTER = "six_coils"
+"""The wiring that is taken when none is named."""
+
+WIRINGS = TomlFiles("wiring", HardwareError, __name__)
+"""Wiring files."""
+
+names, read = WIRINGS.names, WIRINGS.read

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from coilarray.compute.toml_files import bundled_names, bundled_text
+from coilarray.design.toml_file import TomlFiles
+from coilarray.errors import GoalError
 
+GOALS = TomlFiles("goal", GoalError, __name__)
+"""Goal files."""
 
-def names() -> tuple[str, ...]:
-    """Return the names of the bundled goals, sorted."""
-    return bundled_names(__name__)
-
-
-def read(name: str) -> str:
-    """Return the text of a bundled goal; KeyError where there is none of that name."""
-    return bundled_text(__name__, name)
+names, read = GOALS.names, GOALS.read

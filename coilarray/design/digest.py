@@ -1,0 +1,70 @@
+"""The identity of a design: a hash of its values."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from typing import Any
+
+import numpy as np
+
+from coilarray.geometry import Coil, CoilArray, Placement
+
+# Reading a length of 13.28 mm as 13.28 · 1e-3 m and as 0.01328 m differs in the last bit. Such noise makes no other
+# design: numbers count to 14 digits, places, for which zero is no special value, to 1 pm.
+_DIGITS = 14
+_PLACES = 12
+
+
+def digest_of(*values: object) -> str:
+    """Return the SHA-256 of frozen values, hexadecimal.
+
+    Parameters
+    ----------
+    *values : object
+        Dataclasses, mappings, sequences, arrays, texts, numbers, truth values and None, nested in any way.
+    """
+    return hashlib.sha256(json.dumps([_plain(value) for value in values], sort_keys=True).encode()).hexdigest()
+
+
+def _plain(value: Any) -> Any:
+    """Return a value as JSON has it: dataclasses as lists that begin with the name of the class."""
+    match value:
+        case bool() | str() | None:
+            return value
+        case int() | float() | np.number():
+            return f"{float(value) + 0.0:.{_DIGITS - 1}e}"  # no minus zero; 1 and 1.0 are equal
+        case Mapping():
+            return {key: _plain(item) for key, item in value.items()}
+        case tuple() | list():
+            return [_plain(item) for item in value]
+        case np.ndarray():
+            return (np.round(value, _PLACES) + 0.0).tolist()
+        case CoilArray():
+            return _array(value)
+    if not is_dataclass(value):
+        raise TypeError(f"a design must be made of plain values; got {type(value).__name__}.")
+    return [type(value).__name__, *(_plain(getattr(value, field.name)) for field in fields(value))]
+
+
+def _array(array: CoilArray) -> Any:
+    """Every coil shape once, however many placements share it; the lattice is a hint and does not count."""
+    coils: dict[int, str] = {}
+    placements = [_placement(place, coils) for place in array.placements]
+    return [_plain(array.stackup), placements, _plain(array.board_margin), array.through_holes]
+
+
+def _placement(place: Placement, coils: dict[int, str]) -> Any:
+    if id(place.coil) not in coils:
+        coils[id(place.coil)] = digest_of(_coil(place.coil))
+    where = np.array([place.x, place.y, place.rotation])
+    return [place.name, coils[id(place.coil)], list(place.layers), _plain(where)]
+
+
+def _coil(coil: Coil) -> Any:
+    """Return what a spiral was wound from, or the lines of another coil; its name does not count."""
+    if coil.wound is not None:
+        return coil.wound
+    return coil.lines, coil.widths, coil.gap, coil.via, coil.terminal, coil.outline

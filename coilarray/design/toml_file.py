@@ -1,0 +1,159 @@
+"""Our TOML files: where they are found, how they are read, and the one line that says what is wrong with one."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+
+from coilarray.errors import CoilarrayError
+
+_LONGEST_NAME = 200  # characters shown of a file name
+_LONGEST_VALUE = 80  # characters shown of a wrong value
+
+_Model = TypeVar("_Model", bound=BaseModel)
+
+
+@dataclass(frozen=True)
+class TomlFiles:
+    """One kind of TOML file, such as designs, some of which come with the package.
+
+    Parameters
+    ----------
+    kind : str
+        The kind in messages, such as ``"design"``.
+    error : type
+        The error that is raised for a file that cannot be read.
+    package : str
+        Import name of the folder with the files that come with the package; empty where there are none.
+    """
+
+    kind: str
+    error: type[CoilarrayError]
+    package: str = ""
+
+    def names(self) -> tuple[str, ...]:
+        """Names of the files that come with the package, sorted."""
+        found = (entry.name for entry in resources.files(self.package).iterdir()) if self.package else ()
+        return tuple(sorted(name.removesuffix(".toml") for name in found if name.endswith(".toml")))
+
+    def read(self, name: str) -> str:
+        """Text of a file that comes with the package; KeyError for another name."""
+        if name not in self.names():
+            raise KeyError(name)
+        return resources.files(self.package).joinpath(f"{name}.toml").read_text(encoding="utf-8")
+
+    def text(self, name_or_path: str | Path) -> str:
+        """Text of a file, or of one that comes with the package; a file goes before a name."""
+        given = str(name_or_path)
+        shown = given[:_LONGEST_NAME]
+        if not given:
+            raise self.error(f"the name of a {self.kind} file must not be empty.")
+        path = Path(given)
+        if given in self.names() and not path.is_file():
+            return self.read(given)
+        try:
+            return path.read_text(encoding="utf-8-sig")  # some editors put a byte order mark first
+        except FileNotFoundError:
+            bundled = f", nor a bundled {self.kind} of that name ({', '.join(self.names())})" if self.package else ""
+            raise self.error(f"there is no {self.kind} file {shown}{bundled}.") from None
+        except UnicodeDecodeError:
+            raise self.error(f"{shown} is no text file in UTF-8.") from None
+        except OSError as error:
+            raise self.error(f"cannot read {shown}: {error.strerror}.") from None
+        except ValueError as error:  # a name with a zero byte
+            raise self.error(f"cannot read {shown!r}: {error}.") from None
+
+    def parse(self, text: str, origin: str) -> dict[str, Any]:
+        """Return the tables of a file; `origin` names it in messages."""
+        try:
+            return tomllib.loads(text)
+        except tomllib.TOMLDecodeError as error:
+            raise self.error(f"{origin[:_LONGEST_NAME]}: not valid TOML: {error}.") from None
+        except RecursionError:
+            raise self.error(f"{origin[:_LONGEST_NAME]}: not valid TOML: nested too deeply.") from None
+
+    def check(self, model: type[_Model], document: Mapping[str, Any], origin: str) -> _Model:
+        """Check the tables of a file, and return them as a model."""
+        try:
+            return model.model_validate(document)
+        except ValidationError as error:
+            message = first_error(error, document)
+            whole = f"the {self.kind}" if message.startswith(" ") else ""  # a mistake of no single key
+            raise self.error(f"{origin[:_LONGEST_NAME]}: {whole}{message}") from None
+
+
+def first_error(error: ValidationError, document: Mapping[str, Any]) -> str:
+    """Describe the first mistake of a document in one line: the key, what is allowed, what was given."""
+    errors = error.errors(include_url=False)
+    more = "" if len(errors) == 1 else f" (and {len(errors) - 1} more)"
+    return f"{_describe(errors[0], document)}{more}"
+
+
+def _describe(details: ErrorDetails, document: Mapping[str, Any]) -> str:
+    where: list[str | int] = []
+    table: Any = document
+    for part in details["loc"]:
+        if part == "[key]":  # the key itself is wrong, not its value
+            continue
+        # pydantic adds the tag of a union's member; the file has no such key
+        if isinstance(table, Mapping) and part not in table and part in (table.get("shape"), table.get("lattice")):
+            continue
+        if part in ("number", "list") and not (isinstance(table, Mapping) and part in table):
+            continue
+        where.append(part)
+        try:
+            table = table[part]
+        except (KeyError, IndexError, TypeError):
+            table = None
+    key = ".".join(str(part) for part in where)
+    kind, got = details["type"], details.get("input")
+    if kind == "unknown_key":
+        return f"{key or 'the file'} {details['msg']}."
+    if kind == "missing":
+        return f"{key} is missing."
+    if kind in ("union_tag_not_found", "union_tag_invalid"):
+        tag = str(details["ctx"]["discriminator"]).strip("'")
+        allowed = {
+            "coils": "'polygon', 'circle' or 'path'",
+            "array": "'linear', 'square', 'hexagonal' or 'free'",
+            "indenter": "'hemisphere', 'paraboloid', 'flat_punch', 'cone' or 'cylinder_edge'",
+        }[str(where[0])]
+        value = got.get(tag) if isinstance(got, Mapping) else None
+        return f"{key}.{tag} must be {allowed}; got {'nothing' if value is None else repr(value)}."
+    if kind == "value_error":
+        return f"{key} {details['msg'].removeprefix('Value error, ')}."
+    if kind == "string_pattern_mismatch":
+        return f"{key} may have letters, digits, _ . + and, not first, -; got {_shown(got)}."
+    limits = details.get("ctx", {})
+    wanted = {
+        "too_short": f"have at least {limits.get('min_length')} entries",
+        "too_long": f"have at most {limits.get('max_length')} entries",
+        "string_too_short": "not be empty",
+        "greater_than": f"be greater than {limits.get('gt', 0):g}",
+        "greater_than_equal": f"be at least {limits.get('ge', 0):g}",
+        "less_than_equal": f"be at most {limits.get('le', 0):g}",
+        "less_than": f"be less than {limits.get('lt', 0):g}",
+        "finite_number": "be a finite number",
+        "float_type": "be a number",
+        "int_type": "be a whole number",
+        "bool_type": "be true or false",
+        "string_type": "be a text",
+        "list_type": "be a list",
+        "model_type": "be a table",
+        "dict_type": "be a table",
+        "literal_error": f"be {limits.get('expected')}",
+    }.get(kind, details["msg"].removeprefix("Input should ").removeprefix("Value error, "))
+    return f"{key} must {wanted}; got {_shown(got)}."
+
+
+def _shown(value: object) -> str:
+    """Show a value of the file, cut where it is long."""
+    text = repr(value)
+    return text if len(text) <= _LONGEST_VALUE else f"{text[:_LONGEST_VALUE]}…"
