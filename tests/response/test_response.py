@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import coilarray.response.map as response_module
-import coilarray.response.setup as setup_module
+import coilarray.response.setup as response_setup
 from coilarray import load_design
 from coilarray.circuit.active_coil import active_coil
 from coilarray.design.bundled import read
@@ -135,7 +135,7 @@ def test_a_tilted_sample_is_locally_a_thicker_and_deeper_one():
 def test_nodes_of_the_wedge_are_enough(monkeypatch):
     tilted = Imperfections(tilt=(0.02, 0.0))
     few = nominal(imperfections=tilted).delta.values
-    monkeypatch.setattr(setup_module, "_WEDGE_NODES", 7)
+    monkeypatch.setattr(response_setup, "_WEDGE_NODES", 7)
     many = nominal(imperfections=tilted).delta.values
     # the contact's own mesh differs from node to node by some 1e-4
     assert few == pytest.approx(many, abs=1e-3 * many.max())
