@@ -98,7 +98,8 @@ _LATTICE = """
 import sys, time
 import numpy as np
 sys.path.insert(0, {folder!r})
-from coilarray import every_active_coil, inductance_matrix
+from coilarray import inductance_matrix
+from coilarray.circuit.active_coil import every_active_coil
 from peers import lattice
 from speed import peak_memory
 coils = lattice(32)

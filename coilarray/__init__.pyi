@@ -6,12 +6,15 @@ from .circuit.operating_field import operating_currents as operating_currents
 from .circuit.operating_field import operating_field as operating_field
 from .design.model import Circuit as Circuit
 from .design.model import Design as Design
+from .design.model import DesignFile as DesignFile
 from .design.model import Indentation as Indentation
 from .design.model import load_design as load_design
+from .design.model import load_design_file as load_design_file
 from .design.model import parse_design as parse_design
 from .design.scan_states import ScanState as ScanState
 from .design.scan_states import Switches as Switches
 from .design.vary import vary as vary
+from .design.write import design_document as design_document
 from .elastomer.contact import indent as indent
 from .electromagnetics.field import grid_points as grid_points
 from .electromagnetics.field import magnetic_field as magnetic_field
@@ -35,6 +38,7 @@ from .errors import NetworkError as NetworkError
 from .errors import OutputError as OutputError
 from .errors import RuleViolationError as RuleViolationError
 from .geometry.array import CoilArray as CoilArray
+from .geometry.array import Lattice as Lattice
 from .geometry.array import Placement as Placement
 from .geometry.array import lattice_array as lattice_array
 from .geometry.coil import Coil as Coil
@@ -62,3 +66,4 @@ from .report.write import write_report as write_report
 from .response.map import response_map as response_map
 from .response.setup import Imperfections as Imperfections
 from .response.two_dimensional import line_response as line_response
+from .studies.sweep import sweep as sweep

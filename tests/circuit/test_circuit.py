@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from coilarray import active_coil, couple, every_active_coil, impedance_matrix
+from coilarray.circuit.active_coil import active_coil, every_active_coil, impedance_matrix
+from coilarray.circuit.coupling import couple
 
 pytestmark = pytest.mark.nojit
 

@@ -27,13 +27,13 @@ from hypothesis import strategies as st
 from coilarray import (
     Conductor,
     GeometryError,
-    active_coil,
     couple_design,
     coupling_matrix,
     dc_resistance,
     inductance_matrix,
     load_design,
 )
+from coilarray.circuit.active_coil import active_coil
 from coilarray.circuit.coupling import bare_network, design_circuit
 from coilarray.circuit.exchange import (
     export_network,

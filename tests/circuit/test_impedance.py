@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from coilarray import active_coil, couple, couple_design, dc_resistance, load_design, parse_design
-from coilarray.circuit.coupling import design_circuit
+from coilarray import couple_design, dc_resistance, load_design, parse_design
+from coilarray.circuit.active_coil import active_coil
+from coilarray.circuit.coupling import couple, design_circuit
 from coilarray.circuit.impedance import close_channels, scan_design, sweep_design
 from coilarray.compute.recent import Recent
 from coilarray.design.bundled import read

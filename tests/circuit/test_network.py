@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from coilarray import active_coil
+from coilarray.circuit.active_coil import active_coil
 from coilarray.circuit.network import Network, loaded_quality, resonate, self_resonance_of, solve_state
 from coilarray.design.scan_states import ScanState, Switches, paper_plan
 from coilarray.errors import NetworkError

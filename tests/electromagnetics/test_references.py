@@ -13,7 +13,8 @@ import pytest
 from scipy.optimize import brentq
 from support.references import DECOUPLING_SHIFTS, circle, polygon, rows, spiral_layers
 
-from coilarray import dc_resistance, inductance_matrix, mutual_inductance, rectangular_bars, straight_filaments
+from coilarray import dc_resistance, inductance_matrix, mutual_inductance
+from coilarray.electromagnetics.inductance import rectangular_bars, straight_filaments
 
 
 def _point(text):

@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from coilarray import active_coil, coupling_matrix, indent, load_design, magnetic_field, parse_design, write_report
+from coilarray import coupling_matrix, indent, load_design, magnetic_field, parse_design, write_report
+from coilarray.circuit.active_coil import active_coil
 from coilarray.design.bundled import read
 from coilarray.design.model import load_design_file
 from coilarray.errors import LocalizeError

@@ -7,7 +7,8 @@ import functools
 import numpy as np
 import xarray as xr
 
-from coilarray import couple, load_design
+from coilarray import load_design
+from coilarray.circuit.coupling import couple
 from coilarray.design.model import load_design_file
 from coilarray.localize.ellipse import fit_ellipses
 from coilarray.localize.ellipse_model import ellipse_model

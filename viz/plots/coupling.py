@@ -35,7 +35,7 @@ def plot_coupling(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
 
     Examples
     --------
-    >>> from coilarray import couple
+    >>> from coilarray.circuit.coupling import couple
     >>> pair = couple(["a", "b"], [[20e-6, -1e-6], [-1e-6, 20e-6]], 5.0, 330e-12)
     >>> [text.get_text() for text in plot_coupling(pair).texts]
     ['−0.050', '−0.050']
@@ -58,7 +58,7 @@ def plot_inductance(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
 
     Examples
     --------
-    >>> from coilarray import couple
+    >>> from coilarray.circuit.coupling import couple
     >>> pair = couple(["a", "b"], [[20e-6, -1e-6], [-1e-6, 20e-6]], 5.0, 330e-12)
     >>> [text.get_text() for text in plot_inductance(pair).texts]
     ['20.000', '−1.000', '−1.000', '20.000']
@@ -142,7 +142,7 @@ def plot_effective_inductance(coupling: xr.Dataset, ax: Axes | None = None) -> A
 
     Examples
     --------
-    >>> from coilarray import couple
+    >>> from coilarray.circuit.coupling import couple
     >>> pair = couple(["a", "b"], [[20e-6, -2e-6], [-2e-6, 20e-6]], 0.0, 330e-12)
     >>> [text.get_text() for text in plot_effective_inductance(pair).texts]
     ['−1.00 %', '−1.00 %']
@@ -186,7 +186,7 @@ def plot_currents(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
 
     Examples
     --------
-    >>> from coilarray import couple
+    >>> from coilarray.circuit.coupling import couple
     >>> pair = couple(["a", "b"], [[20e-6, -1e-6], [-1e-6, 20e-6]], 0.0, 330e-12)
     >>> plot_currents(pair).texts[0].get_text().split()
     ['50', '0°']
