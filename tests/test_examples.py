@@ -16,6 +16,7 @@ from support.command_line import no_terminal
 import coilarray
 
 README = Path(__file__).parent.parent / "README.md"
+PROGRAMS = README.parent / "docs" / "programs.md"
 MODULES = sorted({module.name for module in pkgutil.walk_packages(coilarray.__path__, "coilarray.")} | {"coilarray"})
 
 
@@ -29,21 +30,37 @@ def test_all_names_exist():
     for name in coilarray.__all__:
         assert getattr(coilarray, name).__doc__, name
     assert dir(coilarray) == sorted(coilarray.__all__)
-    with pytest.raises(AttributeError, match="has no attribute 'nothing'"):
+    with pytest.raises(AttributeError, match="No coilarray attribute nothing"):
         _ = coilarray.nothing
 
 
-def _blocks(language):
-    return re.findall(rf"```{language}\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
+def _blocks(language, page=README):
+    return re.findall(rf"```{language}\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+
+
+def _run(code):
+    """Return what a program prints."""
+    printed = io.StringIO()
+    with no_terminal(), contextlib.redirect_stdout(printed):
+        exec(code, {})
+    return printed.getvalue()
 
 
 def test_readme_example():
     (code,) = _blocks("python")
     assert len([line for line in code.splitlines() if line]) <= 11  # ten lines and an import
-    printed = io.StringIO()
-    with no_terminal(), contextlib.redirect_stdout(printed):
-        exec(code, {})
-    assert printed.getvalue() == _blocks("text")[1]
+    assert _run(code) == _blocks("text")[1]
+
+
+def test_programs(tmp_path, monkeypatch):
+    """Each of the five has at most twelve lines, runs, and prints what stands below it; the last draws a picture."""
+    monkeypatch.chdir(tmp_path)
+    programs, shown = _blocks("python", PROGRAMS), _blocks("text", PROGRAMS)
+    assert len(programs) == 5
+    for code, text in zip(programs, [*shown, ""], strict=True):
+        assert len([line for line in code.splitlines() if line]) <= 12
+        assert _run(code) == text
+    assert (tmp_path / "coupling.png").stat().st_size > 10_000
 
 
 def test_readme_report(tmp_path, monkeypatch, capsys):
