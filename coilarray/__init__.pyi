@@ -4,6 +4,7 @@ from .circuit.impedance import scan_design as scan_design
 from .circuit.impedance import sweep_design as sweep_design
 from .circuit.operating_field import operating_currents as operating_currents
 from .circuit.operating_field import operating_field as operating_field
+from .design.export import export as export
 from .design.model import Circuit as Circuit
 from .design.model import Design as Design
 from .design.model import DesignFile as DesignFile

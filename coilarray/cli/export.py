@@ -4,28 +4,14 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import typer
 
 from coilarray.cli import shared
-from coilarray.errors import OutputError, RuleViolationError
+from coilarray.errors import OutputError
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from coilarray.design.model import Design
-
-Format = Literal["kicad", "gerber", "dxf", "svg", "step", "stl", "glb"]
-# what a name given by the user must end in; KiCad's files lie in a folder
-_SUFFIXES: dict[str, tuple[str, ...]] = {
-    "gerber": (".zip",),
-    "dxf": (".dxf",),
-    "svg": (".svg",),
-    "step": (".step", ".stp"),
-    "stl": (".stl",),
-    "glb": (".glb",),
-}
+Format = Literal["kicad", "gerber", "dxf", "svg", "step", "stl", "glb"]  # not imported: help must stay quick
 
 
 def export(
@@ -50,21 +36,16 @@ def export(
 
     Example: coilarray export gast2020 --to gerber --out board.zip
     """
+    from coilarray.design.export import export as write
+
     if out is not None:
         _check(out, to, force=force)
     opened = shared.open_design(design, allow_violations=allow_violations)
     target = Path(_default_name(opened.name, to)) if out is None else out
     if out is None:
         _check(target, to, force=force)
-    faults: list[str] = []
-
-    def check(board: Path) -> None:
-        faults.extend(_net_faults(opened, board, to))
-        if faults and not allow_violations:
-            listed = "; ".join(faults)
-            raise RuleViolationError(f"{target} is not written: its copper is not that of the coils: {listed}.")
-
-    written = _write(opened, target, to, check, with_sheets=not no_sheets)
+    exported = write(opened, target, to, sheets=not no_sheets, allow_faults=allow_violations)
+    written, faults = exported.files, exported.net_faults
     sizes = [path.stat().st_size for path in written]
     lines = [f"wrote {path} ({_readable(size)})" for path, size in zip(written, sizes, strict=True)]
     lines += [f"warning: {fault}" for fault in faults]
@@ -72,7 +53,7 @@ def export(
         lines.append(f"net check of the copper as written: {len(opened.array.names)} coils, each whole and by itself")
     files = [{"path": str(path), "bytes": size} for path, size in zip(written, sizes, strict=True)]
     shared.print_result(
-        {**shared.design_record(opened), "format": to, "files": files, "net_faults": faults},
+        {**shared.design_record(opened), "format": to, "files": files, "net_faults": list(faults)},
         as_json=as_json,
         lines=lines,
     )
@@ -97,7 +78,9 @@ def _check(target: Path, to: Format, *, force: bool) -> None:
         if to == "kicad":
             _check_project_folder(target)
         else:
-            shared.check_file("--out", target, _SUFFIXES[to])
+            from coilarray.design.export import SUFFIXES
+
+            shared.check_file("--out", target, SUFFIXES[to])
         folder = target if target.is_dir() else target.parent
         if not os.access(folder, os.W_OK | os.X_OK):
             raise OutputError(f"cannot write {target}: nothing may be written in the folder {folder}.")
@@ -115,60 +98,6 @@ def _check_project_folder(target: Path) -> None:
         raise OutputError(f"cannot write {target}: a file has that name, and kicad needs a folder.")
     if not target.parent.is_dir():
         raise OutputError(f"cannot write {target}: there is no folder {target.parent}.")
-
-
-def _write(
-    opened: Design, target: Path, to: Format, check: Callable[[Path], None], *, with_sheets: bool
-) -> tuple[Path, ...]:
-    """Write one format and return the files that it made; `check` sees a board before it is in its place."""
-    array, sheets = opened.array, opened.sheets if with_sheets else ()
-    if to == "kicad":
-        from coilarray.geometry.export.kicad import write_kicad
-
-        return write_kicad(
-            array, target, name=opened.name, rules=opened.rules, title=opened.title or opened.name, check=check
-        )
-    if to == "gerber":
-        from coilarray.geometry.export.gerber import write_gerbers
-
-        write_gerbers(array, target, name=opened.name, check=check)
-    elif to == "dxf":
-        from coilarray.geometry.export.dxf import write_dxf
-
-        write_dxf(array, target)
-    elif to == "svg":
-        from coilarray.geometry.export.svg import write_svg
-
-        write_svg(array, target, title=opened.title or opened.name)
-    elif to == "step":
-        from coilarray.geometry.export.step import write_step
-
-        write_step(array, target, name=opened.name, sheets=sheets)
-    else:
-        from coilarray.geometry.export.solid_files import write_solids
-        from coilarray.geometry.solids import solids
-
-        write_solids(solids(array, sheets), target)
-    return (target,)
-
-
-def _net_faults(opened: Design, board: Path, to: Format) -> list[str]:
-    """Read a board back: coils that are cut or touch, foreign copper, wrong nets; at most the first three."""
-    from coilarray.geometry.connectivity import board_layers, check_names, check_nets
-
-    if to == "kicad":
-        from coilarray.geometry.readers.kicad_board import read_kicad
-
-        copper = read_kicad(board)
-    else:
-        from coilarray.geometry.readers.gerber_board import read_gerbers
-
-        copper = read_gerbers(board)
-    layers, holes = board_layers(copper)
-    # KiCad gives a board of one copper layer an empty back
-    known = {layer: shapes for layer, shapes in layers.items() if shapes or layer in opened.array.stackup.names}
-    found = check_nets(opened.array, known, holes).faults or check_names(opened.array, copper)
-    return [fault.text for fault in found[:3]]
 
 
 def _readable(size: int) -> str:

@@ -64,7 +64,7 @@ class TomlFiles:
             bundled = f", nor a bundled {self.kind} of that name ({', '.join(self.names())})" if self.package else ""
             raise self.error(f"there is no {self.kind} file {shown}{bundled}.") from None
         except UnicodeDecodeError:
-            raise self.error(f"{shown} is no text file in UTF-8.") from None
+            raise self.error(f"{shown} is not a text file in UTF-8.") from None
         except OSError as error:
             raise self.error(f"cannot read {shown}: {error.strerror}.") from None
         except ValueError as error:  # a name with a zero byte

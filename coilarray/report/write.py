@@ -126,7 +126,9 @@ def write_report(design: Design | DesignFile, where: str | Path = ".", *, progre
         beside.submit(design_inductance, design)  # which all others wait for, while they compute what is their own
         coupled = beside.submit(couple_design, design)
         circuit = beside.submit(_circuit, design)
-        responding = beside.submit(_or_reason, lambda: None if design.indentation is None else response_map(design))
+        responding = beside.submit(
+            _or_reason, lambda: None if design.indentation is None else response_map(design, reach="auto")
+        )
         coupling = coupled.result()
         step()
         active = design.array.names[(len(design.array.names) - 1) // 2]

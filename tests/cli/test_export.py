@@ -15,7 +15,7 @@ import pytest
 import trimesh
 from support.command_line import runner
 
-from coilarray import load_design
+from coilarray import export, load_design
 from coilarray.cli.main import main
 
 pytestmark = pytest.mark.usefixtures("own_folder")
@@ -122,6 +122,15 @@ def test_a_segment_with_the_net_of_another_coil_is_reported(capsys, monkeypatch)
 
     monkeypatch.setattr(kicad, "board_text", misnamed)
     assert "of coil1 has the net coil2 at (" in refused(capsys, "starter", "--to", "kicad")
+
+
+def test_from_python(tmp_path):
+    design = load_design("starter")
+    for name in ("a.dxf", "a.stl", "a.zip", "project"):
+        exported = export(design, tmp_path / name, sheets=False)
+        assert exported.net_faults == ()
+        assert all(path.stat().st_size for path in exported.files)
+    assert (tmp_path / "project" / "starter.kicad_pcb").is_file()
 
 
 @pytest.mark.parametrize("to", ["kicad", "gerber"])

@@ -136,7 +136,7 @@ sys.exit(main.main(arguments))
 WRITING = """
 import sys, time
 import coilarray.compute.files as files
-import coilarray.cli.export as export
+import coilarray.design.export as export
 from coilarray.cli import main
 atomically = files.write_atomically
 

@@ -296,7 +296,7 @@ def test_unreadable_files(tmp_path):
         load_design(tmp_path)
     binary = tmp_path / "b.toml"
     binary.write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(DesignError, match="is no text file in UTF-8"):
+    with pytest.raises(DesignError, match="is not a text file in UTF-8"):
         load_design(binary)
 
 

@@ -337,7 +337,7 @@ def test_files_that_cannot_be_read(tmp_path):
     with pytest.raises(HardwareError, match=r"cannot read|no calibration"):
         load_calibration("a\0b.toml")
     (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(HardwareError, match="no text file in UTF-8"):
+    with pytest.raises(HardwareError, match="not a text file in UTF-8"):
         load_calibration(tmp_path / "binary.toml")
     (tmp_path / "huge.toml").write_bytes(b"#" * 10_000_001)
     with pytest.raises(HardwareError, match="at most 10000000 bytes"):

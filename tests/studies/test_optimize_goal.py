@@ -169,7 +169,7 @@ def test_files(tmp_path):
     assert load_goal(copy) == load_goal("worst_k")
     copy.write_bytes(b"\xff\xfe\x00")
     for wrong, message in (
-        (copy, "no text file in UTF-8"),
+        (copy, "not a text file in UTF-8"),
         (tmp_path, "cannot read"),
         ("none.toml", "there is no goal file none.toml, nor a bundled goal of that name"),
         ("a\0b", "cannot read"),

@@ -364,7 +364,7 @@ def synthetic(monkeypatch):
     def replace(delta):
         calls = []
 
-        def response_map_of(design, *, depths, x, y, inductance):
+        def response_map_of(design, *, depths, x, y, **_):
             calls.append((depths, x, y))
             points = np.stack(np.meshgrid(depths, y, x, indexing="ij")[::-1], axis=-1)
             states = [state.name for state in design.plan]

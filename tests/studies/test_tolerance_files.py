@@ -194,5 +194,5 @@ def test_files_that_cannot_be_read_are_refused(tmp_path):
         load_tolerances("a\0b")
     binary = tmp_path / "binary.toml"
     binary.write_bytes(b"\xff\xfe\xff")
-    with pytest.raises(GoalError, match="no text file"):
+    with pytest.raises(GoalError, match="not a text file"):
         load_tolerances(binary)

@@ -243,7 +243,7 @@ class _Making:
                 raise LocalizeError(f"a map that is draped needs at least 2 positions along {name}; got 1.")
         if response is None:
             depths = [self._depth]
-            response = response_map(self.design, depths=depths, progress=self.track("response"))
+            response = response_map(self.design, depths=depths, reach="auto", progress=self.track("response"))
         state, depth = self._state_of(response), self._depth_of(response)
         outlines = [place.to_board(place.coil.outline) for place in self.design.array.placements]
         return scene_of_response(response, state, depth, origin=self._origin_of(response), outlines=outlines)

@@ -123,7 +123,7 @@ def touch_along(
     deep = max(setup.depths) if depth is None else depth
     thickness = sum(sheet.thickness for sheet in design.sheets)
     x, y = (_positions(places[:, k], thickness / _STEPS) for k in range(2))
-    response = response_map(design, depths=[deep], x=x, y=y, progress=progress)
+    response = response_map(design, depths=[deep], x=x, y=y, reach="auto", progress=progress)
     model = forward_model(response)
     points = np.column_stack((places, np.full(len(places), deep)))
     by_state = dict(zip(model.states, model.delta(points).T, strict=True))

@@ -85,7 +85,7 @@ class Evaluation:
         if key not in self._maps:
             network = design_circuit(self.design, accuracy=self.accuracy)
             self._maps[key] = response_map(
-                self.design, depths=depths, x=x, y=y, network=network, inductance=lambda: self.inductance
+                self.design, depths=depths, x=x, y=y, reach="auto", network=network, inductance=lambda: self.inductance
             )
         return self._maps[key]
 

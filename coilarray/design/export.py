@@ -1,0 +1,148 @@
+"""Write the board of a design for fabrication or for another program; fabrication data are read back and checked."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, get_args
+
+from coilarray.design.model import Design
+from coilarray.errors import OutputError, RuleViolationError
+
+Format = Literal["kicad", "gerber", "dxf", "svg", "step", "stl", "glb"]
+"""Format of an exported board."""
+
+SUFFIXES: dict[str, tuple[str, ...]] = {
+    "gerber": (".zip",),
+    "dxf": (".dxf",),
+    "svg": (".svg",),
+    "step": (".step", ".stp"),
+    "stl": (".stl",),
+    "glb": (".glb",),
+}
+"""Suffixes of the files of each format; KiCad's files lie in a folder."""
+
+_SHOWN_FAULTS = 3
+
+
+@dataclass(frozen=True)
+class Exported:
+    """Result of an export.
+
+    Parameters
+    ----------
+    files : tuple of Path
+        Files that were written.
+    net_faults : tuple of str
+        Up to three faults that were found in the copper as written; empty without faults and for formats that are not
+        read back.
+    """
+
+    files: tuple[Path, ...]
+    net_faults: tuple[str, ...]
+
+
+def export(
+    design: Design, path: str | Path, to: Format | None = None, *, sheets: bool = True, allow_faults: bool = False
+) -> Exported:
+    """Write the board of a design.
+
+    Parameters
+    ----------
+    design : Design
+        Design of the board.
+    path : str or Path
+        File to write; for ``"kicad"`` a folder. What is there is replaced, whole or not at all.
+    to : {"kicad", "gerber", "dxf", "svg", "step", "stl", "glb"}, optional
+        Format; by default that of the suffix, and ``"kicad"`` for a name without one.
+    sheets : bool
+        Include the elastomer sheets in ``"step"``, ``"stl"`` and ``"glb"``.
+    allow_faults : bool
+        Write a board whose copper, read back, is not that of its coils.
+
+    Returns
+    -------
+    Exported
+
+    Raises
+    ------
+    OutputError
+        An unknown suffix, or a file that cannot be written.
+    RuleViolationError
+        KiCad or Gerber files that were read back and have a coil that is cut or touches another one.
+    MissingDependencyError
+        A library that the format needs is not installed.
+
+    Examples
+    --------
+    >>> from coilarray import load_design
+    >>> export(load_design("starter"), "board.txt")  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+    coilarray.errors.OutputError: cannot write board.txt: the suffix must be .zip, .dxf, .svg, .step, .stp, .stl or ...
+    """
+    target = Path(path)
+    kind = to or _format_of(target)
+    faults: list[str] = []
+
+    def check(board: Path) -> None:
+        faults.extend(_net_faults(design, board, kind))
+        if faults and not allow_faults:
+            listed = "; ".join(faults)
+            raise RuleViolationError(f"{target} is not written: its copper is not that of the coils: {listed}.")
+
+    array, covering, title = design.array, design.sheets if sheets else (), design.title or design.name
+    files: tuple[Path, ...] = (target,)
+    if kind == "kicad":
+        from coilarray.geometry.export.kicad import write_kicad
+
+        files = write_kicad(array, target, name=design.name, rules=design.rules, title=title, check=check)
+    elif kind == "gerber":
+        from coilarray.geometry.export.gerber import write_gerbers
+
+        write_gerbers(array, target, name=design.name, check=check)
+    elif kind == "dxf":
+        from coilarray.geometry.export.dxf import write_dxf
+
+        write_dxf(array, target)
+    elif kind == "svg":
+        from coilarray.geometry.export.svg import write_svg
+
+        write_svg(array, target, title=title)
+    elif kind == "step":
+        from coilarray.geometry.export.step import write_step
+
+        write_step(array, target, name=design.name, sheets=covering)
+    else:
+        from coilarray.geometry.export.solid_files import write_solids
+        from coilarray.geometry.solids import solids
+
+        write_solids(solids(array, covering), target)
+    return Exported(files, tuple(faults))
+
+
+def _format_of(path: Path) -> Format:
+    suffix = path.suffix.lower()
+    for kind in get_args(Format):
+        if suffix in SUFFIXES.get(kind, ("",)):
+            return kind  # type: ignore[no-any-return]
+    *most, last = (suffix for suffixes in SUFFIXES.values() for suffix in suffixes)
+    raise OutputError(f"cannot write {path}: the suffix must be {', '.join(most)} or {last}.")
+
+
+def _net_faults(design: Design, board: Path, to: Format) -> list[str]:
+    """Read a board back: coils that are cut or touch, foreign copper, wrong nets; at most the first three."""
+    from coilarray.geometry.connectivity import board_layers, check_names, check_nets
+
+    if to == "kicad":
+        from coilarray.geometry.readers.kicad_board import read_kicad
+
+        copper = read_kicad(board)
+    else:
+        from coilarray.geometry.readers.gerber_board import read_gerbers
+
+        copper = read_gerbers(board)
+    layers, holes = board_layers(copper)
+    # KiCad gives a board of one copper layer an empty back
+    known = {layer: shapes for layer, shapes in layers.items() if shapes or layer in design.array.stackup.names}
+    found = check_nets(design.array, known, holes).faults or check_names(design.array, copper)
+    return [fault.text for fault in found[:_SHOWN_FAULTS]]
