@@ -27,6 +27,7 @@ def matrix(
     """
     if out is not None and not re.fullmatch(r"\.(nc|csv|cir|sub|inp|s\d+p)", out.suffix.lower()):
         raise OutputError(f"--out must end in .nc, .csv, .cir, .sub, .sNp or .inp; got {out}.")
+    from coilarray.circuit.active_coil import checked_network
     from coilarray.circuit.coupling import couple_design, design_circuit, design_inductance
     from coilarray.circuit.exchange import export_network, fasthenry_input
     from coilarray.compute.display_units import DisplayUnit, display_unit
@@ -37,7 +38,8 @@ def matrix(
     opened = shared.open_design(design, allow_violations=allow_violations)
     names = list(opened.array.names)
     with shared.progress_bar("inductance matrix") as progress:
-        inductance = design_inductance(opened, progress)[0]
+        # two coils in one place are refused here, before any circuit
+        inductance = checked_network(design_inductance(opened, progress)[0], 0.0)[0]
     suffix = "" if out is None else out.suffix.lower()
     data: dict[str, object] = {**shared.design_record(opened), "names": names}
     if as_json or suffix in (".nc", ".csv", ".inp"):  # the matrices alone need no circuit, which takes longer

@@ -227,11 +227,11 @@ def test_two_coils_in_one_place(capsys):
 
 def test_a_failed_report_leaves_nothing_half_written(capsys, monkeypatch):
     # the disk is full while the netCDF file is written
-    def full(dataset, path):
+    def full(dataset, path, **_):
         path.write_bytes(b"half of it")
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("coilarray.compute.netcdf._to_netcdf", full)
+    monkeypatch.setattr("xarray.Dataset.to_netcdf", full)
     assert "No space left on device" in refused(capsys, "report", "starter")
     left = [path.name for path in Path().rglob("*") if path.is_file()]
     assert not [name for name in left if name.startswith(".") or name.endswith(".nc")]

@@ -15,6 +15,7 @@ from support.tolerance_boards import loops
 
 from coilarray import load_design
 from coilarray.compute.netcdf import save_dataset
+from coilarray.design.write import design_document
 from coilarray.response.map import response_map
 from coilarray.studies.tolerance import analyse, load_tolerances
 
@@ -36,7 +37,7 @@ at_most = 0.256
 
 @pytest.fixture(autouse=True)
 def _files(own_folder):
-    Path("loops.toml").write_text(tomli_w.dumps(dict(loops().document)), encoding="utf-8")
+    Path("loops.toml").write_text(tomli_w.dumps(design_document(loops())), encoding="utf-8")
     Path("fab.toml").write_text(FILE, encoding="utf-8")
 
 
