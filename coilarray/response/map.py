@@ -157,7 +157,7 @@ def response_map(
     def flat_network() -> Network:
         L0 = design_inductance(pressed.design)[0] if inductance is None else inductance()
         L0 = L0 + wedge_inductance(pressed.design, true.tilt)
-        return replace(design_circuit(design, ideal=ideal) if network is None else network, inductance=L0)
+        return replace(design_circuit(pressed.design, ideal=ideal) if network is None else network, inductance=L0)
 
     flat = flat_network() if error else None
     states = None if flat is None else _sensitivity(flat, design.plan, required=reach != "auto")
