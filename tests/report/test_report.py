@@ -42,7 +42,7 @@ def drawn_report(design, folder, *, circuit=True, **options):
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     """The report of the paper's board, drawn without 3-D rendering (tests/viz/test_scenes.py renders)."""
-    return drawn_report(load_design("gast2020"), tmp_path_factory.mktemp("report"))
+    return drawn_report(load_design_file("gast2020"), tmp_path_factory.mktemp("report"))
 
 
 TABLES = (

@@ -159,5 +159,5 @@ def test_every_public_name_is_there():
     import coilarray.viz as viz
 
     assert all(callable(getattr(viz, name)) for name in viz.__all__)
-    with pytest.raises(AttributeError, match="no attribute 'plot_nothing'"):
+    with pytest.raises(AttributeError, match=r"No coilarray\.viz attribute plot_nothing"):
         getattr(viz, "plot_" + "nothing")
