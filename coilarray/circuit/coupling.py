@@ -15,7 +15,7 @@ from coilarray.circuit.active_coil import checked_network
 from coilarray.circuit.network import Network, Resonance, SampledResistance
 from coilarray.circuit.state_sensitivity import resonances
 from coilarray.compute.recent import Recent
-from coilarray.compute.threads import Progress
+from coilarray.compute.threads import Progress, serial_algebra
 from coilarray.design.model import Design
 from coilarray.design.scan_states import ScanState, Switches
 from coilarray.elastomer.flat_layer import layer_inductance
@@ -149,6 +149,7 @@ def circuit_parts(design: Design, *, accuracy: Accuracy = "full", progress: Prog
     return _PARTS.get((design.digest, accuracy), lambda: _circuit_parts(design, accuracy, progress))
 
 
+@serial_algebra()
 def _circuit_parts(design: Design, accuracy: Accuracy, progress: Progress | None) -> CircuitParts:
     names, circuit = design.array.names, design.circuit
     winding, between = np.zeros(len(names)), np.zeros((len(names), len(names)))

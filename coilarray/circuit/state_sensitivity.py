@@ -31,6 +31,7 @@ from scipy.sparse import csc_array, eye_array
 from scipy.sparse.linalg import splu
 
 from coilarray.circuit.network import Network, Resonance, SampledResistance, between_coils, driven, resonate
+from coilarray.compute.threads import serial_algebra
 from coilarray.design.scan_states import ScanState, check_state
 from coilarray.errors import NetworkError
 
@@ -73,6 +74,7 @@ class StateSensitivity:
         return np.asarray((self.weights * energy).real)
 
 
+@serial_algebra()
 def state_sensitivity(network: Network, states: Sequence[ScanState]) -> StateSensitivity:
     """Solve every state of a scan at its resonance.
 
@@ -125,6 +127,7 @@ def state_sensitivity(network: Network, states: Sequence[ScanState]) -> StateSen
     return StateSensitivity(measured, base, currents / own, -2 * own**2 / slope)
 
 
+@serial_algebra()
 def resonances(network: Network, states: Sequence[ScanState]) -> list[Resonance]:
     """Solve states where the converter oscillates: `coilarray.circuit.network.resonate`, faster for many coils.
 

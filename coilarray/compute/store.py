@@ -192,8 +192,13 @@ def locked_database(path: Path, message: str) -> Iterator[sqlite3.Connection]:
     with closing(connection):
         try:
             connection.execute("PRAGMA locking_mode = EXCLUSIVE")
+            (journal,) = connection.execute("PRAGMA journal_mode").fetchone()
+            connection.execute(
+                "PRAGMA journal_mode = MEMORY"
+            )  # no file is left where the process is killed
             connection.execute("BEGIN EXCLUSIVE")
             connection.execute("COMMIT")  # in this mode the lock stays
+            connection.execute(f"PRAGMA journal_mode = {journal}")
         except sqlite3.Error as error:
             raise OutputError(message if "locked" in str(error) else f"cannot use {path}: {error}.") from None
         yield connection

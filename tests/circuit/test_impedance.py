@@ -9,7 +9,7 @@ import pytest
 
 from coilarray import couple_design, dc_resistance, load_design, parse_design
 from coilarray.circuit.active_coil import active_coil
-from coilarray.circuit.coupling import couple, design_circuit
+from coilarray.circuit.coupling import couple, design_circuit, shorts_of
 from coilarray.circuit.impedance import close_channels, scan_design, sweep_design
 from coilarray.compute.recent import Recent
 from coilarray.design.bundled import read
@@ -90,7 +90,7 @@ def test_the_ideal_stands_beside_the_true_circuit(design):
     np.testing.assert_array_equal(true.ideal_effective_inductance.values, ideal.effective_inductance.values)
     plain = couple(
         design.array.names, true.inductance, true.resistance, design.circuit.capacitance,
-        design.circuit.terminations, design.circuit.short_resistance,
+        shorts_of(design), design.circuit.short_resistance,
     )  # fmt: skip
     np.testing.assert_array_equal(plain.frequency.values, ideal.frequency.values)
 
