@@ -15,6 +15,8 @@ from support.command_line import no_terminal
 
 import coilarray
 
+pytestmark = pytest.mark.slow
+
 README = Path(__file__).parent.parent / "README.md"
 PROGRAMS = README.parent / "docs" / "programs.md"
 MODULES = sorted({module.name for module in pkgutil.walk_packages(coilarray.__path__, "coilarray.")} | {"coilarray"})

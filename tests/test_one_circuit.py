@@ -22,6 +22,8 @@ from coilarray.report.tables import coil_table
 from coilarray.viz.studio.numbers import circuit_of
 from coilarray.viz.studio.switching import switched
 
+pytestmark = pytest.mark.slow
+
 
 def test_every_place_shows_the_same_coil(tmp_path):
     design = load_design("gast2020")

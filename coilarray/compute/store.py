@@ -193,9 +193,7 @@ def locked_database(path: Path, message: str) -> Iterator[sqlite3.Connection]:
         try:
             connection.execute("PRAGMA locking_mode = EXCLUSIVE")
             (journal,) = connection.execute("PRAGMA journal_mode").fetchone()
-            connection.execute(
-                "PRAGMA journal_mode = MEMORY"
-            )  # no file is left where the process is killed
+            connection.execute("PRAGMA journal_mode = MEMORY")  # no file is left where the process is killed
             connection.execute("BEGIN EXCLUSIVE")
             connection.execute("COMMIT")  # in this mode the lock stays
             connection.execute(f"PRAGMA journal_mode = {journal}")

@@ -16,6 +16,7 @@ from coilarray import (
 from coilarray.errors import GeometryError
 
 
+@pytest.mark.slow
 def test_the_board_of_the_paper():
     design = load_design("gast2020")
     result = couple_design(design)

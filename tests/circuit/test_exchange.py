@@ -83,6 +83,7 @@ def test_plain_names():
     assert max(map(len, plain_names(["x" * 500, "x" * 400]))) == 62
 
 
+@pytest.mark.slow
 @given(st.lists(st.text(min_size=1, max_size=5).filter(str.strip), min_size=1, max_size=8, unique=True))
 def test_plain_names_are_distinct(names):
     plain = plain_names(names)
@@ -241,6 +242,7 @@ def test_ngspice_agrees_with_the_network(tmp_path, state):
         assert complex(real, imag) == pytest.approx(expected, rel=1e-8)
 
 
+@pytest.mark.slow
 @needs_ngspice
 def test_ngspice_on_the_board_of_the_paper(tmp_path, board):
     ideal = design_circuit(load_design("gast2020"), ideal=True)
@@ -254,6 +256,7 @@ def test_ngspice_on_the_board_of_the_paper(tmp_path, board):
         same_impedance(Z, expected)
 
 
+@pytest.mark.slow
 @needs_ngspice
 def test_ngspice_oscillates_where_the_table_says(tmp_path, board):
     """The exported coils with a tank of the design's, switches of 2.5 Ω and all other coils grounded."""
@@ -371,6 +374,7 @@ def same_paths(read, written):
         np.testing.assert_allclose(a.areas, b.areas, rtol=1e-14)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["gast2020", "starter"])
 def test_fasthenry_round_trip(name):
     conductors = load_design(name).array.conductors()
@@ -652,6 +656,7 @@ def test_touchstone_without_scikit_rf(tmp_path, monkeypatch):
 # by suffix
 
 
+@pytest.mark.slow
 @needs_skrf
 def test_export_touchstone(tmp_path, board):
     import skrf

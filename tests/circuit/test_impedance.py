@@ -16,6 +16,8 @@ from coilarray.design.bundled import read
 from coilarray.electromagnetics.ac_resistance import resistance_matrix
 from coilarray.electromagnetics.capacitance import coil_capacitance, self_resonance
 
+pytestmark = pytest.mark.slow
+
 STARTER = read("starter")
 
 

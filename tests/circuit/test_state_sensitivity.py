@@ -68,6 +68,7 @@ def test_currents_are_those_of_one_active_coil():
         assert states.currents[:, a] == pytest.approx(one.currents, abs=1e-9)
 
 
+@pytest.mark.slow
 @settings(max_examples=15)
 @given(st.integers(0, 1000), st.sampled_from(sorted(PLANS)))
 def test_delta_is_the_slope_of_the_resonance(seed, which):
@@ -113,6 +114,7 @@ def lossy(switches, random):
     return Network(NAMES, L, SampledResistance(f, matrices), random.uniform(5e-12, 2e-11, 4), between, switches)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "switches",
     [STRAYS, replace(STRAYS, on_resistance=0.0), replace(STRAYS, off_capacitance=0.0), replace(STRAYS, tank_at="coil")],
@@ -146,6 +148,7 @@ def test_coils_alone_are_solved_as_any_others(plan, monkeypatch):
     np.testing.assert_allclose(quick.currents, general.currents, rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("others", ["ground", "open", "ground one end", "load"])
 def test_delta_of_a_lossy_circuit_is_the_slope_of_its_resonance(others):
     random = np.random.default_rng(8)

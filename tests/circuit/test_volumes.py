@@ -26,6 +26,8 @@ from coilarray.electromagnetics.large_matrix import write_inductance_matrix
 from coilarray.errors import GeometryError, OutputError
 from coilarray.geometry import Conductor
 
+pytestmark = pytest.mark.slow
+
 STARTER = load_design("starter")
 GRID = [np.linspace(-20e-3, 20e-3, 29), np.linspace(-10e-3, 12e-3, 23), np.array([1e-3, 3e-3, 4e-3])]
 run, refused = runner("field", "starter")

@@ -12,6 +12,8 @@ from coilarray.cli import board as command
 from coilarray.hardware.board import connect as boards
 from coilarray.hardware.wire import ports
 
+pytestmark = pytest.mark.slow
+
 run, refused = runner("board")
 
 

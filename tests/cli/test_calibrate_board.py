@@ -45,6 +45,7 @@ def test_help_has_an_example(capsys):
     assert "Example: coilarray calibrate-board" in out
 
 
+@pytest.mark.slow
 def test_the_file_is_that_of_the_library(capsys, recordings):
     true = series_tank(TRUE, 120e-12, QuickWorld().resistance).frequency
     code, out, err = run(
@@ -95,6 +96,7 @@ def test_drift_alone(capsys, recordings):
     assert load_calibration("drift.toml").channels == ()
 
 
+@pytest.mark.slow
 def test_the_whole_way_from_the_emulator(capsys, tmp_path_factory, monkeypatch):
     """campaign, calibrate-board, compare: all physics of two coils on both sides, scale 1 within noise.
 

@@ -39,6 +39,7 @@ def changed(old, new):
     return "d.toml"
 
 
+@pytest.mark.slow
 def test_a_kept_design(capsys):
     code, out, err = run(capsys, "starter")
     assert (code, err) == (0, "")
@@ -70,6 +71,7 @@ def test_no_number_is_minus_zero(capsys):
     assert Column("x", unit="m").texts([-2e-19, -5.1e-7]) == ["0.000", "−0.001"]
 
 
+@pytest.mark.slow
 def test_the_limits_of_a_house(capsys):
     code, out, err = run(capsys, "gast2020", "--fab", "oshpark-4-layer")
     assert code == 2
@@ -82,6 +84,7 @@ def test_the_limits_of_a_house(capsys):
     assert run(capsys, "gast2020", "--fab", "multi-cb-35um")[0] == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", fabs.names())
 def test_the_exit_code_is_2_where_a_rule_is_broken(capsys, name):
     kept = all(m.kept for m in check_rules(load_design("starter").array, load_profile(name).rules))
@@ -109,6 +112,7 @@ def test_option_goes_before_the_file(capsys):
     assert json.loads(out)["fab"]["profile"] == "multi-cb-35um"
 
 
+@pytest.mark.slow
 def test_json(capsys):
     code, out, err = run(capsys, "gast2020", "--json", "--fab", "jlcpcb-4-layer")
     assert code == 2  # and the numbers nevertheless
@@ -130,6 +134,7 @@ def test_json(capsys):
     assert json.loads(out)["fab"] is None
 
 
+@pytest.mark.slow
 def test_files_are_written_even_where_a_rule_is_broken(capsys):
     code, out, _ = run(capsys, "gast2020", "--fab", "aisler-4-layer", "--out", "m.csv", "--picture", "m.svg")
     assert code == 2
@@ -142,6 +147,7 @@ def test_files_are_written_even_where_a_rule_is_broken(capsys):
     assert Path("m.svg").read_text(encoding="utf-8").startswith("<?xml")
 
 
+@pytest.mark.slow
 def test_the_picture_has_the_numbers_of_the_table(capsys):
     _, out, _ = run(capsys, "starter", "--fab", "oshpark-4-layer", "--picture", "m.svg")
     text = Path("m.svg").read_text(encoding="utf-8")

@@ -24,6 +24,7 @@ pytestmark = pytest.mark.usefixtures("own_folder")
 run, refused = runner()
 
 
+@pytest.mark.slow
 def test_help_names_every_command(capsys):
     code, out, _ = run(capsys)
     assert code == 0
@@ -40,6 +41,7 @@ def test_version(capsys):
     assert out.startswith("coilarray 0.")
 
 
+@pytest.mark.slow
 def test_init_writes_a_design_that_works(capsys):
     code, out, _ = run(capsys, "init")
     assert code == 0
@@ -56,6 +58,7 @@ def test_init_writes_a_design_that_works(capsys):
     assert "all margins are kept" in out
 
 
+@pytest.mark.slow
 def test_matrix(capsys):
     code, out, _ = run(capsys, "matrix", "starter", "--json", "--out", "m.nc")
     assert code == 0
@@ -74,6 +77,7 @@ def test_matrix(capsys):
         assert len(list(csv.DictReader(lines))) == 6
 
 
+@pytest.mark.slow
 def test_field_plane_and_volume(capsys):
     code, out, _ = run(capsys, "field", "starter", "--spacing-mm", "2", "--json", "--current-mA", "2")
     assert code == 0
@@ -93,6 +97,7 @@ def test_field_plane_and_volume(capsys):
     assert grid.bounds[4:] == pytest.approx((1, 3))  # mm
 
 
+@pytest.mark.slow
 def test_impedance(capsys):
     code, out, _ = run(capsys, "impedance", "starter", "--points", "5", "--json", "--out", "s.nc", "--plot", "s.svg")
     assert code == 0
@@ -113,12 +118,14 @@ def test_impedance(capsys):
         assert len(list(csv.DictReader(lines))) == 6
 
 
+@pytest.mark.slow
 def test_matrix_for_other_programs(capsys):
     for suffix, beginning in ((".cir", "* starter"), (".inp", "* starter"), (".s3p", "!")):
         assert run(capsys, "matrix", "starter", "--out", f"m{suffix}")[0] == 0
         assert Path(f"m{suffix}").read_text(encoding="utf-8").startswith(beginning)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(rendering_problem() is not None, reason=f"no 3-D rendering: {rendering_problem()}")
 def test_view_screenshot(capsys):
     code, out, _ = run(capsys, "view", "starter", "--screenshot", "board.png")
@@ -134,6 +141,7 @@ def _broken_design():
     Path("d.toml").write_text(text.replace('[["L1", "L2"], ["L3", "L4"]]', '[["L1", "L2"]]'), encoding="utf-8")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["report", "matrix", "field", "view"])
 def test_a_broken_rule_is_refused_unless_allowed(capsys, command):
     _broken_design()
@@ -147,6 +155,7 @@ def test_a_broken_rule_is_refused_unless_allowed(capsys, command):
         assert run(capsys, command, "d.toml", "--allow-violations")[0] == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -200,6 +209,7 @@ def test_a_read_only_folder(capsys):
     assert list(folder.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_folder_without_permission(capsys, monkeypatch):
     # root may write everywhere, so the refusal of the system is played
     original = tempfile.mkstemp
@@ -214,6 +224,7 @@ def test_a_folder_without_permission(capsys, monkeypatch):
     assert not [path for path in Path().rglob("*") if path.is_file()]
 
 
+@pytest.mark.slow
 def test_two_coils_in_one_place(capsys):
     main(["init", "d.toml", "--from", "gast_fem"])
     text = Path("d.toml").read_text(encoding="utf-8")
@@ -225,6 +236,7 @@ def test_two_coils_in_one_place(capsys):
     assert "must be positive definite" in refused(capsys, "matrix", "d.toml", "--allow-violations")
 
 
+@pytest.mark.slow
 def test_a_failed_report_leaves_nothing_half_written(capsys, monkeypatch):
     # the disk is full while the netCDF file is written
     def full(dataset, path, **_):
@@ -238,6 +250,7 @@ def test_a_failed_report_leaves_nothing_half_written(capsys, monkeypatch):
     assert "report.html" not in left
 
 
+@pytest.mark.slow
 def test_the_installed_program():
     """The program in a process of its own: exit code, no traceback, and quick help without numba."""
 

@@ -20,6 +20,8 @@ from coilarray.localize.comparison import compare_responses
 from coilarray.localize.published import published_map
 from coilarray.report.comparison import scale_table
 
+pytestmark = pytest.mark.slow
+
 run, refused = runner("compare")
 fit, fit_refused = runner("fit")
 locate, locate_refused = runner("locate")

@@ -66,6 +66,7 @@ def broken_design():
     Path("d.toml").write_text(text.replace('[["L1", "L2"], ["L3", "L4"]]', '[["L1", "L2"]]'), encoding="utf-8")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("to", AVAILABLE)
 def test_every_format_is_written_and_named_after_the_design(capsys, to):
     code, out, err = run(capsys, "starter", "--to", to)
@@ -89,6 +90,7 @@ def test_every_format_is_written_and_named_after_the_design(capsys, to):
     assert {file["path"]: file["bytes"] for file in data["files"]} == {path: Path(path).stat().st_size for path in made}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("to", "writer"), [("kicad", "kicad.write_kicad"), ("gerber", "gerber.write_gerbers")])
 def test_copper_that_is_not_the_coils_is_reported(capsys, monkeypatch, to, writer):
     """An exporter that loses the last coil, as it stands on its layers."""
@@ -111,6 +113,7 @@ def test_copper_that_is_not_the_coils_is_reported(capsys, monkeypatch, to, write
     assert "coil3" in " ".join(json.loads(out)["net_faults"])
 
 
+@pytest.mark.slow
 def test_a_segment_with_the_net_of_another_coil_is_reported(capsys, monkeypatch):
     from coilarray.geometry.export import kicad
 
@@ -141,6 +144,7 @@ def test_a_board_of_one_layer(capsys, to):
     assert "net check of the copper as written: 2 coils, each whole and by itself" in out
 
 
+@pytest.mark.slow
 def test_files_hold_the_board(capsys):
     Path("sub").mkdir()
     array = load_design("starter").array
@@ -158,6 +162,7 @@ def test_files_hold_the_board(capsys):
     assert trimesh.load_mesh("b.stl").extents[2] == pytest.approx(array.stackup.thickness * 1e3, rel=1e-6)  # float32
 
 
+@pytest.mark.slow
 def test_gerbers_are_named_after_the_design(capsys):
     pytest.importorskip("gerbonara", reason="no gerbonara")
     assert run(capsys, "starter", "--to", "gerber", "--out", "board.zip")[0] == 0
@@ -166,6 +171,7 @@ def test_gerbers_are_named_after_the_design(capsys):
         assert all(Path(name).name.startswith("starter") for name in files.namelist())
 
 
+@pytest.mark.slow
 def test_kicad_writes_into_a_folder(capsys):
     Path("taken").mkdir()
     Path("taken/notes.txt").write_text("mine", encoding="utf-8")
@@ -208,6 +214,7 @@ def test_names_that_are_taken_by_the_wrong_kind(capsys):
     assert Path("starter-kicad").read_text(encoding="utf-8") == "a file"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("to", AVAILABLE)
 def test_a_broken_rule_is_refused_unless_allowed(capsys, to):
     broken_design()
@@ -250,6 +257,7 @@ def test_a_folder_without_permission(capsys, monkeypatch):
     assert list(Path().iterdir()) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("to", AVAILABLE)
 def test_a_full_disk_leaves_nothing(capsys, monkeypatch, to):
     def full(path, target):

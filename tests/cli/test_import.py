@@ -38,6 +38,7 @@ def small_array():
     return CoilArray(FOUR_LAYERS, tuple(placements))
 
 
+@pytest.mark.slow
 def test_a_board_becomes_a_design_with_the_same_matrix(capsys, write):
     array = small_array()
     code, out, err = run(capsys, write(array_text(array)), "--out", "back.toml")
@@ -89,6 +90,7 @@ def test_what_is_left_out_and_noted_is_printed(capsys, write):
     assert "note: A: 1 of the holes on the path join none" in out
 
 
+@pytest.mark.slow
 def test_copper_without_a_net_has_none_in_the_table(capsys, write):
     text = board(path(*SPIRAL, net="0"))
     code, out, _ = run(capsys, write(text))
@@ -122,6 +124,7 @@ def test_only_the_wanted_nets(capsys, write):
     assert load_design("d.toml").array.names == ("B", "A")
 
 
+@pytest.mark.slow
 def test_a_stackup_from_a_design(capsys, write):
     file = write(array_text(small_array()))
     assert run(capsys, file, "--stackup", "gast2020")[0] == 0
@@ -130,6 +133,7 @@ def test_a_stackup_from_a_design(capsys, write):
     assert "the board has 4 copper layers and the given stack-up 2" in message
 
 
+@pytest.mark.slow
 def test_a_file_that_exists_is_only_replaced_when_told(capsys, write, tmp_path):
     file = write(board(path(*SPIRAL)))
     design = tmp_path / "design.toml"
@@ -140,6 +144,7 @@ def test_a_file_that_exists_is_only_replaced_when_told(capsys, write, tmp_path):
     assert load_design("design.toml").array.names == ("A",)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

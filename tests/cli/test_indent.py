@@ -18,6 +18,8 @@ from coilarray.cli.main import main
 from coilarray.design.bundled import read
 from coilarray.elastomer.contact import indent
 
+pytestmark = pytest.mark.slow
+
 run, refused = runner("indent")
 
 

@@ -115,12 +115,14 @@ def test_a_campaign_counts_from_its_baselines(capsys, tmp_path):
     assert answers[9]["delta"]["coil1"] == pytest.approx(0.8e-3, rel=3e-3)
 
 
+@pytest.mark.slow
 def test_a_replay_keeps_the_recorded_time(capsys, recording):
     start = time.monotonic()
     run(capsys, "--recording", recording, "--speed", "20", "--no-locate", "--scans", "41")
     assert time.monotonic() - start > 40 / 10.3 / 20  # 0.0979 s a scan of two coils
 
 
+@pytest.mark.slow
 def test_positions_of_a_recording(capsys, recording, board):
     """The quick board's bells are no response of the design: what counts is that the library is asked and answers."""
     files = (board / "two_coils.toml", "--recording", recording, "--table", board / "table.nc")
@@ -137,6 +139,7 @@ def test_positions_of_a_recording(capsys, recording, board):
 # the emulator, in real time
 
 
+@pytest.mark.slow
 def test_the_emulator_is_located(capsys, board, monkeypatch):
     def finger(setup, start):
         return [(start, 4e-3, 2e-3, 0.0), (start + 0.2, 4e-3, 2e-3, 1e-3)]
@@ -158,6 +161,7 @@ def test_the_emulator_is_located(capsys, board, monkeypatch):
         assert near < 0.5e-3  # two coils tell x and |y|
 
 
+@pytest.mark.slow
 def test_every_line_of_an_emulator_says_so(capsys, board):
     code, out, err = run(capsys, *on(board), "--rate", "30", "--scans", "10", "--baseline-scans", "3")
     assert (code, err) == (0, "")
@@ -168,6 +172,7 @@ def test_every_line_of_an_emulator_says_so(capsys, board):
     assert all("coil1 " in line for line in lines[3:])
 
 
+@pytest.mark.slow
 def test_without_a_path_a_finger_goes_round(capsys, board, monkeypatch):
     monkeypatch.setattr(buses, "ComputerClock", VirtualClock)  # on a busy computer scans may come late
     begun, tour = [], live_command._tour
@@ -179,6 +184,7 @@ def test_without_a_path_a_finger_goes_round(capsys, board, monkeypatch):
     assert max(abs(delta) for time, delta in after if time > 1.0) > 30e-6
 
 
+@pytest.mark.slow
 def test_a_finger_that_presses_is_not_in_the_baseline(capsys, board):
     code, out, err = run(
         capsys,
@@ -200,6 +206,7 @@ def test_a_finger_that_presses_is_not_in_the_baseline(capsys, board):
     assert all(answer["delta"]["coil1"] > 3e-4 for answer in answers[7:])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("emulate", [None, ["press=0,0,1"]])
 def test_the_table_of_the_emulator_is_there_before_the_first_scan(board, emulate):
     options = BoardOptions(wiring=str(board / "wiring.toml"), rate=30, emulate=emulate)
@@ -222,6 +229,7 @@ def test_the_table_of_the_emulator_is_there_before_the_first_scan(board, emulate
             assert one.emulator.place().depth == 0
 
 
+@pytest.mark.slow
 def test_a_finger_beside_the_sample_is_refused_before_the_first_scan(capsys, board):
     line = refused(capsys, *on(board), "--json", "--emulate", "press=500,0,1")
     assert "x of the emulated indenter must be" in line
@@ -295,6 +303,7 @@ def test_the_end_leaves_the_board_at_rest(capsys, board, broken):
     assert [at_rest(one) for one in opened] == [True]
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_a_process(board):
     process = command("live", *map(str, on(board)), "--json")
     assert process.stdout.readline()
@@ -303,6 +312,7 @@ def test_ctrl_c_ends_a_process(board):
     assert (process.returncode, err.strip()) == (130, "coilarray: interrupted")
 
 
+@pytest.mark.slow
 def test_a_reader_that_goes_away(recording):
     with command("live", "--recording", str(recording), "--speed", "4", "--no-locate", "--json") as process:
         assert json.loads(process.stdout.readline())["emulated"] is True
@@ -357,6 +367,7 @@ def on_terminal(*arguments, keys=()):
     return code, *(text.decode(errors="replace") for text in shown)  # a key may come within a letter
 
 
+@pytest.mark.slow
 def test_bars_on_a_terminal(recording):
     code, shown = on_terminal("live", "--recording", recording, "--speed", "4", "--no-locate")
     assert code == 0
@@ -369,6 +380,7 @@ def test_bars_on_a_terminal(recording):
     assert all("[emulator] " in line for line in drawn)
 
 
+@pytest.mark.slow
 def test_keys(tmp_path):
     # 127 s at this speed, which nobody waits for: it ends by the key
     recording = stream_file(tmp_path / "long.sqlite", 2600, noise=1e-7)

@@ -29,6 +29,8 @@ from coilarray.localize.published import published_map, published_model, table_a
 from coilarray.report.localize_tables import location_record
 from coilarray.response.map import response_map
 
+pytestmark = pytest.mark.slow
+
 run, refused = runner()
 
 NAMES = [f"coil{k + 1}" for k in range(len(FIELD))]

@@ -24,6 +24,8 @@ from coilarray.hardware.record import campaign as campaign_module
 from coilarray.hardware.record.recording import open_recording
 from coilarray.hardware.scan.readings import read_scan
 
+pytestmark = pytest.mark.slow
+
 board = recorded_boards.board
 measure, measure_refused = runner("measure")
 measure_campaign, campaign_refused = runner("campaign")

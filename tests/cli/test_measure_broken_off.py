@@ -27,6 +27,8 @@ from coilarray.hardware.board import microcontroller
 from coilarray.hardware.record.recording import open_recording
 from coilarray.hardware.wire.link import LinkTimes
 
+pytestmark = pytest.mark.slow
+
 board = recorded_boards.board
 measure, measure_refused = runner("measure")
 measure_campaign, _ = runner("campaign")

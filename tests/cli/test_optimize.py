@@ -12,6 +12,8 @@ from support.command_line import runner
 from coilarray import load_design
 from coilarray.studies.quantities import QUANTITIES, evaluate
 
+pytestmark = pytest.mark.slow
+
 run, refused = runner("optimize")
 
 # quantities of shapes alone are cheap

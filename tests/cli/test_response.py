@@ -19,6 +19,8 @@ from coilarray.cli.main import main
 from coilarray.design.bundled import read
 from coilarray.response.map import Imperfections, response_map
 
+pytestmark = pytest.mark.slow
+
 run, refused = runner("response")
 
 X = [0.0, 5e-3]

@@ -43,6 +43,7 @@ def kept(folder="cache"):
     return sorted(path for path in Path(folder).rglob("*.json") if not path.name.startswith("."))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("where", [ONE, ("--workers", "2"), ()])
 def test_the_file_is_the_dataset_of_the_library(capsys, expected, where):
     code, out, err = run(capsys, *SMALL, "--out", "s.nc", "--plot", "s.svg", *where)
@@ -54,6 +55,7 @@ def test_the_file_is_the_dataset_of_the_library(capsys, expected, where):
     assert len(kept()) == 3
 
 
+@pytest.mark.slow
 def test_the_table_shows_the_extremes_and_where_they_are(capsys, expected):
     _, out, _ = run(capsys, *SMALL, "--quantity", "k[coil1,coil2]", "--accuracy", "screen", "--out", "s.csv", *ONE)
     header, span, area, k, last = out.splitlines()
@@ -108,6 +110,7 @@ def test_a_sweep_without_any_result_has_an_empty_table(capsys):
     assert "2 of 2 points have no result; the first: the design gast_fem has one coil alone" in out
 
 
+@pytest.mark.slow
 def test_samples_are_repeatable_by_their_seed(capsys):
     def points(*options):
         vary = ("--vary", "array.pitch_mm=12:16", "--quantity", "span_mm", "--json")
@@ -123,6 +126,7 @@ def test_samples_are_repeatable_by_their_seed(capsys):
     assert set(four["points"][0]) == {"array.pitch_mm", "span_mm", "reason"}
 
 
+@pytest.mark.slow
 def test_nothing_is_computed_twice(capsys, monkeypatch):
     assert run(capsys, *SMALL, *ONE, "--cache", "mine")[0] == 0
     before = {path: path.stat().st_mtime_ns for path in kept("mine")}
@@ -141,6 +145,7 @@ VARY = ("--vary", "array.pitch_mm=12,13")
 SPAN = ("--quantity", "span_mm")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -196,6 +201,7 @@ sys.exit(main(sys.argv[1:]))
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", ["1", "2"])
 def test_an_interrupted_sweep_says_what_is_kept_and_goes_on(capsys, monkeypatch, count):
     vary = [f"{12 + k / 8:g}" for k in range(150)]

@@ -19,6 +19,8 @@ from coilarray.design.write import design_document
 from coilarray.response.map import response_map
 from coilarray.studies.tolerance import analyse, load_tolerances
 
+pytestmark = pytest.mark.slow
+
 run, refused = runner("tolerance")
 
 K, L = "k[upper,lower]", "inductance_uH[upper]"

@@ -22,6 +22,8 @@ from coilarray.viz import rendering_problem
 from coilarray.viz.datasets.overlays import DELTA
 from coilarray.viz.offscreen import NO_RENDERING
 
+pytestmark = pytest.mark.slow
+
 run, refused = runner("view")
 renders = pytest.mark.skipif(rendering_problem() is not None, reason=f"no 3-D rendering: {rendering_problem()}")
 

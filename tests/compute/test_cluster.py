@@ -21,6 +21,8 @@ from coilarray.compute.workers import IN_FLIGHT, cluster, workers
 from coilarray.errors import ClusterError, MissingDependencyError
 from coilarray.studies.evaluate import evaluate_points
 
+pytestmark = pytest.mark.slow
+
 pytest.importorskip("distributed", reason="the extra [cluster] is not installed")
 
 KERNEL = '''

@@ -58,6 +58,7 @@ def test_a_file_that_is_filled_is_as_one_that_is_written_at_once(tmp_path):
         assert read.load().identical(whole)
 
 
+@pytest.mark.slow
 def test_an_unfinished_file_is_gone_on_with(tmp_path):
     path = tmp_path / "a.nc"
     with suppress(StopError):
@@ -94,6 +95,7 @@ def test_an_unfinished_file_of_something_else_is_not_touched(tmp_path):
     assert fill(path, [0])[0] == {0: 0.0, 2: 20.0}
 
 
+@pytest.mark.slow
 def test_a_lost_or_damaged_file_is_begun_again(tmp_path):
     path = tmp_path / "a.nc"
     fill(path, [2])
@@ -169,6 +171,7 @@ with open_large(Path({path!r}), FRAME, VARIABLES, "one", 5) as file:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT], ids=["SIGKILL", "SIGINT"])
 def test_a_run_that_is_ended_within_a_block_loses_that_block(tmp_path, number):
     path = tmp_path / "a.nc"

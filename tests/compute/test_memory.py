@@ -121,6 +121,7 @@ def test_small_arrays_cost_no_look_at_the_system(system, monkeypatch):
         require_memory(100e6, "this")
 
 
+@pytest.mark.slow
 def test_fields_and_matrices_are_refused_before_anything_is_made():
     """Points of zero strides: 24 bytes stand for 1e13 points, and anything of their size ends in an error of NumPy."""
     many = np.broadcast_to(np.zeros(3), (10**13, 3))
@@ -140,6 +141,7 @@ def test_fields_and_matrices_are_refused_before_anything_is_made():
                 function(loop, many)
 
 
+@pytest.mark.slow
 def test_dents_at_many_positions_are_refused_before_anything_is_made(monkeypatch):
     design = load_design("gast2020")
     setup = design.indentation
@@ -153,6 +155,7 @@ def test_dents_at_many_positions_are_refused_before_anything_is_made(monkeypatch
 TABLE = "--x-mm -20:20:1000 --y-mm -6:6:1000"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("command", "limit", "what"),
     [

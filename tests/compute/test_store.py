@@ -42,6 +42,7 @@ def shared(tmp_path_factory):
     return open_store(tmp_path_factory.mktemp("points"))
 
 
+@pytest.mark.slow
 @given(outcome=st.dictionaries(st.text(), NUMBERS) | st.text())
 def test_an_outcome_comes_back_to_the_last_bit(shared, outcome):
     shared.put(KEY, outcome)
@@ -198,6 +199,7 @@ def test_the_folder_is_the_one_given_or_named_or_the_users(tmp_path, monkeypatch
     assert (tmp_path / "user" / "coilarray").is_dir()
 
 
+@pytest.mark.slow
 @given(one=PLAIN, other=PLAIN)
 def test_keys_are_equal_exactly_for_equal_parts(one, other):
     same = json.dumps(one, sort_keys=True) == json.dumps(other, sort_keys=True)

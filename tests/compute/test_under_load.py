@@ -36,6 +36,8 @@ from coilarray.compute.netcdf import load_part
 from coilarray.compute.threads import run_blocks
 from coilarray.design.bundled import read
 
+pytestmark = pytest.mark.slow
+
 PATIENCE = 300.0  # s for what takes a few where nobody else computes
 DOCUMENT = tomllib.loads(read("starter"))
 

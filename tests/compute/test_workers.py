@@ -46,6 +46,7 @@ def wait_until_gone(pids):
     until(lambda: not any(map(alive, pids)))
 
 
+@pytest.mark.slow
 def test_every_item_has_its_outcome_once(pool):
     outcomes = list(pool.run(tasks.square, range(23)))
     assert sorted(outcomes) == [(k, k * k) for k in range(23)]
@@ -130,6 +131,7 @@ def test_every_worker_computes_with_one_thread(pool, monkeypatch):
     assert os.environ["COILARRAY_THREADS"] == "5"  # as it was
 
 
+@pytest.mark.slow
 def test_both_processes_take_part_and_no_more_are_started_than_there_are_tasks():
     with closing(LocalPool(4)) as pool:
         assert len({pid for _, pid in pool.run(tasks.nap, [0.0])}) == 1
@@ -141,6 +143,7 @@ def test_both_processes_take_part_and_no_more_are_started_than_there_are_tasks()
     wait_until_gone(both)
 
 
+@pytest.mark.slow
 def test_a_process_that_is_lost_costs_its_task_only_time(local, tmp_path):
     items = [(k, str(tmp_path / str(k)) if k in (2, 3, 7) else None) for k in range(10)]
     assert sorted(local.run(tasks.die_once, items)) == [(k, k) for k in range(10)]
@@ -152,6 +155,7 @@ def test_a_process_that_is_lost_while_it_sends_a_result_costs_only_time(local, t
     assert (tmp_path / "marker").exists()
 
 
+@pytest.mark.slow
 def test_an_idle_process_that_is_lost_is_replaced(local):
     pids = {pid for _, pid in local.run(tasks.nap, [0.2] * 4)}
     for pid in pids:
@@ -159,12 +163,14 @@ def test_an_idle_process_that_is_lost_is_replaced(local):
     assert sorted(local.run(tasks.square, range(4))) == [(k, k * k) for k in range(4)]
 
 
+@pytest.mark.slow
 def test_a_task_that_ends_every_process_ends_the_run(local):
     with pytest.raises(ClusterError, match=r"ended 3 times at one task, with exit code -9; is there memory enough\?$"):
         list(local.run(tasks.die, [1]))
     assert sorted(local.run(tasks.square, [2])) == [(0, 4)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("error", [None, KeyError])
 def test_processes_end_with_the_block_whatever_they_do(error):
     # the naps are longer; a closed connection ends them in milliseconds
@@ -209,6 +215,7 @@ def running():
             process.kill()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="looks for processes in /proc")
 def test_ctrl_c_ends_everything_with_the_traceback_of_this_process_alone(running):
     process, pids = running
@@ -220,6 +227,7 @@ def test_ctrl_c_ends_everything_with_the_traceback_of_this_process_alone(running
     wait_until_gone(pids)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="looks for processes in /proc")
 def test_workers_end_with_the_process_that_started_them_even_where_that_is_killed(running):
     process, pids = running
@@ -227,6 +235,7 @@ def test_workers_end_with_the_process_that_started_them_even_where_that_is_kille
     wait_until_gone(pids)
 
 
+@pytest.mark.slow
 def test_a_script_without_the_guard_is_told_of_it(tmp_path):
     script = tmp_path / "unguarded.py"
     script.write_text(SCRIPT, encoding="utf-8")

@@ -76,6 +76,7 @@ def test_widths_repeated_layers_rotations_and_bare_ends_come_back():
     assert document["coils"]["shape2"]["trace_width_mm"] == 0.15
 
 
+@pytest.mark.slow
 @given(
     x=st.floats(-0.2, 0.2),
     rotation=st.floats(-7, 7),
@@ -124,6 +125,7 @@ def test_names_become_ones_that_a_design_can_have(given_names, expected):
     assert design_names(given_names) == dict(zip(given_names, expected, strict=True))
 
 
+@pytest.mark.slow
 @given(names=st.lists(st.text(min_size=0, max_size=8), min_size=1, max_size=6, unique=True))
 @settings(max_examples=60)
 def test_any_names_make_a_readable_design(names):

@@ -254,6 +254,7 @@ def test_layer_count(layers, most, kept):
     assert (margin.x, margin.y, margin.layer, margin.feature) == (None, None, "", "board")
 
 
+@pytest.mark.slow
 def test_copper_of_outer_and_inner_layers_has_limits_of_its_own():
     stackup = replace(many_layers(4), copper_thickness=(35e-6, 17e-6, 40e-6, 80e-6))
     array = replace(reference_board(), stackup=stackup)
@@ -266,6 +267,7 @@ def test_copper_of_outer_and_inner_layers_has_limits_of_its_own():
     assert [margin.layer for margin in only_outer] == ["L4", "L1"]
 
 
+@pytest.mark.slow
 def test_aspect_ratio_is_the_board_thickness_over_the_smallest_hole():
     array = reference_board()
     thickness = 4 * 35e-6 + 3 * 0.215e-3
@@ -279,12 +281,14 @@ def test_aspect_ratio_is_the_board_thickness_over_the_smallest_hole():
     assert found(array, FabRules(max_aspect_ratio=margin.value), "aspect ratio")[0].kept
 
 
+@pytest.mark.slow
 def test_a_blind_hole_is_as_deep_as_the_layers_it_joins():
     array = reference_board(through_holes=False)
     (margin,) = found(array, FabRules(max_aspect_ratio=10.0), "aspect ratio")
     assert margin.value == pytest.approx((2 * 35e-6 + 0.215e-3) / VIA.drill, rel=ROUNDING)
 
 
+@pytest.mark.slow
 def test_blind_holes_are_counted():
     rules = FabRules(blind_holes=False)
     (through,) = found(reference_board(), rules, "blind holes")
@@ -300,6 +304,7 @@ def test_blind_holes_are_counted():
     assert found(one_coil(coil, through_holes=False), rules, "blind holes")[0].value == 0
 
 
+@pytest.mark.slow
 def test_a_board_may_be_turned_to_fit():
     array = reference_board()
     x_min, y_min, x_max, y_max = array.bounds
@@ -330,6 +335,7 @@ def test_broken_ones_come_first_and_counts_before_lengths():
         assert lengths == sorted(lengths)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("rules", "message"),
     [
@@ -369,6 +375,7 @@ def test_limits_of_a_board_must_be_finite_and_not_negative(name, value):
         FabRules(**{name: value})
 
 
+@pytest.mark.slow
 def test_the_table_shows_millimetres_and_numbers_and_files_keep_si():
     margins = check_rules(reference_board(), FabRules(max_layers=2, max_aspect_ratio=2.0))
     table = rules_table(margins)
@@ -388,6 +395,7 @@ def test_the_table_shows_millimetres_and_numbers_and_files_keep_si():
     assert cells["annular ring"][3:7] == ["0.1250", "0.1000", "0.0250", "mm"]
 
 
+@pytest.mark.slow
 def test_a_report_names_the_profile_and_its_sources(tmp_path):
     stated = load_profile("multi-cb-35um")
     design = parse_design_file("""

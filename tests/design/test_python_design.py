@@ -170,6 +170,7 @@ def test_any_design_is_that_of_its_document(design):
 lengths = st.floats(0.05e-3, 0.3e-3)
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(
     kind=st.sampled_from(["linear", "square", "hexagonal", "free"]),

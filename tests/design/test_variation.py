@@ -105,6 +105,7 @@ def test_the_design_and_its_document_stay_as_they_are():
     assert changed["coils"] is FILE.document["coils"]
 
 
+@pytest.mark.slow
 @settings(max_examples=20)
 @given(
     pitch=st.floats(12.0, 20.0),

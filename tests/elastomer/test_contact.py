@@ -28,6 +28,8 @@ from coilarray.elastomer.contact_mesh import ContactMesh
 from coilarray.errors import ElastomerError
 from coilarray.geometry import Cone, CylinderEdge, FlatPunch, Hemisphere, Paraboloid, Sheet
 
+pytestmark = pytest.mark.slow
+
 COARSE = ContactMesh(elements=12, growth=1.5)
 BALL = Hemisphere(2.5e-3)
 

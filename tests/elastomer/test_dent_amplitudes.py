@@ -34,6 +34,7 @@ def solved():
     return scatter(DENT, wavenumbers, weights, MESH), coil_spectra([HEXAGON, OTHER], wavenumbers)
 
 
+@pytest.mark.slow
 def test_energies_between_amplitudes_are_inductances(solved):
     scattering, spectra = solved
     places = np.array([[0, 0], [11e-3, 4e-3], [-6e-3, -12e-3]])  # of a hexagon; the other one beside it

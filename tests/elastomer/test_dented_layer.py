@@ -31,6 +31,8 @@ from coilarray.elastomer.scattering import LayerMesh, wavenumber_rule
 from coilarray.errors import ElastomerError
 from coilarray.geometry import Sheet
 
+pytestmark = pytest.mark.slow
+
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 COIL = polygon(6, 8e-3, -0.1e-3)
 NEIGHBOUR = polygon(6, 8e-3, -0.1e-3, centre=(9e-3, 0.0))

@@ -24,6 +24,8 @@ pytest.importorskip("pyamg", reason="the benchmark extra is not installed")
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 from dented_layer_3d import ORDER, Box, SmoothDent, dent_inductance_change, graded, richardson
 
+pytestmark = pytest.mark.slow
+
 LAYER = (6e-3, 8e-3)
 DENT = SmoothDent(1e-3, 3e-3)
 # identities hold on any mesh

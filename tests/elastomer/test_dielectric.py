@@ -33,6 +33,8 @@ from coilarray.electromagnetics.capacitance import elastomer_effect
 from coilarray.errors import ElastomerError
 from coilarray.geometry import CoilArray, Placement, Sheet, Spiral, Stackup, spiral_coil
 
+pytestmark = pytest.mark.slow
+
 BOARD = Stackup(("L1", "L2", "L3"), (35e-6,) * 3, (0.2e-3,) * 2, (4.5,) * 2)
 SPIRAL = Spiral(6, 8e-3, 8, 0.2e-3, 0.2e-3)
 COIL = spiral_coil(SPIRAL, 2, VIA, LEADS)

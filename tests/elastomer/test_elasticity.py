@@ -82,6 +82,7 @@ def manufactured_error(symmetry, nu, dilation, n):
     return np.sqrt(Functional(square).assemble(fine, u=fine.interpolate(u)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("symmetry", ["axial", "plane"])
 @pytest.mark.parametrize(("nu", "dilation"), [(0.0, 0.7), (0.3, 0.7), (0.4999, 1e-4), (0.5, 0.0)])
 def test_displacement_converges_with_order_3(symmetry, nu, dilation):
@@ -127,6 +128,7 @@ def wave_error(symmetry, base, nu, n):
     return largest, abs(load @ u / (-sinking * square) - 1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("symmetry", ["axial", "plane"])
 @pytest.mark.parametrize("base", ["bonded", "frictionless"])
 @pytest.mark.parametrize("nu", [0.0, 0.3, 0.4999, 0.5])

@@ -42,6 +42,7 @@ def _of_circles(a, b, z1, z2, thickness, mu_r, d):
     return (16 * first[1] - first[0]) / 15, np.log2(abs((M[1] - M[0]) / (M[2] - M[1])))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("row", rows("slab_circular_filament"), ids=lambda row: "-".join(list(row.values())[:7]))
 def test_reference(row):
     a, b, z1, z2, t, d = (float(row[f"{key}_mm"]) * 1e-3 for key in ("a", "b", "z1", "z2", "t", "d"))
@@ -51,6 +52,7 @@ def test_reference(row):
     assert pytest.approx(float(row["dM_images_nH"]), rel=1e-8) == M * 1e9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("a", "b", "Z", "t", "mu_r", "d"),
     [
@@ -125,6 +127,7 @@ def _strands(bars):
     return lines, np.array(shares)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("width", "thickness", "angle"), [(1e-3, 0.2e-3, 5.0), (0.5e-3, 0.5e-3, 4.0)])
 def test_cross_section(width, thickness, angle):
     # images from three widths on; a corner, so that pairs are parallel and not
@@ -140,6 +143,7 @@ def test_cross_section(width, thickness, angle):
     assert abs(layer_inductance([corner], stack)[0, 0] / change - 1) > 1e-4  # the cross-section counts here
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mu_r", [1.3, 2.7, 300.0])
 def test_near_images_and_spectrum_share_the_series(monkeypatch, mu_r):
     paths = [_box(), _box(1e-3, 2.0), polygon(5, 8e-3, -2e-3)]
@@ -177,6 +181,7 @@ def _loop(centre, normal, radius):
 normals = st.tuples(*(st.floats(-1, 1) for _ in range(3))).filter(lambda n: np.linalg.norm(n) > 0.1)
 
 
+@pytest.mark.slow
 @settings(max_examples=20)
 @given(normals, normals)
 def test_directions_by_dipoles(first, second):
@@ -246,6 +251,7 @@ def _random_loop(seed, z):
     return np.vstack((corners, corners[:1]))
 
 
+@pytest.mark.slow
 @settings(max_examples=25)
 @given(
     st.lists(st.integers(0, 10**6), min_size=1, max_size=4, unique=True),
@@ -259,6 +265,7 @@ def test_positive_definite_for_any_closed_shapes(seeds, z, thickness, mu_r):
     assert np.linalg.eigvalsh(change).min() > 0
 
 
+@pytest.mark.slow
 @settings(max_examples=15)
 @given(st.floats(0, 6.28), st.floats(-0.05, 0.05), st.floats(0.2, 5.0))
 def test_rotation_translation_and_scale(angle, x, scale):
@@ -287,6 +294,7 @@ def test_direction_of_a_path():
     assert change[0, 1] > 0  # two loops in one sense on one axis
 
 
+@pytest.mark.slow
 def test_closer_thicker_and_stronger_sheets_add_more():
     loop = [polygon(6, 8e-3, -1e-3)]
 
@@ -328,6 +336,7 @@ def test_equal_sheets_merge():
     assert magnetic_slab([BASE]) is None
 
 
+@pytest.mark.slow
 def test_effect_on_the_reference_board():
     board = load_design("gast2020").array
     L, change = inductance_matrix(board), layer_inductance(board, STACK)

@@ -16,6 +16,8 @@ from coilarray.elastomer.contact import indent
 from coilarray.elastomer.contact_mesh import ContactMesh
 from coilarray.geometry import FlatPunch, Paraboloid, Sheet
 
+pytestmark = pytest.mark.slow
+
 COARSE = ContactMesh(elements=20, growth=1.5)
 SPHERES = {key: list(group) for key, group in groupby(rows("indentation_layer_sphere"), lambda q: (q["base"], q["nu"]))}
 PUNCHES = rows("indentation_hayes_flat_punch")

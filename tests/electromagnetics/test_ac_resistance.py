@@ -93,6 +93,7 @@ def test_far_expansion_meets_the_closed_form():
 # one trace
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("row", rows("ac_single_trace"), ids=lambda r: "-".join(list(r.values())[:3]))
 def test_single_trace_reference(row):
     width, thickness = float(row["w_mm"]) * 1e-3, float(row["t_mm"]) * 1e-3
@@ -101,6 +102,7 @@ def test_single_trace_reference(row):
     assert float(trace.resistance_ratio) == pytest.approx(float(row["ratio_extrap"]), rel=3e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("aspect", "mesh"), [(1.0, (72, 72)), (0.35, (80, 36)), (0.035, (112, 36))])
 def test_single_mesh(aspect, mesh):
     # the study that set SINGLE_MESH, up to MOST_SKIN_DEPTHS
@@ -163,6 +165,7 @@ def reference_bundle(row):
     return width, float(row["t_mm"]) * 1e-3, x, z, float(row["f_MHz"]) * 1e6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("row", rows("ac_parallel_traces"), ids=lambda r: "-".join(list(r.values())[:6]))
 def test_parallel_traces_reference(row):
     width, thickness, x, z, f = reference_bundle(row)
@@ -176,6 +179,7 @@ def test_parallel_traces_reference(row):
     np.testing.assert_allclose([ratio.mean(), ratio.max(), ratio.min()], expected, rtol=1e-3 if narrow else 1e-2)
 
 
+@pytest.mark.slow
 def test_one_parallel_trace_is_the_single_trace():
     for f in (1e6, 1e7, 3e7):
         alone = parallel_traces(W, T, 0.0, 0.0, 2.0, f)
@@ -183,6 +187,7 @@ def test_one_parallel_trace_is_the_single_trace():
         np.testing.assert_allclose(alone.loss_ratio, cross_section(W, T, f).resistance_ratio, rtol=5e-3)
 
 
+@pytest.mark.slow
 def test_basis_tolerance(monkeypatch):
     x, z = np.tile(np.arange(6) * 0.25e-3, 2), np.repeat([0.0, 0.15e-3], 6)
     default = [parallel_traces(0.2e-3, T, x, z, 1.0, f).loss_ratio for f in (1e6, 5e6, 2e7)]
@@ -196,6 +201,7 @@ def test_basis_tolerance(monkeypatch):
     np.testing.assert_allclose(default, fine, rtol=2e-3)
 
 
+@pytest.mark.slow
 def test_opposite_currents_crowd_and_mirror():
     f = 5e6
     same, opposite = (parallel_traces(W, T, [0, 0], [0, 0.1e-3], [1, s], f) for s in (1, -1))
@@ -212,6 +218,7 @@ def board():
     return load_design("gast2020").array.conductors()
 
 
+@pytest.mark.slow
 def test_direct_current_limit(board):
     result = resistance_matrix(board, 10.0)
     # excess ∝ f²: 4e-4 at 100 kHz is 4e-12 at 10 Hz
@@ -224,6 +231,7 @@ def test_direct_current_limit(board):
     np.testing.assert_allclose(excess[1] / excess[0], 4.0, rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_symmetric_and_positive_definite(board):
     R = resistance_matrix(board, np.geomspace(1e5, 2e7, 7)).resistance.values
     np.testing.assert_allclose(R, R.transpose(0, 2, 1), rtol=0, atol=1e-14 * R.max())  # rounding
@@ -251,6 +259,7 @@ def test_transverse_field_alone_on_the_bundles(row):
     assert ratio == pytest.approx(float(row["ratio_fine"]), rel=1e-3)
 
 
+@pytest.mark.slow
 def test_racetrack_against_its_two_sides():
     turns, width, pitch, inner, length = 8, 0.3e-3, 0.4e-3, 2e-3, 0.4
     f = np.geomspace(1e5, 3e7, 6)
@@ -263,6 +272,7 @@ def test_racetrack_against_its_two_sides():
     np.testing.assert_allclose(coil.resistance[:, 0, 0] / coil.dc_resistance[0], bundle, rtol=1.5e-2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "path",
     [
@@ -315,6 +325,7 @@ def test_resistance_grows_as_a_neighbour_comes_near():
     assert alone < values[0] < values[1] < values[2]
 
 
+@pytest.mark.slow
 @settings(max_examples=8)
 @given(st.floats(0.2, 5.0), st.floats(0.0, 6.0), st.floats(-1.0, 1.0))
 def test_scaled_turned_and_moved_coil(scale, angle, shift):
@@ -366,6 +377,7 @@ def test_cut_of_a_straight_wire():
     np.testing.assert_allclose(result.resistance[:, 0, 0] / result.dc_resistance[0], expected, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_progress(board):
     seen = []
     resistance_matrix(board, np.geomspace(1e5, 1e7, 50), progress=lambda done, total: seen.append((done, total)))

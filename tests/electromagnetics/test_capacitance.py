@@ -219,6 +219,7 @@ def test_two_facing_layers_joined_inside_are_a_third():
     assert winding.turn_to_turn < 0.05 * winding.total
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n", [2, 3, 4])
 def test_layers_in_series(n):
     """Every pair of layers has the mean square of its voltage; for adjacent ones alone that is Zolfaghari's formula."""
@@ -256,6 +257,7 @@ def _rings(array):
     return float(V @ (C - np.outer(total, total) / total.sum()) @ V)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("layers", "h"), [(1, 1.0), (2, 0.5e-3), (2, 1.5e-3)])
 def test_coil_in_free_space_against_rings_of_charge(layers, h):
     array = _one(layers, Spiral(64, 20e-3, 20, 0.1e-3, 0.2e-3), h=h, epsilon=1.0, copper=10e-6)
@@ -263,6 +265,7 @@ def test_coil_in_free_space_against_rings_of_charge(layers, h):
     assert winding_capacitance(array, "c").total == pytest.approx(_rings(array), rel=0.03)
 
 
+@pytest.mark.slow
 def test_rays_images_and_basis_are_converged(monkeypatch):
     array = load_design("gast2020").array
     base = winding_capacitance(array, "coil1").total
@@ -274,6 +277,7 @@ def test_rays_images_and_basis_are_converged(monkeypatch):
     assert winding_capacitance(array, "coil1").total == pytest.approx(base, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_oblique_cuts_see_the_perpendicular_distances(monkeypatch):
     """A square is cut at 30° by two of the three rays, never with four; the row of strips must be the same."""
     array = _one(2, Spiral(4, 8e-3, 20, 0.15e-3, 0.15e-3))
@@ -282,6 +286,7 @@ def test_oblique_cuts_see_the_perpendicular_distances(monkeypatch):
     assert winding_capacitance(array, "c").total == pytest.approx(three, rel=0.02)  # other samples of the ends
 
 
+@pytest.mark.slow
 def test_bundled_board():
     C = coil_capacitance(load_design("gast2020").array)
     lumped = C.coil_capacitance.values * 1e12
@@ -309,6 +314,7 @@ def _pair(turn=0.0, shift=(0.0, 0.0), layers=("A", "B"), stackup=None):
     return CoilArray(stackup or _board(2), placements)
 
 
+@pytest.mark.slow
 def test_coils_above_each_other_have_the_capacitance_of_their_area():
     coil = spiral_coil(Spiral(64, 8e-3, 20, 0.15e-3, 0.15e-3), 1, VIA)
     placements = (Placement("one", coil, ("A",), 0, 0), Placement("two", coil, ("B",), 0, 0, rotation=0.5))
@@ -326,6 +332,7 @@ def test_coils_above_each_other_have_the_capacitance_of_their_area():
     )
 
 
+@pytest.mark.slow
 def test_the_matrix_is_that_of_the_overlap_alone():
     separate = coil_capacitance(_pair(shift=(20e-3, 0))).capacitance.values
     np.testing.assert_array_equal(separate, 0)
@@ -336,6 +343,7 @@ def test_the_matrix_is_that_of_the_overlap_alone():
     assert first < 0
 
 
+@pytest.mark.slow
 def test_a_coil_between_two_others_shields():
     coil = spiral_coil(HEXAGON, 1, VIA)
     board = _board(3)
@@ -368,6 +376,7 @@ def test_apparent_inductance_is_the_parallel_circuit():
     assert apparent_inductance(1.0, 1.0, 0.0, [resonance])[0] == 1.0
 
 
+@pytest.mark.slow
 def test_elastomer_adds_capacitance_and_feigns_inductance():
     array = load_design("gast2020").array
     thin, thick = (

@@ -46,6 +46,7 @@ def test_finite_wire():
     assert (B[:, :2] == 0).all()
 
 
+@pytest.mark.slow
 def test_vector_potential_of_finite_wire():
     x, rho = np.linspace(-2, 3, 11), 0.37
     A = vector_potential([[[0, 0, 0], [1, 0, 0]]], np.column_stack((x, np.full(11, rho), np.zeros(11))))
@@ -250,6 +251,7 @@ def test_two_threads_at_once():
             np.testing.assert_array_equal(B, alone)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
 def test_a_forked_child_can_go_on():
     # in a process of its own: threads are used, then it forks, then both sides compute

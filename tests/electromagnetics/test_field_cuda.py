@@ -29,6 +29,7 @@ print("same")
 """
 
 
+@pytest.mark.slow
 def test_kernel_in_the_simulator():
     done = subprocess.run(
         [sys.executable, "-W", "ignore", "-c", SIMULATED],

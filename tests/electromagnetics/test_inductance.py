@@ -71,6 +71,7 @@ def test_pairs_of_bars_against_a_mean_over_the_cross_sections(start, end):
     assert pytest.approx(_brute_force(first, second), rel=1e-6) == M
 
 
+@pytest.mark.slow
 def test_parallel_bars_against_the_exact_integral():
     first = Conductor([[0, 0, 0], [10e-3, 0, 0]], W, T)
     for shift in (0.16e-3, 0.2e-3, 0.3e-3, 0.6e-3, 1.5e-3, 3e-3):
@@ -101,6 +102,7 @@ def test_parallel_bars_of_different_width(w1, w2, place):
     assert mutual_inductance(first, second)[0, 0] == pytest.approx(exact, rel=2e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("degrees", "height"), [(9.0, 0.1e-3), (4.0, 0.2e-3), (30.0, 0.1e-3)])
 def test_wide_bars_that_cross_on_another_layer(degrees, height):
     c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
@@ -153,6 +155,7 @@ def test_direction_and_order():
 shifts = st.floats(-0.02, 0.02)
 
 
+@pytest.mark.slow
 @settings(max_examples=25)
 @given(st.floats(0, 6.28), shifts, shifts, shifts)
 def test_rotation_and_translation(angle, x, y, z):
@@ -165,6 +168,7 @@ def test_rotation_and_translation(angle, x, y, z):
     np.testing.assert_allclose(inductance_matrix(moved), L, rtol=1e-7, atol=1e-7 * L.max())
 
 
+@pytest.mark.slow
 @settings(max_examples=25)
 @given(st.floats(0.1, 10.0))
 def test_scales_with_length(scale):
@@ -248,6 +252,7 @@ def test_the_matrix_of_the_board_is_symmetric_and_positive_definite():
     np.testing.assert_allclose(np.diag(L), L[0, 0], rtol=1e-12)
 
 
+@pytest.mark.slow
 @settings(max_examples=20)
 @given(st.lists(st.tuples(shifts, shifts, st.floats(0.001, 0.02)), min_size=1, max_size=4))
 def test_positive_definite_for_any_placement(places):

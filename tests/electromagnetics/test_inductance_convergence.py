@@ -30,6 +30,7 @@ def _table(spiral, layers):
     return segment_table(Conductor(np.vstack(lines), spiral.trace_width, 35e-6))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SPIRALS)
 @pytest.mark.parametrize("layers", [(0.0,), (0.0, -0.25e-3)], ids=["one layer", "two layers"])
 def test_own_nodes_and_near_widths(name, layers):
@@ -56,6 +57,7 @@ def test_pair_converges_geometrically(gap):
     assert errors[2] < max(errors[1] / 5, 1e-12)
 
 
+@pytest.mark.slow
 def test_mutual_nodes_and_near_widths():
     paths = load_design("gast2020").array.conductors()
     tables = [segment_table(path) for path in paths[:3]]

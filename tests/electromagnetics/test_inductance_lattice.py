@@ -48,6 +48,7 @@ def by_nodes(first, second, count, count_z):
     return 1e-7 * np.sum(a.currents @ b.currents.T / np.linalg.norm(a.nodes[:, None] - b.nodes, axis=2))
 
 
+@pytest.mark.slow
 @settings(max_examples=25)
 @given(
     azimuth=st.floats(0, 2 * np.pi),
@@ -119,6 +120,7 @@ def _lattice(rows):
     ]
 
 
+@pytest.mark.slow
 def test_matrix_of_a_lattice():
     coils = _lattice(8)
     M = inductance_matrix(coils)
@@ -135,6 +137,7 @@ def test_matrix_of_a_lattice():
             assert M[i, j] == pytest.approx(by_segments(coils[i], coils[j], near_widths), abs=3e-8 * L)
 
 
+@pytest.mark.slow
 def test_turned_copies():
     rng = np.random.default_rng(4)
     coils = [moved((30e-3 * k, 28e-3 * m, 0), rng.uniform(0, 6)) for k in range(3) for m in range(3)]

@@ -29,6 +29,7 @@ def overlapping(sides, turns, apart, angle=0.0, rotation=0.0):
     return CoilArray(BOARD, places).conductors()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["gast2020", "starter", "gast_fem"])
 def test_bundled_designs(name):
     """The figures that `coilarray.electromagnetics.inductance.Accuracy` states."""
@@ -40,6 +41,7 @@ def test_bundled_designs(name):
     np.testing.assert_array_equal(screened, screened.T)
 
 
+@pytest.mark.slow
 @settings(max_examples=15)
 @given(
     sides=st.sampled_from([3, 4, 6, 48]),

@@ -90,6 +90,7 @@ def test_a_path_of_many_heights_is_not_cut():
     assert not parts.flat[0]
 
 
+@pytest.mark.slow
 @settings(max_examples=25)
 @given(
     SIGNS,

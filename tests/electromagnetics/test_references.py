@@ -54,6 +54,7 @@ def test_hexagon_loops(row):
     assert M * 1e9 == pytest.approx(float(row["M_quad_nH"]), rel=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("row", rows("circular_filaments"), ids=lambda row: "-".join(list(row.values())[:6]))
 def test_circular_filaments(row):
     a, b = float(row["a_m"]), float(row["b_m"])
@@ -98,6 +99,7 @@ def _zero_coupling(sides, direction, height, unit, guess):
     return brentq(mutual, guess - 0.05, guess + 0.05, xtol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("row", rows("geometric_decoupling_loops"), ids=lambda row: "-".join(list(row.values())[:2]))
 def test_zero_coupling_distance(row):
     expected, h = float(row["d_crit_normalised"]), float(row["h_over_R"])

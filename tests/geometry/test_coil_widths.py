@@ -291,6 +291,7 @@ def test_a_jumper_changes_the_surface_potential_little():
     np.testing.assert_allclose(b, a, rtol=5e-3)
 
 
+@pytest.mark.slow
 def test_a_winding_of_two_widths_lies_between_those_of_one():
     def lumped(first, second):
         lines = spiral_coil(Spiral(6, 8e-3, 12, 0.2e-3, 0.2e-3), 2, VIA).lines

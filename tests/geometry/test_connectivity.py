@@ -126,6 +126,7 @@ def test_the_design_itself_passes_mitred_and_round(copper, through_holes) -> Non
     assert check_nets(array, *copper(array)) == NetCheck(2, ())
 
 
+@pytest.mark.slow
 def test_the_reference_board_passes() -> None:
     array = reference_board()
     assert check_nets(array, *design_copper(array)) == NetCheck(6, ())
@@ -161,6 +162,7 @@ def test_a_missing_via_cuts_the_second_terminal_off() -> None:
     assert check.pieces == 5
 
 
+@pytest.mark.slow
 @given(coil=st.integers(0, 1), line=st.integers(0, 1), fraction=st.floats(0.1, 0.9))
 @settings(max_examples=15)
 def test_a_cut_track_is_found_where_it_is(coil: int, line: int, fraction: float) -> None:

@@ -88,6 +88,7 @@ def assert_same_area(drawing, array):
         assert got.bounds == pytest.approx(expected.bounds, abs=ROUNDING)
 
 
+@pytest.mark.slow
 def test_the_drawing_is_sound_and_in_millimetres(read):
     array, drawing = read
     audit = drawing.audit()
@@ -100,6 +101,7 @@ def test_the_drawing_is_sound_and_in_millimetres(read):
     assert drawing.header["$EXTMAX"][:2] == pytest.approx(bounds[2:], abs=ROUNDING)
 
 
+@pytest.mark.slow
 def test_copper_is_that_of_the_board(read):
     array, drawing = read
     assert_same_area(drawing, array)
@@ -162,6 +164,7 @@ def test_holes_that_are_not_through_lie_on_layers_of_their_own(tmp_path):
     assert layers == {layer.dxf.name for layer in drawing.layers if layer.dxf.name.startswith("drill")}
 
 
+@pytest.mark.slow
 @settings(max_examples=15)
 @given(
     rotation=st.floats(-math.pi, math.pi),

@@ -89,6 +89,7 @@ def copper_files(files: dict[str, str]) -> list[gerbonara.GerberFile]:
     return [gerber(layers[number]) for number in sorted(layers)]
 
 
+@pytest.mark.slow
 def test_files_and_their_functions(tmp_path: Path) -> None:
     files = written(small_board(), tmp_path, "two coils")
     functions = {name: ",".join(file_function(text)) for name, text in files.items() if not name.endswith("job")}
@@ -166,6 +167,7 @@ def round_copper(array: CoilArray, layer: str) -> shapely.Geometry:
     return shapely.union_all(shapes)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("board", [reference_board, small_board])
 def test_copper_read_back_is_the_design_with_round_corners(board, tmp_path: Path) -> None:
     array = board()
@@ -176,6 +178,7 @@ def test_copper_read_back_is_the_design_with_round_corners(board, tmp_path: Path
         assert np.array(read.bounds) == pytest.approx(np.array(expected.bounds), abs=2e-9)
 
 
+@pytest.mark.slow
 def test_copper_read_back_agrees_with_the_mitred_outlines(tmp_path: Path) -> None:
     array = reference_board()
     for layer, file in zip(array.stackup.names, copper_files(written(array, tmp_path)), strict=True):
@@ -187,6 +190,7 @@ def test_copper_read_back_agrees_with_the_mitred_outlines(tmp_path: Path) -> Non
         assert np.abs(np.subtract(read.bounds, mitred.bounds)).max() < 1e-3 * min(x_max - x_min, y_max - y_min)
 
 
+@pytest.mark.slow
 def test_the_difference_to_mitred_copper_is_that_of_its_corners(tmp_path: Path) -> None:
     array = reference_board()
     (first, *_) = copper_files(written(array, tmp_path))

@@ -142,6 +142,7 @@ def test_points_keep_their_place_to_half_a_nanometre(x: float, y: float, x0: int
 # ---- the board
 
 
+@pytest.mark.slow
 @boards
 def test_tracks_are_the_paths_of_the_coils(make: Any, tmp_path: Path) -> None:
     array = make()
@@ -161,6 +162,7 @@ def test_tracks_are_the_paths_of_the_coils(make: Any, tmp_path: Path) -> None:
         assert next(own, None) is None
 
 
+@pytest.mark.slow
 @boards
 def test_the_path_of_a_coil_is_unbroken(make: Any, tmp_path: Path) -> None:
     """From pad 1 over every track and via to pad 2, to the last digit of the file."""
@@ -177,6 +179,7 @@ def test_the_path_of_a_coil_is_unbroken(make: Any, tmp_path: Path) -> None:
             assert np.abs(pad - np.array(end, dtype=float) * 1e-3).max() < 1e-12  # only the sum of the two is rounded
 
 
+@pytest.mark.slow
 @boards
 def test_vias_and_pads_are_the_holes(make: Any, tmp_path: Path) -> None:
     array = make()
@@ -205,6 +208,7 @@ def test_vias_and_pads_are_the_holes(make: Any, tmp_path: Path) -> None:
         assert pad.need("net").text(1) == hole.net
 
 
+@pytest.mark.slow
 def test_terminals_are_pads_1_and_2_of_a_part_named_as_the_coil(tmp_path: Path) -> None:
     array = reference_board()
     footprints = list(written(array, tmp_path).children("footprint"))
@@ -315,6 +319,7 @@ def test_the_same_design_gives_the_same_bytes(tmp_path: Path) -> None:
     assert [file.relative_to(tmp_path / "a") for file in first] == [file.relative_to(tmp_path / "b") for file in second]
 
 
+@pytest.mark.slow
 def test_the_title_is_the_name_where_there_is_none(tmp_path: Path) -> None:
     titled = write_kicad(reference_board(), tmp_path / "a", name="board", rules=RULES, title='Six "coils"')[0]
     assert read_sexpr(titled).need("title_block").need("title").text() == 'Six "coils"'
@@ -560,12 +565,14 @@ def kicad() -> Kicad:
     return found
 
 
+@pytest.mark.slow
 @boards
 def test_kicad_finds_nothing(make: Any, kicad: Kicad, tmp_path: Path) -> None:
     board = write_kicad(make(), tmp_path / "project", name="board", rules=RULES)[0]
     assert kicad.findings(board) == []
 
 
+@pytest.mark.slow
 def test_kicad_finds_only_inner_terminals(kicad: Kicad, tmp_path: Path) -> None:
     """KiCad 9 says that a pad on an inner layer cannot be reached, which is so; KiCad 6 says nothing."""
     board = write_kicad(pairs_board(), tmp_path / "project", name="board", rules=RULES)[0]
@@ -574,6 +581,7 @@ def test_kicad_finds_only_inner_terminals(kicad: Kicad, tmp_path: Path) -> None:
     assert len(findings) in (0, 4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("limit", "kinds"),
     [
@@ -603,6 +611,7 @@ def test_kicad_finds_a_missing_track_and_ink_on_a_pad(kicad: Kicad, tmp_path: Pa
     assert {"unconnected_items", "track_dangling", "silk_over_copper"} <= kinds
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("design", ["gast2020", "starter"])
 def test_gerbers_of_kicad_are_the_copper(design: str, kicad: Kicad, tmp_path: Path) -> None:
     array = load_design(design).array
@@ -620,6 +629,7 @@ def test_gerbers_of_kicad_are_the_copper(design: str, kicad: Kicad, tmp_path: Pa
     assert np.abs(np.subtract(edge.bounds, board_outline(array).bounds)).max() < 0.026e-3  # half the pen
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [reference_board, single_layer], ids=lambda make: make.__name__)
 def test_kicad_keeps_the_thicknesses(make: Any, kicad: Kicad, tmp_path: Path) -> None:
     """In the job file for the board house; KiCad tells none where it discards the stack-up."""
@@ -657,6 +667,7 @@ def gerber_copper(path: Path) -> shapely.Geometry:
     return shapely.transform(shapely.union_all(shapes), lambda xy: 1e-3 * xy)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [reference_board, winding_and_return, single_layer], ids=lambda make: make.__name__)
 def test_kicad_takes_the_footprints(make: Any, kicad: Kicad, tmp_path: Path) -> None:
     """Placed on an empty board, the terminals on two nets: the check compares them with the library, and is content."""

@@ -25,6 +25,8 @@ from coilarray.geometry.export import step
 from coilarray.geometry.export.step import write_step
 from coilarray.geometry.prisms import board_prisms, sheet_prisms
 
+pytestmark = pytest.mark.slow
+
 needs_occt = pytest.mark.skipif(
     importlib.util.find_spec("OCP") is None, reason='no Open CASCADE: pip install "coilarray[step]"'
 )

@@ -79,6 +79,7 @@ def test_layers_lie_in_order_and_differ_in_colour(read):
     assert len(set(identities)) == len(identities) == len(layers) + 1
 
 
+@pytest.mark.slow
 def test_copper_is_that_of_the_board(read):
     array, root = read
     for name in array.stackup.names:

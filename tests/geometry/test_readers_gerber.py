@@ -116,6 +116,7 @@ ONE_LAYER = {"top.gbr": gerber("Copper,L1,Top", *TOP)}
 # ---- our own export
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "array", [reference_board(), reference_board(through_holes=False)], ids=["through holes", "blind holes"]
 )
@@ -432,6 +433,7 @@ def _kicad_drills(board: Path, folder: Path) -> None:
     subprocess.run(command, check=True, capture_output=True, timeout=120)
 
 
+@pytest.mark.slow
 def test_kicads_own_plots_of_a_design_give_the_same_inductances(kicad_plots: Path) -> None:
     array = small_board()
     board = read_gerbers(kicad_plots, array.stackup)
@@ -480,6 +482,7 @@ def test_a_damaged_zip_is_refused(tmp_path: Path) -> None:
         read_gerbers(path)
 
 
+@pytest.mark.slow
 @given(name=st.sampled_from(sorted(BOARD)), cut=st.floats(0, 1))
 @settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 def test_a_truncated_file_is_refused(name: str, cut: float, tmp_path: Path) -> None:
@@ -491,6 +494,7 @@ def test_a_truncated_file_is_refused(name: str, cut: float, tmp_path: Path) -> N
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 @given(name=st.sampled_from(sorted(BOARD)), data=st.data())
 @settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 def test_any_other_damage_is_read_or_named(name: str, data: st.DataObject, tmp_path: Path) -> None:

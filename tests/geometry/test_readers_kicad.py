@@ -75,6 +75,7 @@ def test_escapes_in_strings():
     assert parse_sexpr('(a "over\nlines" (b))').need("b").where == "text:2"
 
 
+@pytest.mark.slow
 def test_deep_nesting_is_no_recursion():
     depth = 100_000
     node = parse_sexpr("(a " * depth + ")" * depth)
@@ -644,6 +645,7 @@ def test_items_that_cannot_be(read, item, message):
 SAVE_AGAIN = "import pcbnew, sys; pcbnew.SaveBoard(sys.argv[2], pcbnew.LoadBoard(sys.argv[1]))"
 
 
+@pytest.mark.slow
 def test_a_board_that_kicad_has_saved_again_reads_the_same(tmp_path, read):
     python = shutil.which("python3", path=os.defpath)
     if python is None or subprocess.run([python, "-c", "import pcbnew"], capture_output=True, check=False).returncode:

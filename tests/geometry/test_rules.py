@@ -58,6 +58,7 @@ def straight(y, x0=0.0, x1=5e-3):
 # ---- whole coils
 
 
+@pytest.mark.slow
 def test_the_reference_board_keeps_the_default_rules():
     array = reference_board()
     require_rules(array, FabRules(min_gap=0.1e-3))
@@ -90,6 +91,7 @@ def test_a_pad_without_a_hole_has_no_rule_of_holes():
 SHAPES = [(3, False), (4, False), (5, False), (6, False), (8, False), (96, True)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("sides", "circular"), SHAPES)
 @pytest.mark.parametrize("winding", ["ccw", "cw"])
 @pytest.mark.parametrize("layers", [1, 2, 3, 4])
@@ -104,6 +106,7 @@ def test_wound_coils_of_every_kind_are_free_of_violations(sides, circular, windi
         assert broken(one_coil(spiral_coil(spiral, layers, VIA)), rules) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("sides", "circular"), [(6, False), (96, True)])
 @pytest.mark.parametrize("layers", [5, 6])
 def test_three_vias_at_one_corner_still_fit(sides, circular, layers):
@@ -111,6 +114,7 @@ def test_three_vias_at_one_corner_still_fit(sides, circular, layers):
     assert broken(one_coil(spiral_coil(spiral, layers, VIA, LEADS)), FabRules(min_gap=0.13e-3)) == []
 
 
+@pytest.mark.slow
 @given(rotation=st.floats(-7, 7), shape=st.sampled_from(SHAPES))
 @settings(max_examples=15)
 def test_margins_do_not_depend_on_rotation(rotation, shape):
@@ -220,6 +224,7 @@ def test_pads_of_one_net():
 # ---- different nets
 
 
+@pytest.mark.slow
 @given(gap=st.floats(-0.15e-3, 0.9e-3))
 @settings(max_examples=50)
 def test_clearance_is_continuous_through_contact(gap):
@@ -303,6 +308,7 @@ def test_a_design_at_its_limits_passes_and_one_micrometre_more_does_not():
     assert broken(board(straight(0), width=0.1e-3)) == []
 
 
+@pytest.mark.slow
 def test_the_worst_comes_first():
     values = [m.margin for m in check_rules(reference_board(), RULES)]
     assert values == sorted(values)

@@ -62,6 +62,7 @@ def built(request):
     return request.param, solids(request.param, SHEETS)
 
 
+@pytest.mark.slow
 def test_every_solid_is_closed_and_positive(built):
     _, parts = built
     for name, solid in parts.items():
@@ -70,6 +71,7 @@ def test_every_solid_is_closed_and_positive(built):
         assert solid.volume > 0, name
 
 
+@pytest.mark.slow
 def test_copper_volume_is_area_times_thickness(built):
     array, parts = built
     seen = set()
@@ -141,6 +143,7 @@ def test_sheet_names_differ():
         solids(BOARDS["triangle"], (Sheet("base", 1e-3), Sheet("base", 2e-3)))
 
 
+@pytest.mark.slow
 def test_geometry_is_imported_without_trimesh():
     code = "import sys, coilarray.geometry, coilarray.geometry.export; print('trimesh' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -198,6 +201,7 @@ def test_files_that_cannot_be(parts, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_heights_follow_the_stackup():
     assert FOUR_LAYERS.span("L1")[1] == 0.0
     copper = solids(BOARDS["reference"])["copper/L4/C2"]

@@ -108,6 +108,7 @@ def test_an_array_comes_back_with_its_inductances(read, through):
     np.testing.assert_allclose(dc_resistance(found), dc_resistance(array), rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_the_reference_board_has_one_shape(read):
     copper_read = read(array_text(reference_board()))
     found = traced_array(copper_read, trace_coils(copper_read).coils)
@@ -119,6 +120,7 @@ def test_the_reference_board_has_one_shape(read):
     assert set(found.assumed) == {"coils.*.via.plating_um", "board.margin_mm"}
 
 
+@pytest.mark.slow
 @given(
     sides=st.sampled_from([3, 4, 6, 24]),
     layers=st.integers(1, 4),
@@ -720,6 +722,7 @@ def drawn_by_hand(turns):
 """
 
 
+@pytest.mark.slow
 def test_a_board_drawn_by_hand(read):
     copper_read = read(drawn_by_hand(5))
     tracing = trace_coils(copper_read)
@@ -744,6 +747,7 @@ def test_a_board_drawn_by_hand(read):
     assert set(found.assumed) >= {"stackup.dielectric_thickness_mm", "stackup.copper_thickness_um"}
 
 
+@pytest.mark.slow
 def test_the_chords_of_arcs_change_the_inductance_little(read):
     copper_read = read(drawn_by_hand(2))
     array = traced_array(copper_read, trace_coils(copper_read).coils).array

@@ -29,6 +29,7 @@ def test_words(closed, word):
     assert switch_word(closed) == word
 
 
+@pytest.mark.slow
 @given(st.sets(st.sampled_from(SWITCHES)), orders)
 def test_each_switch_has_its_own_bit(closed, bits):
     word = switch_word(closed, bits)
@@ -36,6 +37,7 @@ def test_each_switch_has_its_own_bit(closed, bits):
     assert closed == {name for bit, name in enumerate(bits) if word >> bit & 1}
 
 
+@pytest.mark.slow
 @given(st.lists(st.integers(0, 0xFF), min_size=1, max_size=12))
 def test_chain_shifts_like_a_register(words):
     """A chain of shift registers, bit by bit, most significant first: each device ends with its own word."""

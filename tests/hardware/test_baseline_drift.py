@@ -136,6 +136,7 @@ def test_an_emulated_boards_warming_is_found(tmp_path):
         assert drift.scatter == pytest.approx(4e-7, rel=0.25)
 
 
+@pytest.mark.slow
 def test_baselines_of_a_campaign_alone_count(tmp_path):
     path = campaign_file(tmp_path / "run.sqlite", noise=2e-7, drift=Warming(rate=0.01))
     with open_recording(path) as recording:

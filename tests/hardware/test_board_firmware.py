@@ -48,6 +48,7 @@ def left_by(board, host, way_out):
     return met
 
 
+@pytest.mark.slow
 def test_the_line_says_who_answers():
     board = plain()
     with behind_firmware(board) as host, open_board(host.port, times=TIMES) as opened:
@@ -69,6 +70,7 @@ def test_samples_are_the_same_as_of_the_chips_driven_directly():
     assert scan.configuration == wanted.configuration
 
 
+@pytest.mark.slow
 def test_the_chain_can_be_asked_through_the_firmware():
     board = plain()
     with behind_firmware(board) as host, open_board(host.port, times=TIMES) as opened:
@@ -106,6 +108,7 @@ def test_leaving_in_the_middle_of_a_stream_grounds_the_coils(way_out, error):
     assert isinstance(met, error)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["six_coils", "six_coils_4"])
 def test_a_good_board_passes_its_self_test(name):
     wiring = load_wiring(name)
@@ -117,6 +120,7 @@ def test_a_good_board_passes_its_self_test(name):
     assert (result.symptoms, result.findings) == ((), ())
 
 
+@pytest.mark.slow
 def test_faults_are_named_through_the_firmware_too():
     world = CoupledCoils(WIRING.coils)
     board = coupled_board(WIRING, world=world)
@@ -132,6 +136,7 @@ def test_faults_are_named_through_the_firmware_too():
         assert set(found) == {"coil2 or a lead of it is broken", "coil2 is shorted"}
 
 
+@pytest.mark.slow
 def test_drive_currents_are_the_same_as_of_the_chips_driven_directly():
     wanted = find_drives(reader_of(coupled_board(WIRING, noise=0.0)), SETTINGS)
     board = coupled_board(WIRING, noise=0.0)

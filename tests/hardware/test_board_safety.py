@@ -132,6 +132,7 @@ def steps_of_a_session():
     return wire.steps
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("after", [False, True], ids=["before", "after"])
 @pytest.mark.parametrize("way", WAYS_OUT)
 def test_every_way_out_at_every_step_leaves_the_board_at_rest(way, after):
@@ -242,6 +243,7 @@ def program(tests, *arguments):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="Windows ends processes without a signal")
 @pytest.mark.parametrize("number", ["SIGTERM", "SIGHUP", "SIGINT"])
 def test_a_program_that_is_ended_by_a_signal_leaves_the_board_at_rest(request, number):
@@ -256,6 +258,7 @@ def test_a_program_that_is_ended_by_a_signal_leaves_the_board_at_rest(request, n
         assert running.returncode == 128 + getattr(signal, number)
 
 
+@pytest.mark.slow
 def test_a_program_that_never_leaves_the_block_rests_the_board_when_it_ends(request):
     running = program(request.path.parents[1], "forgets")
     out, _ = running.communicate(timeout=PATIENCE)

@@ -17,6 +17,7 @@ def test_a_right_driver_has_no_findings():
     assert findings(RightDriver) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wrong", BROKEN)
 def test_every_broken_driver_is_found(wrong):
     driver, finding = BROKEN[wrong]

@@ -236,6 +236,7 @@ def test_repeats(tmp_path):
     assert np.sqrt((error**2).mean()) > 0.3 * expected / np.sqrt(repeats)  # the noise is there
 
 
+@pytest.mark.slow
 def test_deviation_from_baselines(tmp_path):
     """Without repeats the steps between baselines tell the noise; a drift of a hundred times that does not count."""
     noise = 1e-6
@@ -254,6 +255,7 @@ def test_deviation_from_baselines(tmp_path):
     assert averaged.delta_std.mean() == pytest.approx(float(response.delta_std.mean()) / 2, rel=0.35)
 
 
+@pytest.mark.slow
 def test_simulated_response_of_the_design(tmp_path, monkeypatch):
     """The whole way: physics, chips, scans, file, δ; beside the map that is computed directly."""
     monkeypatch.setenv("COILARRAY_CACHE", str(tmp_path / "cache"))
@@ -517,6 +519,7 @@ def kept(tmp_path_factory):
         yield
 
 
+@pytest.mark.slow
 def test_settings_fit_the_coils(kept):
     from coilarray.circuit.network import loaded_quality, resonate
     from coilarray.hardware.chips.ldc1614_limits import drive_for

@@ -92,6 +92,7 @@ def test_a_known_frequency_gives_the_clock(rest):
     assert 5e-4 < both.capacitances["coil1"] / 120e-12 - 1 < 2e-3
 
 
+@pytest.mark.slow
 def test_simulated_inductances_are_those_of_the_response(rest):
     found = calibrated(rest, from_design=True)
     assert found.inductances_from == "design"
@@ -102,6 +103,7 @@ def test_simulated_inductances_are_those_of_the_response(rest):
     )
 
 
+@pytest.mark.slow
 def test_a_calibrated_response_has_the_known_inductance(campaign):
     found = calibrated(campaign, inductances={"coil1": TRUE, "coil2": 2 * TRUE})
     plain, corrected = both_responses(campaign, found)
@@ -132,6 +134,7 @@ def test_the_drift_takes_noise_out_of_delta(campaign):
     np.testing.assert_allclose(rms["corrected"], 2 * NOISE, rtol=0.3)
 
 
+@pytest.mark.slow
 def test_emulator_to_recording_to_comparison_ends_at_scale_one(campaign):
     """The whole way through converter codes and SQLite: scale 1, shift 0, and nothing but noise remains."""
     simulated = quick_map(np.arange(-12e-3, 25.1e-3, 1e-3), np.arange(-10e-3, 10.1e-3, 1e-3))
@@ -146,6 +149,7 @@ def test_emulator_to_recording_to_comparison_ends_at_scale_one(campaign):
         assert one.attrs["measured_emulated"] == 1
 
 
+@pytest.mark.slow
 def test_drifts_of_another_session_do_not_count(campaign):
     found = calibrated(campaign)
     first = found.drifts[0]

@@ -27,6 +27,7 @@ def refuses(check, argument):
     return False
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("wiring", "settings"), BOARDS)
 @given(data=st.data())
 def test_words_are_refused_where_the_wiring_refuses_them(wiring, settings, data):

@@ -301,6 +301,7 @@ def test_every_state_of_the_paper_reaches_the_converter(name):
     assert board.misuse.notes == []
 
 
+@pytest.mark.slow
 @given(st.sampled_from(["six_coils", "six_coils_4"]), st.integers(0, 5), st.sampled_from([1, -1]),
        st.lists(st.sampled_from(["ground", "ground one end", "ground other end", "open"]), min_size=6,
                 max_size=6))  # fmt: skip

@@ -664,6 +664,7 @@ def test_what_was_not_the_drivers_fault_is_not_blamed_on_it():
         chip.write(0x08, 1000)
 
 
+@pytest.mark.slow
 @given(
     st.lists(
         st.one_of(

@@ -31,6 +31,8 @@ from coilarray.hardware.scan.board_network import board_network
 from coilarray.hardware.scan.wiring import load_wiring
 from coilarray.response.map import response_map
 
+pytestmark = pytest.mark.slow
+
 PAPER = load_design("gast2020")
 WIRING = load_wiring()
 FIRST = ScanState("coil1", (("coil1", 1),))

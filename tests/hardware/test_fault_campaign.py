@@ -130,6 +130,7 @@ def spoil(bench, kind, count):
     return fetched, line
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [kind for kind in FAULTS if hasattr(line_faults, kind)])
 def test_lines_of_a_stream(bench, kind):
     fetched, line = spoil(bench, kind, FAULTS[kind])
@@ -148,6 +149,7 @@ def test_lines_of_a_stream(bench, kind):
     assert bench.goes_on()
 
 
+@pytest.mark.slow
 def test_lines_of_a_stream_without_the_checksum(monkeypatch):
     """The campaign bites: without the check it finds wrong values."""
     monkeypatch.setattr(protocol_lines, "intact", lambda line: line[-5:-4] == b"*")
@@ -182,6 +184,7 @@ def spoil_once(damage, noise, kind):
     return hook
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("direction", ["command", "reply"])
 def test_commands(bench, direction):
     reader = bench.reader
@@ -202,6 +205,7 @@ def test_commands(bench, direction):
     assert bench.goes_on()
 
 
+@pytest.mark.slow
 def test_settings_over_a_bad_line(bench):
     """Every third command and reply is damaged: the settings arrive whole all the same."""
     bench.host.to_board = lambda data: (
@@ -240,6 +244,7 @@ RESULTS = [
 ]
 
 
+@pytest.mark.slow
 def test_results_with_errors(bench):
     played = dict.fromkeys((reason for _, _, reason in RESULTS), 0)
 
@@ -265,6 +270,7 @@ def test_results_with_errors(bench):
     assert bench.goes_on()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["transfer", "no result"])
 def test_transfers_that_fail(bench, kind):
     """Single ones cost a sample; three running in a state end the stream, by name."""
@@ -301,6 +307,7 @@ def test_transfers_that_fail(bench, kind):
     assert bench.goes_on()
 
 
+@pytest.mark.slow
 def test_a_dead_converter_ends_the_stream(bench):
     def dead(verb, register):
         raise BusFault("dead")
@@ -315,6 +322,7 @@ def test_a_dead_converter_ends_the_stream(bench):
     assert bench.goes_on()
 
 
+@pytest.mark.slow
 def test_brown_outs(bench):
     for _ in range(FAULTS["brown-out"]):
         stream = bench.reader.scans()
@@ -333,6 +341,7 @@ def test_brown_outs(bench):
     assert bench.goes_on()
 
 
+@pytest.mark.slow
 def test_stuck_switches(bench):
     """Each switch, open and closed, as the chain tells and as it does not.
 
@@ -394,6 +403,7 @@ def in_a_stream(bench):
     return stream
 
 
+@pytest.mark.slow
 def test_restarts(bench):
     for _ in range(FAULTS["restart"]):
         stream = in_a_stream(bench)
@@ -404,6 +414,7 @@ def test_restarts(bench):
     assert bench.goes_on()
 
 
+@pytest.mark.slow
 def test_restarts_that_nobody_heard(bench):
     """The first heartbeat is lost: the refused command, or the silence, brings it out."""
     for number in range(FAULTS["restart heard late"]):
@@ -420,6 +431,7 @@ def test_restarts_that_nobody_heard(bench):
     assert bench.goes_on()
 
 
+@pytest.mark.slow
 def test_unplugging(bench):
     for number in range(FAULTS["unplugged"]):
         stream = in_a_stream(bench) if number % 2 else None
@@ -440,6 +452,7 @@ def test_unplugging(bench):
     assert bench.goes_on()
 
 
+@pytest.mark.slow
 def test_stalls(bench):
     for number in range(FAULTS["stalled"]):
         stream = in_a_stream(bench) if number % 2 else None
@@ -450,6 +463,7 @@ def test_stalls(bench):
         assert bench.goes_on()
 
 
+@pytest.mark.slow
 def test_a_computer_that_is_away_too_long(bench):
     for _ in range(FAULTS["lease"]):
         stream = in_a_stream(bench)
@@ -459,6 +473,7 @@ def test_a_computer_that_is_away_too_long(bench):
         assert bench.goes_on()
 
 
+@pytest.mark.slow
 def test_other_versions(bench):
     for number in range(FAULTS["other version"]):
         version = b",OK,%d.%d," % (number % 2 * 2, number)
@@ -473,6 +488,7 @@ def test_other_versions(bench):
     assert bench.goes_on()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["opened at another rate", "turned to another rate"])
 def test_other_rates(bench, kind):
     for number in range(FAULTS[kind]):
@@ -503,6 +519,7 @@ def by_another_program(bench, settings, *, start=False):
             firmware.run(0.02)
 
 
+@pytest.mark.slow
 def test_another_program(bench):
     for number in range(FAULTS["other program"]):
         stream = in_a_stream(bench) if number % 2 else None
@@ -527,6 +544,7 @@ def test_another_program_without_the_check_of_the_hash(monkeypatch):
     assert len(bench.witness.wrong) == 5 * 2  # the coil in the middle is the same
 
 
+@pytest.mark.slow
 def test_scans_of_an_old_session(bench):
     """Lines that were true once come again: of an earlier stream they are left out, of an earlier start they end it."""
     for number in range(FAULTS["old session"]):

@@ -57,6 +57,7 @@ class Emulated:
         return scan
 
 
+@pytest.mark.slow
 def test_every_value_is_the_inductance_of_its_coil():
     bench, noise = Emulated(), random.Random(8)
     chip, bus, chain, world = bench.board.chip, bench.board.bus, bench.board.chain, bench.board.world
@@ -112,6 +113,7 @@ def test_every_value_is_the_inductance_of_its_coil():
     assert bench.accepted > 6 * FAULTS
 
 
+@pytest.mark.slow
 def test_a_neighbour_that_is_not_grounded_is_seen_by_no_scan_and_named_by_the_self_test():
     board = coupled_board(WIRING, noise=0.0)
     settings = quick_settings(drives=5, quality=150.0)  # 32 µA into 36 kΩ: 1.5 V

@@ -93,6 +93,7 @@ def scan_words(reply):
 # ------------------------------------------------------------------------------------------------------------- start-up
 
 
+@pytest.mark.slow
 def test_chips_are_made_safe_before_anything_else():
     board = Board()
     assert board.chain.history[0] == (b"\x11" * 6, True)
@@ -169,6 +170,7 @@ def test_configuration_reaches_the_chip(name):
     assert board.mode == "i"
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(
     rcount=st.integers(5, 0xFFFF), settle=st.integers(0x40, 0xFFFF), drive=st.integers(0, 31),
@@ -566,6 +568,7 @@ def test_legal_switching(words):
 codes = st.sampled_from([*range(16), 0xFF])
 
 
+@pytest.mark.slow
 @settings(max_examples=300)
 @given(st.data())
 def test_rules_of_switching_agree_with_pythons(data):
@@ -902,6 +905,7 @@ def test_words_that_are_not_legal_never_reach_the_switches():
     assert len(board.chain.history) > 1000
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("one_fault_in", [0, 5, 100])
 def test_no_access_outside_its_memory(tmp_path_factory, one_fault_in):
     """The logic under the address and undefined-behaviour sanitizers, on chips that fail at random."""

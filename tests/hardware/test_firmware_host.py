@@ -80,6 +80,7 @@ def test_firmware_and_direct_driver_read_the_same_words():
     assert not one.chip.misuse.notes
 
 
+@pytest.mark.slow
 def test_stream_through_the_port():
     with hosted() as (board, host, computer):
         computer.configure()
@@ -161,6 +162,7 @@ def test_hooks_get_whole_lines_out_and_all_bytes_in():
     assert b"".join(into).count(b"\n") == len(draft(SETTINGS)) + 1
 
 
+@pytest.mark.slow
 def test_dropped_lines_do_not_hold_time():
     """A computer that is gone: the stream ends with its lease although nobody reads."""
     dropped = []
@@ -184,6 +186,7 @@ def test_dropped_lines_do_not_hold_time():
     assert {kind[:1] for kind, _ in dropped[end + 1 :]} == {b"H"}
 
 
+@pytest.mark.slow
 def test_pace():
     with hosted(pace=20.0) as (board, host, computer):
         computer.configure()
@@ -196,6 +199,7 @@ def test_pace():
         assert board.clock.now() - virtual < 20.0 * (time.monotonic() - real) + 0.2  # a step and the unread bytes
 
 
+@pytest.mark.slow
 def test_real_time():
     """Heartbeats come after every second of the computer's own clock."""
     clock = ComputerClock()
@@ -231,6 +235,7 @@ def test_an_error_of_a_chip_that_no_board_could_have_is_raised():
     computer.port.close()
 
 
+@pytest.mark.slow
 def test_ten_minutes_lose_no_scan():
     board = plain(inductances=INDUCTANCES)
     firmware = Firmware(board.bus, board.switches, board.clock)

@@ -152,6 +152,7 @@ class Sketch:
         return [self.ask(command) for command in draft(SETTINGS)]
 
 
+@pytest.mark.slow
 def test_coils_are_grounded_before_the_port_is_opened(build):
     sketch = Sketch(build())
     assert sketch.chain.history[-1][0] == b"\x11" * 6
@@ -233,6 +234,7 @@ def test_nine_clocks_free_a_bus_that_the_converter_holds(build):
     assert sketch.i2c.clocks - clocks == pytest.approx(10 + 36 + 2, abs=2)
 
 
+@pytest.mark.slow
 def test_chain_that_is_wired_back(build):
     sketch = Sketch(build(wired_back=True))
     assert sketch.ask("HELLO").endswith(",readback")

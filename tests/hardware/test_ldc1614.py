@@ -290,6 +290,7 @@ def test_settling(count, clocks):
     assert settle_time(count, REFERENCE) == pytest.approx(clocks / REFERENCE, rel=1e-12)
 
 
+@pytest.mark.slow
 @given(st.integers(5, 0xFFFF), references)
 def test_rcount_there_and_back(rcount, reference):
     assert rcount_for(conversion_time(rcount, reference), reference) == rcount

@@ -265,6 +265,7 @@ def test_noise_instead_of_an_answer_is_no_board(board, reader):
         reader.scan()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("chatter", ["H", "S"])
 def test_endless_messages_do_not_keep_a_command_waiting(board, reader, chatter):
     """A board that answers nothing and says something whenever it is listened to."""
@@ -380,6 +381,7 @@ def test_time_goes_on_over_its_wrap(board):
     assert reader.scan().time == pytest.approx(later, abs=10.0)
 
 
+@pytest.mark.slow
 def test_ten_minutes_take_no_memory(board, reader):
     """At two scans a second. What Python itself keeps apart is some kB; a scan takes one."""
     stream, used = reader.scans(0.5), []

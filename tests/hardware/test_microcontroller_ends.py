@@ -151,6 +151,7 @@ def test_a_stream_that_turns_to_noise_is_no_board(board, reader):
         list(stream)
 
 
+@pytest.mark.slow
 def test_anything_but_scans_does_not_keep_a_stream_waiting(board, reader):
     stream = stream_of(reader)
 

@@ -69,6 +69,7 @@ def test_only_a_line_can_be_sealed(text):
         seal(text)
 
 
+@pytest.mark.slow
 @given(st.lists(TEXTS, max_size=6), st.lists(st.integers(0, 3000), max_size=12), st.sampled_from([b"", b"\r"]))
 def test_lines_come_out_however_the_bytes_are_cut(texts, cuts, carriage_return):
     data = b"".join(seal(text)[:-1] + carriage_return + b"\n" for text in texts)
@@ -153,6 +154,7 @@ def test_a_scan_is_read():
     )
 
 
+@pytest.mark.slow
 @given(
     st.integers(0, 2**32 - 1),
     st.integers(0, 2**32 - 1),
@@ -310,6 +312,7 @@ def test_every_command_fits_its_line_and_goes_through_the_parser():
 # time
 
 
+@pytest.mark.slow
 @given(
     st.integers(0, 2**33),
     st.lists(st.tuples(st.floats(0, 2e5), st.booleans()), min_size=1, max_size=20),

@@ -81,6 +81,7 @@ def raw_scan(session, sequence, time=0.0):
     return RawScan(sequence, time, 1.7e9, session.settings.hash, session.identity.boot, samples)
 
 
+@pytest.mark.slow
 @settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 @given(st.lists(st.tuples(st.integers(0, 2**32 - 1), TIME, TIME, SAMPLE, SAMPLE), max_size=6))
 def test_every_bit_comes_back(tmp_path_factory, session, rows):
@@ -340,6 +341,7 @@ def test_wrong_files(path, session, name):
     assert before is None or path.read_bytes() == before  # not touched
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("statement", "message"),
     [
@@ -577,6 +579,7 @@ except OutputError as error:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "seteuid"), reason="needs users as POSIX has them")
 @pytest.mark.parametrize("killed", [False, True])
 def test_a_folder_of_somebody_else(tmp_path, session, killed):

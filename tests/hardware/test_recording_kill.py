@@ -139,6 +139,7 @@ def delta_of(path):
         return recorded_response(recording)
 
 
+@pytest.mark.slow
 def test_killed_thirty_times_and_resumed(tmp_path, runner):
     whole = tmp_path / "whole.sqlite"
     assert runner.run(whole) == "." * (2 * CAMPAIGN.size) + "done"
@@ -169,6 +170,7 @@ def test_killed_thirty_times_and_resumed(tmp_path, runner):
     assert sorted(one.name for one in tmp_path.iterdir()) == ["run.sqlite", "whole.sqlite"]
 
 
+@pytest.mark.slow
 def test_a_disk_that_is_full(tmp_path, runner):
     path = tmp_path / "run.sqlite"
     reported = runner.run(path, limit=1_000_000)  # bytes a file may have; the log of the whole campaign needs more

@@ -60,6 +60,7 @@ def test_a_good_board_passes(wiring):
         assert (check.turned is None) == (wiring is FOUR_DEVICES)
 
 
+@pytest.mark.slow
 def test_what_cannot_be_noticed_is_told():
     untested = checked(coupled_board(THREE), THREE).untested
     # the row of coils looks the same from both ends; that of a coil is no matter
@@ -68,6 +69,7 @@ def test_what_cannot_be_noticed_is_told():
     assert checked(coupled_board(FOUR_DEVICES), FOUR_DEVICES).untested == ()
 
 
+@pytest.mark.slow
 def test_boards_with_noise_pass():
     for seed in range(15):
         assert checked(coupled_board(THREE, seed=seed, noise=5e-7), THREE).passed
@@ -92,6 +94,7 @@ SWITCHES = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("wiring", "device", "switch", "how"),
     SWITCHES,
@@ -112,6 +115,7 @@ def test_a_switch_that_is_stuck_is_named(wiring, device, switch, how):
 # --------------------------------------------------------------------------- coils
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wiring", [WIRING, THREE, FOUR_DEVICES], ids=lambda wiring: wiring.name)
 @pytest.mark.parametrize("what", ["missing", "shorted"])
 @pytest.mark.parametrize("at", [0, 1, -1])
@@ -138,6 +142,7 @@ ORDERS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wiring", [THREE, FOUR_DEVICES], ids=lambda wiring: wiring.name)
 @pytest.mark.parametrize("order", ORDERS.values(), ids=ORDERS)
 def test_a_wrong_bit_map_is_found(wiring, order):

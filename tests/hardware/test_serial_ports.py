@@ -267,6 +267,7 @@ def test_whatever_the_system_calls_it_is_one_loss(terminal, monkeypatch, error):
 SHORT = LinkTimes(reply=0.05, opening=0.1)
 
 
+@pytest.mark.slow
 @needs_pty
 def test_opening_a_board_tries_its_rates_and_lets_go_of_the_port(terminal, ports):
     with pytest.raises(NoAnswer, match=r"did not answer STOP in 3 attempts; tried 115200, 9600 baud\."):
@@ -274,6 +275,7 @@ def test_opening_a_board_tries_its_rates_and_lets_go_of_the_port(terminal, ports
     open_serial_port(terminal.name).close()
 
 
+@pytest.mark.slow
 @needs_pty
 def test_another_device_is_no_board(terminal, ports):
     stop = threading.Event()

@@ -236,6 +236,7 @@ def test_wrong_dialect():
         GcodeStage(Machine(), LIMITS, "klipper")
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs a pseudo-terminal")
 def test_gcode_over_a_real_port():
     from coilarray.hardware.wire.serial_ports import open_serial_port

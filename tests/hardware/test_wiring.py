@@ -85,6 +85,7 @@ def _agrees(wiring, words):
         check_words(wiring, words)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wiring", [TWO, TWO_ON_A_BUS], ids=["device a coil", "bus"])
 def test_every_word_of_two_coils(wiring):
     """All 65,536 of them: whatever is let through measures one coil or none."""
@@ -112,6 +113,7 @@ def changed_words(draw):
     return wiring, bytes(words)
 
 
+@pytest.mark.slow
 @given(changed_words())
 def test_flipped_bits(case):
     _agrees(*case)
@@ -131,6 +133,7 @@ def states(draw):
     return ScanState("state", ((coils[0], sense),), others=draw(passive), exceptions=exceptions)
 
 
+@pytest.mark.slow
 @given(states())
 def test_states_join_what_they_say(state):
     ((measured, sense),) = state.measured
@@ -192,6 +195,7 @@ def test_encoding_by_hand():
     assert SIX.encode()[:8].hex(" ") == "28 29 2a ff 2c 2e 2d ff"
 
 
+@pytest.mark.slow
 @given(st.permutations(SWITCHES))
 def test_order_of_the_bits_is_a_table(bits):
     """Another order of the bits makes other words that join the same."""

@@ -53,6 +53,7 @@ def test_the_same_map_has_scale_one_and_no_shift():
     assert found.scatter < 1e-17
 
 
+@pytest.mark.slow
 def test_deviations_are_those_of_repeated_noisy_maps():
     """With noise that differs from place to place, against the scatter of 300 fits, which is known to 4 %."""
     places, shift = grid(), (0.5e-3, -0.3e-3)

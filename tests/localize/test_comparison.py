@@ -15,6 +15,8 @@ from coilarray.localize.ellipse import fit_ellipses
 from coilarray.localize.level_curves import LevelCurves
 from coilarray.localize.published import published_map
 
+pytestmark = pytest.mark.slow
+
 STATES = ["coil1", "coil2", "coil3"]
 CENTRES = ROW[:3]
 NOISE = 1e-5

@@ -21,6 +21,8 @@ from coilarray.localize.published import published_map, published_model
 from coilarray.response.map import Imperfections, inductance_changes, response_map
 from coilarray.response.setup import map_axes
 
+pytestmark = pytest.mark.slow
+
 PAPER = load_design("gast2020")
 LEVELS = np.array([1e-4, 3e-4, 5e-4])
 

@@ -31,6 +31,8 @@ from coilarray.localize.ellipse_model import (
     locate_x,
 )
 
+pytestmark = pytest.mark.slow
+
 COILS = ["coil1", "coil2", "coil3"]
 WINDOW_X = np.arange(-26e-3, 26.1e-3, 2e-3)
 WINDOW_Y = np.arange(-6e-3, 6.1e-3, 2e-3)

@@ -113,6 +113,7 @@ def test_more_coils_never_tell_less(field, x, y, depth):
     assert np.linalg.eigvalsh(all_coils - fewer).min() >= -1e-12 * np.linalg.eigvalsh(all_coils).max()
 
 
+@pytest.mark.slow
 def test_solutions_scatter_as_the_bound_says(field):
     """Maximum likelihood reaches the bound where the noise is small: CRB against Monte Carlo."""
     truth = np.array([2e-3, 1e-3, 1.1e-3])

@@ -22,6 +22,8 @@ from coilarray.localize.inverse import deviance, locate, locate_all
 from coilarray.localize.search import refine
 from coilarray.response.map import response_map
 
+pytestmark = pytest.mark.slow
+
 NOISE = 1e-5
 REGION = chi2.ppf(0.95, 3)
 MIRROR = np.array([1, -1, 1])

@@ -10,6 +10,8 @@ from coilarray.localize.ellipse import STEP, fit_ellipses
 from coilarray.localize.level_curves import PARAMETERS, level_axis, level_curves
 from coilarray.localize.published import published_map
 
+pytestmark = pytest.mark.slow
+
 MAP = published_map().sel(state=["coil2"])
 NOISE = np.full((7, 27), 1e-5)
 

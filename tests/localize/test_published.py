@@ -163,6 +163,7 @@ def test_published_map_lies_on_the_ellipses():
                 assert at < 0 or at > coil.highest - 1e-5
 
 
+@pytest.mark.slow
 def test_pipeline_returns_table_a1_where_curves_are_in_the_window(fits):
     """Coil 2 at every level, coils 1 and 3 where their ellipses end within x = ±26 mm."""
     for coil, lowest in zip(MODEL.coils, (3.6e-4, 3e-5, 2.4e-4), strict=True):
@@ -191,6 +192,7 @@ def test_one_arc_does_not_tell_the_centre(fits):
         assert np.abs(vertex).max() < 0.35e-3
 
 
+@pytest.mark.slow
 def test_centre_outside_the_map_is_refused():
     """Noise can turn the one arc of a low level into one of a huge ellipse far away."""
     noise = np.random.default_rng(0).standard_normal((1, 7, 27, 3))
@@ -218,6 +220,7 @@ def test_x_errors_of_the_pipeline_on_hills_as_wide_as_the_papers(fits):
     assert 0.2e-3 < np.abs(errors).max() < 0.45e-3  # measured 0.36 mm
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_x_errors_with_noise_off_the_grid(seed):
     """Noise of 1e-5 in every δ of the map and of the readings, at 240 places of which none is on the grid."""

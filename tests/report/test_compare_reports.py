@@ -35,6 +35,7 @@ def old(tmp_path):
     return folder(tmp_path / "old")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("changes", "lines"),
     [

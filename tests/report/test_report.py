@@ -28,6 +28,8 @@ from coilarray.report.position import map_positions
 from coilarray.report.tables import Column
 from coilarray.report.write import _curve
 
+pytestmark = pytest.mark.slow
+
 
 def drawn_report(design, folder, *, circuit=True, **options):
     """Write a report without 3-D rendering, without the circuit's part where that is not wanted."""

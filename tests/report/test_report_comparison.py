@@ -23,6 +23,8 @@ from coilarray.report.comparison import (
     write_comparison_page,
 )
 
+pytestmark = pytest.mark.slow
+
 STATES = ["coil1", "coil2"]
 
 

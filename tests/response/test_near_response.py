@@ -59,6 +59,7 @@ def field():
     return response_map(hexagonal(4, 4), mesh=MESH, **LATTICE)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("error", [1e-2, 1e-3])
 def test_a_row_answers_as_when_all_is_solved(row, error):
     seen = []
@@ -89,6 +90,7 @@ def test_a_row_answers_as_when_all_is_solved(row, error):
         respond(PAPER, near)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("error", [1e-2, 1e-3])
 def test_a_lattice_answers_as_when_all_is_solved(field, error):
     near = response_map(hexagonal(4, 4), reach=error, **LATTICE, **quick(field))
@@ -96,6 +98,7 @@ def test_a_lattice_answers_as_when_all_is_solved(field, error):
     assert (near.delta.values != 0).all(axis=-1).any() == (error == 1e-3)  # somewhere every state is near
 
 
+@pytest.mark.slow
 def test_imperfections_count_with_near_coils_too():
     given = Imperfections(
         tilt=(0.01, 0.0), offset=(1e-3, -0.5e-3), depth_error=0.1e-3, thickness_errors={"base": 0.2e-3},
@@ -108,6 +111,7 @@ def test_imperfections_count_with_near_coils_too():
     assert near.inductance.values == pytest.approx(full.inductance.values, rel=1e-12)
 
 
+@pytest.mark.slow
 def test_the_automatic_choice_goes_by_the_size_of_the_map(row, monkeypatch):
     few = {"x": [0.0], "y": [0.0], **quick(row)}
     assert response_map(PAPER, reach="auto", **few).attrs["error_of_peak"] == 0
@@ -121,6 +125,7 @@ def test_the_automatic_choice_goes_by_the_size_of_the_map(row, monkeypatch):
         response_map(PAPER, reach=1e-3, dielectric=True, **few)
 
 
+@pytest.mark.slow
 def test_to_be_linear_leaves_out_little(row):
     network = replace(design_circuit(PAPER), inductance=row.inductance.values)
     states = state_sensitivity(network, PAPER.plan)
@@ -129,6 +134,7 @@ def test_to_be_linear_leaves_out_little(row):
     assert largest(linear, row) < 3e-5
 
 
+@pytest.mark.slow
 def test_states_beyond_the_cut_off_are_zero(field):
     near = response_map(hexagonal(4, 4), reach=0.05, **LATTICE, **quick(field))
     x, y = np.meshgrid(near.x, near.y)
@@ -140,6 +146,7 @@ def test_states_beyond_the_cut_off_are_zero(field):
     assert (delta == 0).any()
 
 
+@pytest.mark.slow
 def test_large_boards_answer_as_all_their_coils_together():
     """Currents of 64 coils and all inductance changes, in place of a whole map."""
     design = hexagonal(8, 8, turns=10)
@@ -163,6 +170,7 @@ def test_large_boards_answer_as_all_their_coils_together():
     assert full[0, middle] == pytest.approx(plain, rel=5e-3)
 
 
+@pytest.mark.slow
 def test_tables_give_what_single_offsets_give(row, monkeypatch):
     few = response_map(PAPER, reach=0.02, x=[-26e-3, 0.0, 26e-3], y=[-6e-3, 0.0], **quick(row))
     tables = []
@@ -176,6 +184,7 @@ def test_tables_give_what_single_offsets_give(row, monkeypatch):
     assert largest(picked, few) < 0.02 * 0.3
 
 
+@pytest.mark.slow
 def test_open_neighbours_carry_nothing(row):
     text = read("gast2020").replace('default_termination = "short" ', 'default_termination = "open" ')
     opened = parse_design(text)
@@ -190,6 +199,7 @@ def test_bad_errors(reach):
         response_map(PAPER, reach=reach)
 
 
+@pytest.mark.slow
 def test_designs_that_cannot_be_treated(row, monkeypatch):
     pair = ScanState("pair", (("coil1", 1), ("coil2", 1)))
     both = replace(PAPER, circuit=replace(PAPER.circuit, scan=(pair,)))
@@ -200,6 +210,7 @@ def test_designs_that_cannot_be_treated(row, monkeypatch):
     assert response_map(both, reach="auto", **few).attrs["error_of_peak"] == 0.0  # every coil in its place
 
 
+@pytest.mark.slow
 def test_memory_is_checked_before_it_is_taken(row, monkeypatch):
     monkeypatch.setenv("COILARRAY_MEMORY_GB", "0.05")
     across = {"x": np.linspace(-26e-3, 26e-3, 10000), "y": np.linspace(-6e-3, 6e-3, 110)}

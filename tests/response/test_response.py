@@ -42,6 +42,7 @@ def plain():
     return nominal()
 
 
+@pytest.mark.slow
 def test_one_coil_alone_answers_with_its_own_change():
     design = load_design("gast_fem")
     result = response_map(design, depths=[1e-3], x=[0.0, 5e-3], y=[0.0], ideal=True)
@@ -53,6 +54,7 @@ def test_one_coil_alone_answers_with_its_own_change():
     assert result.delta.values[0, 0, :, 0] == pytest.approx(own * (1 - loss), rel=1e-5)
 
 
+@pytest.mark.slow
 def test_response_follows_the_reciprocity_formula(plain):
     """To first order L_eff changes by Re iᵀ ΔL i with the currents of all coils."""
     L, R = plain.inductance.values, dc_resistance(PAPER.array.conductors(), PAPER.circuit.resistivity)
@@ -65,6 +67,7 @@ def test_response_follows_the_reciprocity_formula(plain):
         assert plain.delta.values[0, 0, :, a] == pytest.approx(linear, abs=2e-3 * 8e-4)
 
 
+@pytest.mark.slow
 def test_response_is_largest_at_the_coil_and_negative_beyond(plain):
     delta = plain.delta.values[0, 0]
     assert delta[0].argmax() == 0
@@ -73,6 +76,7 @@ def test_response_is_largest_at_the_coil_and_negative_beyond(plain):
     assert delta[2, 0] < 0
 
 
+@pytest.mark.slow
 def test_open_neighbours_and_strays_change_little(plain):
     opened = parse_design(read("gast2020").replace('default_termination = "short" ', 'default_termination = "open" '))
     assert opened.plan[0].exceptions["coil2"] == "open"
@@ -84,6 +88,7 @@ def test_open_neighbours_and_strays_change_little(plain):
     assert 1e-5 < np.abs(strays - plain.delta.values).max() / largest < 0.01
 
 
+@pytest.mark.slow
 def test_depths_are_rising_and_zero_depth_is_zero():
     result = nominal(depths=[0.0, 0.5e-3, 1e-3])
     # 1e-11: the resonance is found to 1e-12
@@ -92,6 +97,7 @@ def test_depths_are_rising_and_zero_depth_is_zero():
     assert (np.diff(result.force.values) > 0).all()
 
 
+@pytest.mark.slow
 def test_the_dielectric_term_is_the_change_of_capacitance(plain):
     with_it = nominal(dielectric=True)
     assert (plain.capacitance_change.values == 0).all()
@@ -102,6 +108,7 @@ def test_the_dielectric_term_is_the_change_of_capacitance(plain):
     assert feigned == pytest.approx(gained, rel=0.05, abs=1e-10)
 
 
+@pytest.mark.slow
 def test_offset_and_depth_error_move_the_experiment(plain):
     shifted = nominal(x=np.subtract(X, 1e-3), imperfections=Imperfections(offset=(1e-3, 0.0)))
     assert shifted.delta.values == pytest.approx(plain.delta.values, rel=1e-9)
@@ -109,6 +116,7 @@ def test_offset_and_depth_error_move_the_experiment(plain):
     assert deeper.delta.values == pytest.approx(plain.delta.values, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_thickness_errors_are_other_sheets(plain):
     thinner = nominal(ideal=False, imperfections=Imperfections(thickness_errors={"base": -0.5e-3}))
     assert float(thinner.delta[0, 0, 0, 0]) > float(plain.delta[0, 0, 0, 0])
@@ -117,12 +125,14 @@ def test_thickness_errors_are_other_sheets(plain):
     assert thinner.delta.values == pytest.approx(same.delta.values, rel=1e-12)
 
 
+@pytest.mark.slow
 def test_a_tilted_sample_is_the_level_one_where_it_is_level(plain):
     tilted = nominal(imperfections=Imperfections(tilt=(0.0, 0.02)))
     # on y = 0 nothing is raised; the flat matrix takes the thickness between the coils, all of them on y = 0
     assert tilted.delta.values == pytest.approx(plain.delta.values, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_a_tilted_sample_is_locally_a_thicker_and_deeper_one():
     rise = 0.01 * X[0]
     tilted = nominal(imperfections=Imperfections(tilt=(0.01, 0.0)))
@@ -133,6 +143,7 @@ def test_a_tilted_sample_is_locally_a_thicker_and_deeper_one():
     )
 
 
+@pytest.mark.slow
 def test_nodes_of_the_wedge_are_enough(monkeypatch):
     tilted = Imperfections(tilt=(0.02, 0.0))
     few = nominal(imperfections=tilted).delta.values
@@ -142,6 +153,7 @@ def test_nodes_of_the_wedge_are_enough(monkeypatch):
     assert few == pytest.approx(many, abs=1e-3 * many.max())
 
 
+@pytest.mark.slow
 def test_one_place_on_a_tilted_sample_is_that_of_a_map():
     tilted = Imperfections(tilt=(0.01, 0.0))
     one = nominal(x=X[:1], imperfections=tilted).delta.values
@@ -149,6 +161,7 @@ def test_one_place_on_a_tilted_sample_is_that_of_a_map():
     assert one[0, 0, 0, 0] == pytest.approx(nominal(imperfections=tilted).delta.values[0, 0, 0, 0], rel=2e-3)
 
 
+@pytest.mark.slow
 def test_parts_of_other_sheets_are_not_taken(tmp_path):
     thin = (replace(PAPER.sheets[0], thickness=4e-3), PAPER.sheets[1])
     nominal(parts=tmp_path)
@@ -157,6 +170,7 @@ def test_parts_of_other_sheets_are_not_taken(tmp_path):
     assert (response_map(other, x=X, y=[0.0], parts=tmp_path).delta.values == fresh).all()
 
 
+@pytest.mark.slow
 def test_noise_has_its_size_and_its_seed(plain):
     grid = {"x": np.linspace(-26e-3, -22e-3, 10), "y": np.linspace(0, 1e-3, 5)}
     quiet = nominal(**grid).delta.values
@@ -167,6 +181,7 @@ def test_noise_has_its_size_and_its_seed(plain):
     assert np.std(noisy[0] - quiet) == pytest.approx(np.sqrt(2) * 1e-5, rel=0.12)
 
 
+@pytest.mark.slow
 def test_parts_are_used_again(tmp_path, monkeypatch):
     monkeypatch.setattr(response_module, "_POSITIONS", 2)
     first = nominal(parts=tmp_path)
@@ -175,6 +190,7 @@ def test_parts_are_used_again(tmp_path, monkeypatch):
     assert (nominal(parts=tmp_path).delta.values == first.delta.values).all()
 
 
+@pytest.mark.slow
 def test_damaged_parts_are_computed_again(tmp_path):
     first = nominal(parts=tmp_path)
     (part,) = tmp_path.rglob("*.nc")
@@ -182,6 +198,7 @@ def test_damaged_parts_are_computed_again(tmp_path):
     assert (nominal(parts=tmp_path).delta.values == first.delta.values).all()
 
 
+@pytest.mark.slow
 def test_dataset_is_complete_and_can_be_stored(plain, tmp_path):
     import xarray as xr
 
@@ -243,6 +260,7 @@ LOOP = Conductor(
 SHEETS = (Sheet("base", 6e-3), Sheet("magnetic", 2e-3, 2.7))
 
 
+@pytest.mark.slow
 def test_wires_are_a_long_loop():
     wires = cross_section(LOOP, 0.0)
     # the ends of the loop add of the order of their width to its length
@@ -251,6 +269,7 @@ def test_wires_are_a_long_loop():
     assert by_sheet * LONG == pytest.approx(layer_inductance(LOOP, SHEETS)[0, 0], rel=0.02)
 
 
+@pytest.mark.slow
 def test_a_wide_groove_is_another_flat_sheet():
     r = np.concatenate((np.linspace(0, 100e-3, 101), np.linspace(105e-3, 200e-3, 20)))
     fade = np.where(r <= 100e-3, 1.0, np.cos(np.pi / 2 * (r - 100e-3) / 100e-3) ** 2)
@@ -262,6 +281,7 @@ def test_a_wide_groove_is_another_flat_sheet():
     assert change == pytest.approx(line_inductance(wires, moved) - line_inductance(wires, SHEETS), rel=3e-3)
 
 
+@pytest.mark.slow
 def test_the_two_dimensional_model_is_symmetric_and_too_strong():
     design = load_design("gast_fem")
     flat = line_response(design, depths=[1e-3], x=[-8e-3, 0.0, 8e-3])

@@ -24,6 +24,8 @@ from coilarray.design.vary import vary
 from coilarray.studies.optimize import load_goal, optimize_design, parse_goal
 from coilarray.studies.quantities import evaluate
 
+pytestmark = pytest.mark.slow
+
 LOOPS = """
 schema = 1
 name = "loops"

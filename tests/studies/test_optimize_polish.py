@@ -15,6 +15,8 @@ import pytest
 from coilarray import load_design
 from coilarray.studies.optimize import optimize_with, parse_goal
 
+pytestmark = pytest.mark.slow
+
 GOAL = """
 schema = 1
 [[variable]]

@@ -24,6 +24,8 @@ from coilarray.errors import MissingDependencyError, OutputError
 from coilarray.studies.optimize import Trial, front_of, optimize_with, parse_goal
 from coilarray.studies.optimize.study_file import FILE, open_study, points_found, study_name
 
+pytestmark = pytest.mark.slow
+
 # quantities of the stand-in below, which computes them from the entries alone
 GOAL = """
 schema = 1

@@ -97,6 +97,7 @@ def table(text):
     return list(csv.DictReader(io.StringIO(text)))
 
 
+@pytest.mark.slow
 def test_csv_has_every_trial(single, tmp_path):
     write_optimization(single, tmp_path)
     rows = table((tmp_path / "trials.csv").read_text(encoding="utf-8"))
@@ -114,6 +115,7 @@ def test_csv_has_every_trial(single, tmp_path):
         assert trial.quantities or row["span_mm"] == ""
 
 
+@pytest.mark.slow
 def test_json(single, double, tmp_path):
     write_optimization(single, tmp_path)
     data = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
@@ -198,6 +200,7 @@ def test_chosen_designs(single, double):
     assert chosen[1].trial is double.front[int((scaled**2).sum(axis=1).argmin())]
 
 
+@pytest.mark.slow
 def test_page(single, double, tmp_path, monkeypatch):
     monkeypatch.setattr("coilarray.report.optimization._CHEAP", ("geometry",))  # circuits of six designs take long
     pages = [write_optimization_report(result, tmp_path).read_text(encoding="utf-8") for result in (single, double)]
@@ -220,6 +223,7 @@ def test_page(single, double, tmp_path, monkeypatch):
     assert f"<td>covered_mm2</td><td>mm²</td><td></td><td>{covered}</td>" in one
 
 
+@pytest.mark.slow
 def test_page_where_nothing_is_found(design, tmp_path, monkeypatch):
     monkeypatch.setattr("coilarray.report.optimization._CHEAP", ("geometry",))
     goal = parse_goal(GOAL.format(second="", trials=4).replace("at_least = 30", "at_least = 4000"))

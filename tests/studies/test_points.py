@@ -73,6 +73,7 @@ def test_outcomes_are_the_quantities_of_each_variation(starter):
     assert run(starter, [{}]) == [evaluate(starter, QUANTITIES)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("accuracy", ["full", "screen"])
 def test_two_processes_compute_the_same_bits_as_this_one(accuracy):
     design = load_design("gast2020")

@@ -257,6 +257,7 @@ def test_coupling_of_loops():
     assert found["inductance_uH[b]"] == pytest.approx(L[1] * 1e6, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_sheets_count_and_screening_is_as_good_as_it_says():
     asked = ["inductance_uH[coil1]", "k[coil1,coil2]", "k[coil1,coil3]", "worst_k"]
     full, screened = evaluate(STARTER, asked), evaluate(STARTER, asked, accuracy="screen")
@@ -300,6 +301,7 @@ def circuit():
     return Evaluation(STARTER)
 
 
+@pytest.mark.slow
 def test_circuit_is_that_of_the_scan(circuit):
     scan = scan_design(STARTER)
     for name, variable, unit in (
@@ -349,6 +351,7 @@ def test_a_scan_that_measures_no_coil_alone():
         of.state_of("coil1")
 
 
+@pytest.mark.slow
 def test_a_circuit_without_a_resonance_is_one_line():
     with pytest.raises(CoilarrayError, match="resonance"):
         value(vary(STARTER, {"circuit.short_resistance_ohm": 1e9, "circuit.capacitance_pF": 1e12}), "q")
@@ -410,6 +413,7 @@ def test_width_where_delta_does_not_fall(synthetic):
         value(STARTER, "response_width_mm[coil2]")
 
 
+@pytest.mark.slow
 def test_x0_of_ellipses_that_are_beside_their_coils(synthetic):
     shifts, fine = [-0.4e-3, 0.2e-3, 0.7e-3], vary(STARTER, {"indentation.step_mm": 1.0, "indentation.x_mm": [-20, 20]})
     calls = synthetic(
@@ -511,6 +515,7 @@ def pressed():
     return Evaluation(STARTER)
 
 
+@pytest.mark.slow
 def test_peak_is_the_response_at_the_place(pressed):
     at = response_map(
         pressed.design, depths=[0.3e-3], x=[-11e-3, 0.0, 11e-3], y=[0.0], inductance=lambda: pressed.inductance
@@ -523,6 +528,7 @@ def test_peak_is_the_response_at_the_place(pressed):
     assert 6 < request("response_width_mm[coil2]").value(pressed) < 16
 
 
+@pytest.mark.slow
 def test_position_error_against_a_finer_table(pressed):
     """About half the spacing and the six depths of `table_grid`."""
     region = (-5e-3, 5e-3, -4e-3, 4e-3)

@@ -60,6 +60,7 @@ def test_an_interval_is_for_samples():
     assert parse_axis("array.pitch_mm=10:15") == Axis(PITCH, (10.0, 15.0), interval=True)
 
 
+@pytest.mark.slow
 @given(
     start=st.floats(-1e6, 1e6),
     step=st.floats(1e-3, 1e3),

@@ -40,6 +40,8 @@ from coilarray.studies.tolerance import (
     perturb,
 )
 
+pytestmark = pytest.mark.slow
+
 K = "k[upper,lower]"
 STARTER = load_design("starter")
 TWO_STATES = vary(STARTER, {"array.columns": 2})

@@ -137,6 +137,7 @@ def test_coils_that_come_out_alike_stay_one():
     assert len({id(place.coil) for place in turned.array.placements}) == 4  # coils 2, 4, 6 are still one
 
 
+@pytest.mark.slow
 def test_all_layers_shifted_alike_couple_as_before():
     """But for the ends at the holes, whose last segments turn a little."""
     shift = {f"registration_x.L{k}": 50e-6 for k in range(1, 5)}
@@ -179,6 +180,7 @@ def test_placement_moves_the_origin_of_the_map():
     np.testing.assert_allclose(np.subtract(moved.origin_point, GAST.indentation.origin_point), [1e-4, -2e-4], rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_frequency_goes_with_one_over_the_root_of_the_tank():
     design = loops(extra="[circuit]\nresistivity_ohm_m = 1e-10")
     slow = perturb(design, {"capacitance": 0.21})

@@ -13,6 +13,8 @@ from coilarray.response.map import response_map
 from coilarray.studies.tolerance import Positions, Spread, Tolerances, analyse
 from coilarray.studies.tolerance.position import shifts_at
 
+pytestmark = pytest.mark.slow
+
 LARGEST = 4e-3  # m
 
 

@@ -14,6 +14,8 @@ from coilarray.geometry import FabRules, Margin, check_rules
 from coilarray.viz.palette import INK
 from coilarray.viz.plots.check import check_figure
 
+pytestmark = pytest.mark.slow
+
 RULES = FabRules(min_trace=0.12e-3, max_layers=2, max_inner_copper=20e-6)
 
 

@@ -76,6 +76,7 @@ def test_tubes_are_as_thick_as_the_coupling():
 # currents
 
 
+@pytest.mark.slow
 def test_copper_carries_the_currents_of_its_coil():
     board = reference_board()
     values = np.array([1.0, -0.05, np.nan, 0.001, 0.0, 2.0])
@@ -87,6 +88,7 @@ def test_copper_carries_the_currents_of_its_coil():
     np.testing.assert_array_equal(lines.cell_data["I (A/A)"], values)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("active", [0, 1])
 def test_colours_of_passive_coils_are_the_currents_of_the_circuit(active):
     coupling = couple_design(load_design("starter"), ideal=True)

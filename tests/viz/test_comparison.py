@@ -60,6 +60,7 @@ def test_centres_of_both_with_a_band():
     assert [text.get_text() for text in empty.texts] == ["no ellipses"]
 
 
+@pytest.mark.slow
 def test_a_figure_has_a_row_a_state():
     figure = comparison_figure(comparison(3))
     titles = [ax.get_title(loc="left") for ax in figure.axes]

@@ -33,6 +33,7 @@ def parts_of(scene):
     return {part.name: part for part in scene.parts}
 
 
+@pytest.mark.slow
 def test_a_touch_has_the_response_along_its_way(design):
     touch = touch_along(design, [(-4e-3, 0.0), (4e-3, 3e-3)], count=5, depth=0.6e-3)
     np.testing.assert_allclose(touch.places, np.linspace([-4e-3, 0], [4e-3, 3e-3], 5), atol=1e-15)
@@ -53,6 +54,7 @@ def test_a_touch_has_the_response_along_its_way(design):
     np.testing.assert_allclose(lowest, touch.places[:, 0] + design.indentation.origin_point[0], atol=1e-8)
 
 
+@pytest.mark.slow
 def test_a_touch_goes_over_all_coils_by_default(design):
     touch = touch_along(design, count=3)
     on_board = touch.places[:, 0] + design.indentation.origin_point[0]
@@ -100,6 +102,7 @@ def quarters(found):
     np.testing.assert_allclose(found, 0.06 + 0.88 * (np.arange(4) + 0.5) / 4, atol=0.03)  # some pixels of 160
 
 
+@pytest.mark.slow
 @renders
 def test_a_gif_shows_every_step(tmp_path):
     path = tmp_path / "film.gif"
@@ -114,6 +117,7 @@ def test_a_gif_shows_every_step(tmp_path):
     assert [entry.name for entry in tmp_path.iterdir()] == ["film.gif"]
 
 
+@pytest.mark.slow
 @renders
 def test_a_gif_keeps_the_colours_of_small_things(tmp_path):
     """Where a film has more colours than a GIF, those of a colour bar and of a legend stay what they are."""
@@ -130,6 +134,7 @@ def test_a_gif_keeps_the_colours_of_small_things(tmp_path):
     assert np.quantile(np.abs(seen - meant).max(axis=-1), 0.999) < 32
 
 
+@pytest.mark.slow
 @renders
 def test_an_mp4_shows_every_step(tmp_path):
     av = pytest.importorskip("av", reason="PyAV is not installed")

@@ -214,6 +214,7 @@ def test_a_stretched_sheet_grows_in_both_directions():
     assert volume(mesh) == pytest.approx(2e-3 / 3 * (area + wide + math.sqrt(area * wide)), rel=1e-9)
 
 
+@pytest.mark.slow
 def test_neighbours_share_their_interface():
     meshes = bodies(dents())
     upper = {tuple(point) for point in np.round(meshes["base"].points, 9).tolist() if point[2] > 4.5}
@@ -273,6 +274,7 @@ def board():
     return reference_board()
 
 
+@pytest.mark.slow
 def test_a_scene_holds_board_sheets_and_indenter(board, plotter):
     dent_scene(board, SHEETS, dents(), Hemisphere(2.5e-3), plotter=plotter, centre=(-19.92e-3, 0.0))
     assert {"indenter", "sheet base", "sheet magnetic", "copper L1", "copper L3", "board"} <= set(plotter.actors)
@@ -290,6 +292,7 @@ def test_a_scene_off_the_board_is_refused(board, plotter):
         dent_scene(board, SHEETS, dents(), Hemisphere(2.5e-3), plotter=plotter, depth=2)
 
 
+@pytest.mark.slow
 def test_a_picture_shows_the_sheets(board, plotter, tmp_path):
     path = tmp_path / "dent.png"
     save_dent_picture(board, path, SHEETS, dents(), Hemisphere(2.5e-3), size=(400, 225))

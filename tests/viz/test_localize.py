@@ -74,6 +74,7 @@ def test_markers_are_the_fits_and_lines_the_polynomials(fits):
         plot_ellipse_parameters(fits, model, "coil9")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [1, 2, 3, 4])
 def test_every_coil_of_a_model_has_a_panel(count):
     states = [f"coil{k + 1}" for k in range(count)]
@@ -175,6 +176,7 @@ def test_bounds_are_shown_in_millimetres_and_infinite_ones_grey():
         identifiability_figure(bounds * np.inf)
 
 
+@pytest.mark.slow
 def test_all_bounds_of_a_board_one_below_the_other():
     figure = identifiability_figure(identifiability(forward_model(board(FIELD)), 1e-3))
     maps = [ax for ax in figure.axes if ax.get_xlabel() == "x (mm)"]

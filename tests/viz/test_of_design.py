@@ -63,6 +63,7 @@ def test_beside_other_things_the_sheets_lie_where_they_lie(design):
     assert "copper L3" not in parts
 
 
+@pytest.mark.slow
 def test_a_dent_takes_the_place_of_the_sheets(design):
     scene = scene_of_design(design, View(show=("board", "elastomer", "dent"), at=(1e-3, 2e-3), depth=0.5e-3))
     parts = parts_of(scene)
@@ -81,6 +82,7 @@ def test_a_dent_takes_the_place_of_the_sheets(design):
 # coupling and currents
 
 
+@pytest.mark.slow
 def test_arcs_are_the_coupling_of_the_design(design, coupling):
     scene = scene_of_design(design, View(show=("coupling",)))
     k = coupling.coupling.values
@@ -96,6 +98,7 @@ def test_arcs_are_the_coupling_of_the_design(design, coupling):
         assert np.abs(x - design.array.centres[[i, j], 0].mean() * 1e3).min() < 1e-6
 
 
+@pytest.mark.slow
 def test_copper_is_coloured_by_the_currents_of_the_circuit(design, coupling):
     scene = scene_of_design(design, View(show=("board", "currents"), coil="coil1"))
     solved = resonate(design_circuit(design), design.plan[0])
@@ -143,6 +146,7 @@ def test_planes_show_the_field_of_the_library(design, coupling):
     assert any("coil2 carries 2 mA" in note for note in scene.notes)
 
 
+@pytest.mark.slow
 def test_lines_and_surfaces_share_one_scale(design):
     scene = scene_of_design(design, View(show=("lines", "surfaces"), spacing=2e-3))
     assert set(parts_of(scene)) == {"field lines", "field surfaces"}
@@ -175,6 +179,7 @@ def test_a_field_that_is_too_large_is_refused_before_anything_is_computed(design
 # maps and positions
 
 
+@pytest.mark.slow
 def test_a_map_lies_over_its_place_on_the_board(design, table):
     scene = scene_of_design(design, View(show=("response",), coil="coil3", response=table, depth=0.6e-3))
     mesh = parts_of(scene)["response"].mesh
@@ -236,6 +241,7 @@ def test_the_indenter_is_located_where_it_is(design, table):
 # what cannot be
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("view", "error", "message"),
     [
@@ -274,11 +280,13 @@ def test_a_bare_board_has_no_dent():
             scene_of_design(bare, View(show=(show,)))
 
 
+@pytest.mark.slow
 def test_one_coil_has_no_coupling_to_see():
     with pytest.raises(GeometryError, match="nothing to see of coupling: There is one coil, which couples with none"):
         scene_of_design(load_design("gast_fem"), View(show=("coupling",)))
 
 
+@pytest.mark.slow
 def test_everything_together(design, table):
     scene = scene_of_design(design, View(show=ITEMS, response=table, table=table, spacing=2e-3))
     names = [part.name for part in scene.parts]

@@ -33,6 +33,7 @@ def test_the_environment_variable_switches_rendering_off_without_a_probe(fresh):
     assert offscreen.NO_RENDERING in problem
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the packages are those of Linux")
 def test_a_machine_without_drivers_gets_one_line_that_names_the_packages():
     # the EGL dispatcher finds no vendor's driver: what it does on a machine without Mesa
@@ -77,6 +78,7 @@ def test_the_choice_of_the_user_is_kept(fresh):
     assert tried[0]["VTK_DEFAULT_OPENGL_WINDOW"] == "vtkOSOpenGLRenderWindow"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("probe", "timeout", "reason"),
     [
@@ -129,6 +131,7 @@ def test_wayland_alone_has_no_window(fresh):
     assert "there is no X server (DISPLAY is not set)" in offscreen.window_problem()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(offscreen.rendering_problem() is not None, reason="no 3-D rendering")
 def test_a_screen_that_does_not_answer_is_gone_round(fresh):
     # VTK falls back to EGL with a warning each time, unless it is told to begin with it

@@ -18,6 +18,8 @@ from coilarray.viz.offscreen import NO_RENDERING
 from coilarray.viz.scenes.page import save_page
 from coilarray.viz.scenes.scene import Part, Scale, Scene, Text
 
+pytestmark = pytest.mark.slow
+
 pytest.importorskip("trame_vtk", reason="trame-vtk is not installed")
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")

@@ -110,6 +110,7 @@ def test_a_plot_has_an_example(name):
     assert f"{name}(" in inspect.getdoc(PLOTS[name])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", DRAWN)
 def test_a_plot_draws_into_the_axis_that_is_given(name):
     figure = Figure(figsize=(6.0, 4.0))
@@ -138,6 +139,7 @@ def test_a_plot_leaves_no_window_and_no_settings_behind(name):
     assert dict(matplotlib.rcParams) == settings
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", DRAWN)
 def test_labels_carry_units(name):
     ax = drawn(name)
@@ -163,6 +165,7 @@ def test_nothing_is_cut_off(name):
                 assert min(inside) >= -1, text.get_text()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", DRAWN)
 def test_a_machine_that_is_slow_is_no_warning(name, monkeypatch):
     """Matplotlib warns where it took a second to find the best place of a legend, unless "best" was asked for."""

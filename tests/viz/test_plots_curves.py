@@ -40,6 +40,7 @@ def test_units_of_axes():
     np.testing.assert_allclose(MM.of([1e-3, 0.25]), [1.0, 250.0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("quantity", "label", "factor"),
     [
@@ -117,6 +118,7 @@ def test_zeros_are_between_samples_that_have_values():
     assert zero_crossings([], []).size == 0
 
 
+@pytest.mark.slow
 def test_pairs_share_a_panel_of_a_sweep():
     couplings, worst = sweep_figure(results.pitch_sweep()).axes
     assert couplings.get_ylabel() == "coupling coefficient k"

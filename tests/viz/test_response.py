@@ -143,6 +143,7 @@ def test_profiles_mark_the_coils_and_refuse_what_is_not_there():
     assert plot_response_profile(response(), ax=given) is given
 
 
+@pytest.mark.slow
 def test_many_curves_differ():
     many = crowd(14)
     looks = {(line.get_color(), line.get_linestyle()) for line in curves(plot_response_profile(many)).values()}
@@ -197,6 +198,7 @@ def test_every_state_has_a_map_of_the_deepest_dent():
     assert figure.get_suptitle() == "Response, 1 mm deep"
 
 
+@pytest.mark.slow
 def test_of_many_states_the_middle_ones_are_shown():
     assert list(maps_of(response_figure(crowd(12)))) == [f"s{k}" for k in range(12)]
     figure = response_figure(crowd(17))
@@ -204,6 +206,7 @@ def test_of_many_states_the_middle_ones_are_shown():
     assert figure.get_suptitle() == "Response, 1 mm deep (12 of 17 states, those in the middle)"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [1, 2, 3, 5, 6, 12])
 @pytest.mark.parametrize("stretch", [0.1, 1.0, 10.0])
 def test_figures_of_any_shape_fit_on_a_page(count, stretch):

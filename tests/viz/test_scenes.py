@@ -219,6 +219,7 @@ def test_a_picture_has_its_size_and_shows_copper(board, plotter, tmp_path):
     assert [entry.name for entry in tmp_path.iterdir()] == ["board.png"]
 
 
+@pytest.mark.slow
 def test_an_axis_is_named_also_where_its_title_meets_a_number(plotter, tmp_path):
     """PyVista leaves one of two texts that meet out: the title has to be the other one."""
     ground = Scene((Part("floor", pyvista.Box((0, 160, 0, 90, 0, 1)), colour="white", lit=False),))
@@ -248,6 +249,7 @@ def test_the_longest_pictures_are_not_blank(size, plotter, tmp_path):
     assert (imread(tmp_path / "long.png")[..., 1] < 0.5).any()
 
 
+@pytest.mark.slow
 def test_letters_get_smaller_in_a_narrow_picture(plotter, tmp_path):
     """So that the numbers of a colour bar, which has a part of the width, end before the edge."""
     mesh = box()

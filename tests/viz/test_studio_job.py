@@ -50,6 +50,7 @@ def test_a_job_tells_and_ends():
     assert not watched.job.running
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("item", "line"),
     [
@@ -73,6 +74,7 @@ def test_a_task_that_listens_ends_in_order(tmp_path):
     assert (tmp_path / "rested").read_text(encoding="utf-8") == "at rest"
 
 
+@pytest.mark.slow
 def test_a_task_that_does_not_listen_is_ended():
     watched = Watched(never_listen, None)
     assert watched.told.wait(PATIENCE)
@@ -91,6 +93,7 @@ def test_a_task_that_tells_is_cancelled_and_nothing_is_said_after_that():
     assert not alive(watched.messages[0])
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no SIGKILL here")
 def test_a_job_ends_with_its_studio_even_if_that_is_killed():
     script = textwrap.dedent(
@@ -159,6 +162,7 @@ def test_steps_come_in_order_and_the_newest_wish_counts():
     assert run(ask) == [("first", 1), ("first", 3), ("second", 3)]
 
 
+@pytest.mark.slow
 def test_a_step_that_waits_for_rest_comes_last_and_once():
     rest, times = 0.3, []
 

@@ -143,6 +143,7 @@ def test_what_is_no_number_is_one_line(text):
 # ------------------------------------------------------------------------ numbers
 
 
+@pytest.mark.slow
 def test_numbers_are_those_of_the_library(starter):
     found, reference = numbers_of(starter), couple_design(starter)
     np.testing.assert_array_equal(found.inductance, reference.inductance.values)
@@ -280,6 +281,7 @@ def test_a_table_of_another_design_and_a_design_without_indenter_are_refused(sta
 # ------------------------------------------------------------------------ the drawing from above
 
 
+@pytest.mark.slow
 @given(st.floats(0, 1), st.floats(0, 1))
 def test_a_point_of_the_drawing_is_the_place_that_is_drawn_there(across, down):
     view = top_view(load_design("starter"))
@@ -304,6 +306,7 @@ def test_marks_stand_where_things_are(starter, sensor):
     assert (best["x"], best["y"]) == view.point(touch.location.best.x, touch.location.best.y)
 
 
+@pytest.mark.slow
 @given(st.floats(0.5, 3.0), st.floats(1.0, 3.0), st.floats(-3.0, 3.0))
 def test_an_ellipse_holds_95_percent(narrow, ratio, turn):
     axes = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
@@ -408,6 +411,7 @@ def test_a_file_that_is_no_design_is_one_line(tmp_path):
 # ------------------------------------------------------------------------ runs
 
 
+@pytest.mark.slow
 def test_runs_are_read_as_they_were_written(tmp_path):
     pytest.importorskip("optuna")
     result = quick_run(tmp_path / "found")

@@ -84,6 +84,7 @@ def changed(**entries):
     return vary(load_design("starter"), {key.replace("__", "."): value for key, value in entries.items()})
 
 
+@pytest.mark.slow
 def test_a_slider_changes_the_matrix_to_what_the_library_gives(page):
     page.evaluate("trame.trigger('open_design', ['gast2020'])")
     page.wait_for_function("document.querySelectorAll('#matrix td').length === 36")
@@ -112,6 +113,7 @@ def test_a_slider_changes_the_matrix_to_what_the_library_gives(page):
     page.click("#show-k")
 
 
+@pytest.mark.slow
 def test_dragging_a_slider_shows_rough_numbers_then_full_ones(page):
     box = page.locator("[data-key='array.pitch_mm'] [role=slider]").bounding_box()
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
@@ -138,6 +140,7 @@ def test_dragging_a_slider_shows_rough_numbers_then_full_ones(page):
     np.testing.assert_array_equal(matrix(page), numbers_of(changed(array__pitch_mm=pitch)).k)
 
 
+@pytest.mark.slow
 def test_a_wrong_value_is_told_at_its_field_and_changes_nothing_else(page):
     before = matrix(page)
     enter(page, "array.pitch_mm", "wide")
@@ -159,6 +162,7 @@ def test_a_wrong_value_is_told_at_its_field_and_changes_nothing_else(page):
     np.testing.assert_array_equal(matrix(page), numbers_of(changed(array__pitch_mm=12)).k)
 
 
+@pytest.mark.slow
 def test_rules_that_break_are_red(page):
     assert page.wait_for_selector("#rules").inner_text() == "rules kept"
     enter(page, "coils.hexagon.gap_mm", "0.05")
@@ -167,6 +171,7 @@ def test_rules_that_break_are_red(page):
     picture(page, "broken_rules")
 
 
+@pytest.mark.slow
 def test_switches_change_what_the_converter_sees_and_the_field(page):
     page.click("#tab-switches")
     page.wait_for_selector("#scene :text('magnitude of B')")
@@ -189,6 +194,7 @@ def test_switches_change_what_the_converter_sees_and_the_field(page):
     page.wait_for_selector("#switched td")
 
 
+@pytest.mark.slow
 def test_the_indenter_is_dragged_and_located(page):
     page.click("#tab-touch")
     page.click("#compute-table")
@@ -234,6 +240,7 @@ def test_the_indenter_is_dragged_and_located(page):
     assert page.query_selector("#indenter") is None
 
 
+@pytest.mark.slow
 def test_a_design_is_saved_opened_and_kept_through_a_reload(page, folder):
     enter(page, "array.pitch_mm", "12.5")
     page.wait_for_selector("#changed")
@@ -278,6 +285,7 @@ def test_a_design_is_saved_opened_and_kept_through_a_reload(page, folder):
     assert field(page, "array.columns").input_value() == "3"
 
 
+@pytest.mark.slow
 def test_two_browsers_do_not_disturb_each_other(page, chromium, studio):
     with opened(chromium, studio.url) as other:
         enter(page, "array.pitch_mm", "13")
@@ -295,6 +303,7 @@ def test_two_browsers_do_not_disturb_each_other(page, chromium, studio):
         np.testing.assert_array_equal(matrix(other), numbers_of(changed(array__columns=2)).k)
 
 
+@pytest.mark.slow
 def test_runs_of_an_optimisation_are_shown_and_taken_over(page, folder):
     pytest.importorskip("optuna")
     result = browser.quick_run(folder / "found")
@@ -316,6 +325,7 @@ def test_runs_of_an_optimisation_are_shown_and_taken_over(page, folder):
     assert pitch == pytest.approx(trial.changes["array.pitch_mm"], rel=1e-11)  # shown with twelve digits
 
 
+@pytest.mark.slow
 def test_a_board_is_watched_and_stopped(page, studio):
     before = set(studio.children())
     page.click("#tab-board")
@@ -340,6 +350,7 @@ def test_a_board_is_watched_and_stopped(page, studio):
     assert page.inner_text("#board-lines") == ""  # it was of another board
 
 
+@pytest.mark.slow
 def test_a_report_is_written_beside_the_page_and_can_be_cancelled(page, studio, folder):
     page.click("#report")
     page.wait_for_selector("#job [role=progressbar][aria-valuenow]")
@@ -357,6 +368,7 @@ def test_a_report_is_written_beside_the_page_and_can_be_cancelled(page, studio, 
     assert "A report." in answer.text()
 
 
+@pytest.mark.slow
 def test_the_scene_is_turned_and_its_groups_are_hidden(page):
     first = drawn(page)
     box = page.locator("#scene img").first.bounding_box()
@@ -378,6 +390,7 @@ def test_the_scene_is_turned_and_its_groups_are_hidden(page):
 # ------------------------------------------------------------------------ the program
 
 
+@pytest.mark.slow
 def test_the_program_wants_its_token_and_ends_when_the_page_is_closed(chromium, tmp_path):
     arguments = ("starter", "--linger", "0.5", "--host", "127.0.0.1")
     said = {"COILARRAY_CACHE": str(tmp_path / "cache"), "COILARRAY_NO_RENDERING": "1"}
@@ -397,6 +410,7 @@ def test_the_program_wants_its_token_and_ends_when_the_page_is_closed(chromium, 
         wait_until_gone([started.process.pid, *children])
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="no Ctrl-C to be sent here")
 def test_ctrl_c_ends_it_with_a_page_open_and_nothing_to_render(chromium, tmp_path):
     with served("starter", program=True, cwd=tmp_path, COILARRAY_NO_RENDERING="1") as started:

@@ -67,6 +67,7 @@ def ask(url, path="/", method="GET", **headers):
 # ------------------------------------------------------------------------ served to this computer alone
 
 
+@pytest.mark.slow
 @needs_studio
 def test_the_page_and_all_that_it_loads_come_from_here(alone):
     status, headers, text = ask(alone)
@@ -114,6 +115,7 @@ def test_localhost_is_this_computer_too(alone):
     assert ask(alone, Host=f"localhost:{port}", Origin=f"http://localhost:{port}")[0] == 200
 
 
+@pytest.mark.slow
 @needs_studio
 def test_a_name_that_is_none_gets_no_socket(shared):
     address, _, query = shared.partition("?")
@@ -122,6 +124,7 @@ def test_a_name_that_is_none_gets_no_socket(shared):
         assert headers["Content-Security-Policy"].endswith("; connect-src 'self'")
 
 
+@pytest.mark.slow
 @needs_studio
 def test_too_many_pages_are_refused_in_words(folder):
     with served("starter", "--folder", folder, COILARRAY_NO_RENDERING="1") as started:
@@ -327,6 +330,7 @@ def test_a_response_is_computed_once(monkeypatch, tmp_path):
     assert Services().response_table is compute_table
 
 
+@pytest.mark.slow
 def test_the_emulated_board_is_watched_until_it_is_stopped(monkeypatch, tmp_path):
     monkeypatch.setenv("COILARRAY_CACHE", str(tmp_path))
     # without an indentation there is no response to be computed, which takes half a minute
@@ -357,6 +361,7 @@ def test_the_emulated_finger_goes_round_where_the_map_is():
         assert depth == max(setup.depths)
 
 
+@pytest.mark.slow
 def test_the_folder_is_that_of_the_design_unless_another_is_named(monkeypatch, tmp_path):
     (tmp_path / "designs").mkdir()
     (tmp_path / "designs" / "mine.toml").touch()

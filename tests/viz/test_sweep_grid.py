@@ -89,6 +89,7 @@ def test_two_numbers_are_a_map_grey_where_there_is_no_result(descending):
     np.testing.assert_array_equal(line(ax), [[13.0, 3.0]])  # the design's own place
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sampled", [False, True])
 def test_samples_and_larger_grids_are_dots_over_every_entry(sampled):
     if sampled:

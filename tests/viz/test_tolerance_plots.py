@@ -40,6 +40,7 @@ def rows_of(table):
     return {row[0]: dict(zip([column.key for column in table.columns], row, strict=True)) for row in table.rows}
 
 
+@pytest.mark.slow
 def test_the_spread_is_that_of_the_analysis(sampled):
     rows = rows_of(spread_table(sampled))
     for name in (K, L):
@@ -50,6 +51,7 @@ def test_the_spread_is_that_of_the_analysis(sampled):
     assert rows[K]["largest"].startswith("dielectric, board ")
 
 
+@pytest.mark.slow
 def test_without_samples_their_columns_are_empty(linear):
     for row in rows_of(spread_table(linear)).values():
         assert [row[key] for key in ("sample_mean", "sample_deviation", "ratio", "ratio_error", "low", "high")] == [
@@ -105,6 +107,7 @@ def test_boards_are_rows_of_errors_and_outputs(sampled):
     assert read[3]["failure"] == ""
 
 
+@pytest.mark.slow
 def test_a_board_that_failed_is_empty_with_the_reason():
     hard = Tolerances({"etch": Spread(board=12e-6)})
     rows = sample_table(analyse(loops(), hard, samples=64, quantities=[K])).records()

@@ -16,6 +16,8 @@ from coilarray.viz.scenes.draw import draw, text_name
 from coilarray.viz.scenes.scene import Part, Scene, Text
 from coilarray.viz.scenes.window import add_switches
 
+pytestmark = pytest.mark.slow
+
 XVFB = shutil.which("Xvfb")
 SEEN = """
 import pyvista
