@@ -114,7 +114,7 @@ def design_circuit(
     if not ideal:
         return circuit_parts(design, accuracy=accuracy, progress=progress).network
     R = dc_resistance(design.array.conductors(), design.circuit.resistivity)
-    inductance = design_inductance(design, progress, accuracy=accuracy)[0]
+    inductance = design_inductance(design, accuracy=accuracy, progress=progress)[0]
     return bare_network(design.array.names, inductance, R, design.circuit.switches)
 
 
@@ -165,7 +165,7 @@ def _circuit_parts(design: Design, accuracy: Accuracy, progress: Progress | None
     counted = None if progress is None else lambda done, total: progress(done, 2 * total)
     direct = Network(
         names,
-        design_inductance(design, counted, accuracy=accuracy)[0],
+        design_inductance(design, accuracy=accuracy, progress=counted)[0],
         SampledResistance(np.ones(1), np.diag(R)[None]),
         winding,
         between,
@@ -173,7 +173,7 @@ def _circuit_parts(design: Design, accuracy: Accuracy, progress: Progress | None
         (LEFT_OUT[0], *([f"capacitance of the windings: {problem}"] if problem else [])),
     )
     low, high = _band(direct, design.plan)
-    apart = {_key_of(state): state for state in states_in_turn(names, shorts_of(design))}
+    apart = {_key_of(state): state for state in design.coils_in_turn}
     for state in design.plan:
         apart.pop(_key_of(state), None)
     if apart:
@@ -230,14 +230,6 @@ def permittivity_above(design: Design) -> float:
     return design.circuit.elastomer_permittivity if design.sheets else 1.0
 
 
-def states_in_turn(names: Sequence[str], terminations: Sequence[Termination]) -> tuple[ScanState, ...]:
-    """Return the states that measure each coil in turn, the others shorted to ground or open."""
-    opened = [name for name, end in zip(names, terminations, strict=True) if end == "open"]
-    return tuple(
-        ScanState(name, ((name, 1),), exceptions={other: "open" for other in opened if other != name}) for name in names
-    )
-
-
 def couple_design(design: Design, *, ideal: bool = False, progress: Progress | None = None) -> xr.Dataset:
     """Compute the coupling of a design.
 
@@ -270,11 +262,10 @@ def couple_design(design: Design, *, ideal: bool = False, progress: Progress | N
     >>> round(float(result.open_inductance[0]) * 1e6, 1), round(float(result.coupling[0, 1]), 3)
     (58.2, -0.051)
     """
-    names, terminations = design.array.names, shorts_of(design)
     network = design_circuit(design, ideal=ideal, progress=progress)
     bare = design_circuit(design, ideal=True)
-    result = _coupled(network, terminations, np.diag(bare.resistance(1.0)))
-    without = resonances(bare, states_in_turn(names, terminations))
+    result = _coupled(network, design.coils_in_turn, terminations_of(design), np.diag(bare.resistance(1.0)))
+    without = resonances(bare, design.coils_in_turn)
     single, centres = ("coil",), design.array.centres
     result = result.assign(
         ideal_effective_inductance=(
@@ -297,7 +288,7 @@ def couple_design(design: Design, *, ideal: bool = False, progress: Progress | N
 
 
 def design_inductance(
-    design: Design, progress: Progress | None = None, *, accuracy: Accuracy = "full"
+    design: Design, *, accuracy: Accuracy = "full", progress: Progress | None = None
 ) -> tuple[FloatArray, FloatArray]:
     """Inductance matrix of a design under its flat sheets.
 
@@ -329,9 +320,9 @@ def _design_inductance(design: Design, accuracy: Accuracy, progress: Progress | 
     return inductance_matrix(conductors, accuracy=accuracy, progress=progress) + by_sheets, by_sheets
 
 
-def shorts_of(design: Design) -> list[Termination]:
-    """Return for each coil whether it is a short or open while another one is measured; half a short is open."""
-    return ["short" if passive == "ground" else "open" for passive in design.terminations.values()]
+def terminations_of(design: Design) -> list[str]:
+    """Return what closes each coil while another one is measured: "short" for both ends grounded, else as designed."""
+    return ["short" if passive == "ground" else passive for passive in design.terminations.values()]
 
 
 def provenance(design: Design) -> dict[str, str]:
@@ -397,13 +388,17 @@ def couple(
     if len(ends) != len(names) or not set(ends) <= {"short", "open"}:
         raise NetworkError(f"terminations must be {len(names)} of 'short' or 'open'; got {ends}.")
     network = bare_network(names, L, R, Switches(short_resistance / 2, tank_capacitance=capacitance))
-    return _coupled(network, ends, R)
+    opened = [name for name, end in zip(names, ends, strict=True) if end == "open"]
+    states = [
+        ScanState(name, ((name, 1),), exceptions={other: "open" for other in opened if other != name}) for name in names
+    ]
+    return _coupled(network, states, ends, R)
 
 
-def _coupled(network: Network, terminations: Sequence[Termination], R: FloatArray) -> xr.Dataset:
-    """Solve a network for each coil in turn: the dataset of `couple`."""
+def _coupled(network: Network, states: Sequence[ScanState], terminations: Sequence[str], R: FloatArray) -> xr.Dataset:
+    """Solve a network in the states that measure each coil in turn: the dataset of `couple`."""
     names, L = network.names, network.inductance
-    solved = resonances(network, states_in_turn(names, terminations))
+    solved = resonances(network, states)
     alone = resonances(network, [ScanState(name, ((name, 1),), others="open") for name in names])
     own = np.diag(L).copy()
     currents = np.array([state.currents for state in solved])

@@ -39,7 +39,7 @@ def matrix(
     names = list(opened.array.names)
     with shared.progress_bar("inductance matrix") as progress:
         # two coils in one place are refused here, before any circuit
-        inductance = checked_network(design_inductance(opened, progress)[0], 0.0)[0]
+        inductance = checked_network(design_inductance(opened, progress=progress)[0], 0.0)[0]
     suffix = "" if out is None else out.suffix.lower()
     data: dict[str, object] = {**shared.design_record(opened), "names": names}
     if as_json or suffix in (".nc", ".csv", ".inp"):  # the matrices alone need no circuit, which takes longer

@@ -204,9 +204,13 @@ class Design:
 
     @cached_property
     def plan(self) -> tuple[ScanState, ...]:
-        """The states of a scan: those of the circuit, or each coil in turn with the others as terminated."""
-        names = self.array.names
-        return self.circuit.scan or tuple(terminated_state(name, ((name, 1),), self.terminations) for name in names)
+        """States of a scan: those of the circuit, or each coil in turn."""
+        return self.circuit.scan or self.coils_in_turn
+
+    @cached_property
+    def coils_in_turn(self) -> tuple[ScanState, ...]:
+        """States that measure each coil in turn, the others as terminated."""
+        return tuple(terminated_state(name, ((name, 1),), self.terminations) for name in self.array.names)
 
     @cached_property
     def digest(self) -> str:

@@ -59,7 +59,7 @@ def level_curves(
 
     Notes
     -----
-    `fit_ellipses` with its own settings. The copies add noise to a map that may have it already; its scatter is told
+    `fit_ellipses` with its own settings. The copies add noise to a map that may have it already; its scatter is given
     all the same as long as noise is small beside the width of a level.
 
     Examples

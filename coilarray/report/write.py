@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from coilarray.circuit.coupling import couple_design, design_inductance, provenance, shorts_of
+from coilarray.circuit.coupling import couple_design, design_inductance, provenance, terminations_of
 from coilarray.circuit.impedance import close_channels, scan_design, sweep_design
 from coilarray.circuit.operating_field import operating_field
 from coilarray.compute.files import make_folder, write_text
@@ -179,7 +179,7 @@ def write_report(design: Design | DesignFile, where: str | Path = ".", *, progre
         "source": design.source,
         "capacitance_F": design.circuit.capacitance,
         "short_resistance_ohm": design.circuit.short_resistance,
-        "terminations": dict(zip(design.array.names, shorts_of(design), strict=True)),
+        "terminations": dict(zip(design.array.names, terminations_of(design), strict=True)),
         "left_out": coupling.attrs["left_out"],
         "circuit_problem": circuit_problem,
         "close_channels": [
@@ -330,7 +330,7 @@ def _page(
         "page.html.j2",
         design=file.design,
         file=file,
-        shorts=sorted(set(shorts_of(file.design))),
+        shorts=sorted(set(terminations_of(file.design))),
         data=data,
         tables=by_name,
         entering=replace(by_name["design"], rows=rows),

@@ -9,7 +9,7 @@ import pytest
 
 from coilarray import couple_design, dc_resistance, load_design, parse_design
 from coilarray.circuit.active_coil import active_coil
-from coilarray.circuit.coupling import couple, design_circuit, shorts_of
+from coilarray.circuit.coupling import couple, design_circuit, terminations_of
 from coilarray.circuit.impedance import close_channels, scan_design, sweep_design
 from coilarray.compute.recent import Recent
 from coilarray.design.bundled import read
@@ -92,7 +92,7 @@ def test_the_ideal_stands_beside_the_true_circuit(design):
     np.testing.assert_array_equal(true.ideal_effective_inductance.values, ideal.effective_inductance.values)
     plain = couple(
         design.array.names, true.inductance, true.resistance, design.circuit.capacitance,
-        shorts_of(design), design.circuit.short_resistance,
+        terminations_of(design), design.circuit.short_resistance,
     )  # fmt: skip
     np.testing.assert_array_equal(plain.frequency.values, ideal.frequency.values)
 
@@ -211,3 +211,14 @@ def test_close_channels():
 def test_bad_frequencies(design, frequencies):
     with pytest.raises(ValueError, match="frequencies must be positive, finite and rising"):
         sweep_design(design, frequencies)
+
+
+def test_half_grounded_and_loaded_neighbours_are_the_same_in_table_and_scan():
+    """Every termination that a design can have, not only shorts and opens."""
+    design = load_design("starter")
+    ends = {"coil1": "ground one end", "coil3": "load"}
+    design = replace(design, circuit=replace(design.circuit, terminations=ends))
+    coupling, scan = couple_design(design), scan_design(design, elastomer=False)
+    assert coupling.termination.values.tolist() == ["ground one end", "short", "load"]
+    np.testing.assert_array_equal(scan.frequency.values, coupling.frequency.values)
+    assert (couple_design(load_design("starter")).frequency.values != coupling.frequency.values).all()
