@@ -270,11 +270,11 @@ def couple_design(design: Design, *, ideal: bool = False, progress: Progress | N
     result = result.assign(
         ideal_effective_inductance=(
             single, [one.effective_inductance for one in without],
-            {"units": "H", "long_name": "inductance as terminated, ideal: direct current, no strays"},
+            {"units": "H", "long_name": "effective inductance, ideal: direct current, no strays"},
         ),
         ideal_frequency=(
             single, [one.frequency for one in without],
-            {"units": "Hz", "long_name": "resonance as terminated, ideal: direct current, no strays"},
+            {"units": "Hz", "long_name": "resonance frequency, ideal: direct current, no strays"},
         ),
         sheet_inductance=(
             ("coil", "other"), design_inductance(design)[1],
@@ -366,7 +366,7 @@ def couple(
         ``current_real`` and ``current_imag`` (A per A), and ``contribution``, the part of each other coil in the active
         one's inductance Re(M i) (coil, other); ``resistance`` at direct current, ``open_inductance``,
         ``effective_inductance`` 1/(ω²C), the same with all others open as ``open_effective_inductance``,
-        ``inductance_change`` L_eff/L − 1, ``effective_resistance`` Re Z,
+        ``inductance_change``, by which the others change it, ``effective_resistance`` Re Z,
         ``quality_factor`` Im Z/Re Z, ``open_frequency``, ``frequency`` (coil); and the coils' ``termination``. The
         attribute ``left_out`` says what of the circuit is not in these numbers.
 
@@ -407,7 +407,7 @@ def _coupled(network: Network, states: Sequence[ScanState], terminations: Sequen
     def each(name: str, states: Sequence[Resonance] = solved) -> FloatArray:
         return np.array([getattr(state, name) for state in states])
 
-    effective = each("effective_inductance")
+    effective, unchanged = each("effective_inductance"), each("effective_inductance", alone)
     pair, single = ("coil", "other"), ("coil",)
     return xr.Dataset(
         {
@@ -415,19 +415,21 @@ def _coupled(network: Network, states: Sequence[ScanState], terminations: Sequen
             "coupling": (pair, coupling_matrix(L), {"units": "1", "long_name": "coupling coefficient"}),
             "resistance": (single, R, {"units": "ohm", "long_name": "DC resistance"}),
             "open_inductance": (single, own, {"units": "H", "long_name": "inductance, all other coils open"}),
-            "effective_inductance": (single, effective, {"units": "H", "long_name": "inductance as terminated"}),
+            "effective_inductance": (single, effective, {"units": "H", "long_name": "effective inductance"}),
             "open_effective_inductance": (
-                single, each("effective_inductance", alone), {"units": "H", "long_name": "inductance seen, others open"}
+                single, unchanged, {"units": "H", "long_name": "effective inductance, others open"}
             ),
-            "inductance_change": (single, effective / own - 1, {"units": "1", "long_name": "change by others"}),
+            "inductance_change": (
+                single, effective / unchanged - 1, {"units": "1", "long_name": "change by the others"}
+            ),
             "effective_resistance": (
-                single, each("effective_resistance"), {"units": "ohm", "long_name": "resistance as terminated"}
+                single, each("effective_resistance"), {"units": "ohm", "long_name": "effective resistance"}
             ),
             "quality_factor": (single, each("quality_factor"), {"units": "1", "long_name": "quality factor"}),
             "open_frequency": (
-                single, each("frequency", alone), {"units": "Hz", "long_name": "resonance, others open"}
+                single, each("frequency", alone), {"units": "Hz", "long_name": "resonance frequency, others open"}
             ),
-            "frequency": (single, each("frequency"), {"units": "Hz", "long_name": "resonance as terminated"}),
+            "frequency": (single, each("frequency"), {"units": "Hz", "long_name": "resonance frequency"}),
             "current_real": (pair, currents.real, {"units": "A/A", "long_name": "in-phase current"}),
             "current_imag": (pair, currents.imag, {"units": "A/A", "long_name": "quadrature current"}),
             "contribution": (pair, contributions, {"units": "H", "long_name": "part in L_eff − L"}),

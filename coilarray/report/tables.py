@@ -196,8 +196,8 @@ def coil_table(design: Design, coupling: xr.Dataset) -> Table:
     by_sheets = coupling.sheet_inductance
     single = coupling.assign(layers=("coil", layers), sheet_inductance=("coil", np.diag(by_sheets), by_sheets.attrs))
     names = (
-        "coil", "layers", "x", "y", "resistance", "open_inductance", "sheet_inductance", "effective_inductance",
-        "inductance_change", "effective_resistance", "quality_factor", "open_frequency", "frequency",
+        "coil", "layers", "x", "y", "open_inductance", "effective_inductance", "frequency", "quality_factor",
+        "effective_resistance", "inductance_change", "open_frequency", "sheet_inductance", "resistance",
         "ideal_effective_inductance", "ideal_frequency",
     )  # fmt: skip
     return dataset_table("coils", "Coils", single, names, {"inductance_change": PERCENT})

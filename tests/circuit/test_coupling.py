@@ -32,10 +32,9 @@ def test_the_board_of_the_paper():
     assert float(result.ideal_frequency[0]) == pytest.approx(1.93e6, rel=0.02)
     assert float(result.frequency[0]) == pytest.approx(1.93e6 * np.sqrt(120 / 136.5), rel=0.02)
     # grounded neighbours take inductance from every coil; end coils have one near neighbour, the others two
-    ideal = couple_design(design, ideal=True)
-    assert (ideal.effective_inductance < ideal.open_inductance).all()
-    change = -ideal.inductance_change.values
-    assert change[[0, 5]].max() < change[1:5].min()
+    for one in (result, couple_design(design, ideal=True)):
+        change = -one.inductance_change.values
+        assert 0 < change[[0, 5]].max() < change[1:5].min()
     assert result.attrs["design_hash"] == design.digest
 
 
