@@ -8,6 +8,13 @@ from dataclasses import dataclass
 
 from coilarray.errors import GeometryError
 
+COPPER_THICKNESS = 35e-6
+"""Usual thickness in m of a copper layer, 1 oz."""
+EPSILON_R = 4.5
+"""Usual relative permittivity of FR-4."""
+BOARD_THICKNESS = 1.6e-3
+"""Usual thickness in m of a board."""
+
 
 @dataclass(frozen=True)
 class Stackup:
@@ -66,7 +73,12 @@ class Stackup:
 
     @classmethod
     def uniform(
-        cls, names: Sequence[str], *, thickness: float = 1.6e-3, copper: float = 35e-6, epsilon_r: float = 4.5
+        cls,
+        names: Sequence[str],
+        *,
+        thickness: float = BOARD_THICKNESS,
+        copper: float = COPPER_THICKNESS,
+        epsilon_r: float = EPSILON_R,
     ) -> Stackup:
         """Make a stack-up of equal layers.
 

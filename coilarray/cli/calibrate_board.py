@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from coilarray.cli.board_options import marked
-from coilarray.cli.maps import check_file
-from coilarray.cli.shared import AsJson, print_json, table_text
+from coilarray.cli.shared import AsJson, check_file, print_json, table_text
 from coilarray.errors import HardwareError
 
 if TYPE_CHECKING:

@@ -11,10 +11,18 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from coilarray.cli.board_options import EMULATOR, BoardOptions, board_command, marked, opened_board
-from coilarray.cli.maps import check_file
 from coilarray.cli.measure import RUN, print_result, recorded_session
 from coilarray.cli.scan_info import FORMATS, write_response
-from coilarray.cli.shared import AllowViolations, AsJson, DesignArgument, lengths, open_design, print_json, progress_bar
+from coilarray.cli.shared import (
+    AllowViolations,
+    AsJson,
+    DesignArgument,
+    check_file,
+    lengths,
+    open_design,
+    print_json,
+    progress_bar,
+)
 from coilarray.errors import HardwareError, OutputError
 
 if TYPE_CHECKING:

@@ -11,8 +11,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from coilarray.cli.board_options import marked
-from coilarray.cli.maps import PICTURES, check_file, is_map, is_recording, read_response
-from coilarray.cli.shared import AllowViolations, AsJson, open_design, print_json, progress_bar, table_text
+from coilarray.cli.maps import is_map, is_recording, read_response
+from coilarray.cli.shared import (
+    PICTURES,
+    AllowViolations,
+    AsJson,
+    check_file,
+    open_design,
+    print_json,
+    progress_bar,
+    table_text,
+)
 from coilarray.errors import LocalizeError
 
 if TYPE_CHECKING:

@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from coilarray.cli.maps import PICTURES, check_file
 from coilarray.cli.shared import (
+    PICTURES,
     AllowViolations,
     AsJson,
     DesignArgument,
+    check_file,
     open_design,
     print_json,
     print_table,

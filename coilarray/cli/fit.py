@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from coilarray.cli.maps import PICTURES, check_file, depth_in_metres, one_map
-from coilarray.cli.shared import AllowViolations, AsJson, print_json, print_table
+from coilarray.cli.maps import depth_in_metres, one_map
+from coilarray.cli.shared import PICTURES, AllowViolations, AsJson, check_file, print_json, print_table
 
 
 def fit(

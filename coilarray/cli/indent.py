@@ -7,8 +7,7 @@ from typing import Annotated, get_args
 
 import typer
 
-from coilarray.cli.maps import check_file
-from coilarray.cli.shared import AsJson, DesignArgument, lengths, print_json, print_table
+from coilarray.cli.shared import AsJson, DesignArgument, check_file, lengths, print_json, print_table
 from coilarray.errors import ElastomerError
 
 # what the dent depends on; the rest of [indentation] says where it is made

@@ -18,8 +18,8 @@ import typer
 
 from coilarray.cli.board_options import EMULATOR, MARK, BoardOptions, board_command, marked, opened_board
 from coilarray.cli.keys import pressed_keys
-from coilarray.cli.maps import check_file, kept_table
-from coilarray.cli.shared import AllowViolations, open_design, progress_bar
+from coilarray.cli.maps import kept_table
+from coilarray.cli.shared import AllowViolations, check_file, open_design, progress_bar
 from coilarray.errors import HardwareError
 
 if TYPE_CHECKING:

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from coilarray.cli.maps import check_file, depth_in_metres, is_map, kept_table, one_map, read_map
+from coilarray.cli.maps import depth_in_metres, is_map, kept_table, one_map, read_map
 from coilarray.cli.readings import Reading, line_readings, read_readings
-from coilarray.cli.shared import AllowViolations, AsJson, open_design, print_json, print_table
+from coilarray.cli.shared import AllowViolations, AsJson, check_file, open_design, print_json, print_table
 from coilarray.errors import LocalizeError
 
 if TYPE_CHECKING:

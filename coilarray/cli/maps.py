@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING
 import typer
 
 from coilarray.cli.board_options import marked
-from coilarray.cli.shared import PICTURES as PICTURES
-from coilarray.cli.shared import check_file as check_file
 from coilarray.cli.shared import open_design, progress_bar
 from coilarray.errors import LocalizeError
 

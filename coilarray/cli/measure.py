@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from coilarray.cli.board_options import BoardOptions, board_command, marked, opened_board
-from coilarray.cli.maps import check_file
 from coilarray.cli.scan_info import print_summary, reading_cells
 from coilarray.cli.shared import (
     AllowViolations,
     AsJson,
     DesignArgument,
+    check_file,
     open_design,
     print_json,
     progress_bar,

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from coilarray.cli.maps import check_file
 from coilarray.cli.shared import (
     AllowViolations,
     AsJson,
     DesignArgument,
+    check_file,
     lengths,
     open_design,
     print_json,

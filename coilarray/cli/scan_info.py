@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from coilarray.cli.board_options import marked
-from coilarray.cli.maps import check_file
-from coilarray.cli.shared import AsJson, print_json, table_text
+from coilarray.cli.shared import AsJson, check_file, print_json, table_text
 from coilarray.errors import HardwareError, OutputError
 
 if TYPE_CHECKING:

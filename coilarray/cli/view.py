@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Annotated, Any, cast, get_args
 
 import typer
 
-from coilarray.cli.maps import check_file, kept_table, read_map
+from coilarray.cli.maps import kept_table, read_map
 from coilarray.cli.readings import read_readings
-from coilarray.cli.shared import AllowViolations, DesignArgument, open_design, progress_bar
+from coilarray.cli.shared import AllowViolations, DesignArgument, check_file, open_design, progress_bar
 from coilarray.errors import GeometryError, LocalizeError, OutputError
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from typing import Literal
 from shapely.geometry.base import BaseGeometry
 
 from coilarray.geometry.copper import disc
-from coilarray.geometry.stackup import Stackup
+from coilarray.geometry.stackup import BOARD_THICKNESS, COPPER_THICKNESS, EPSILON_R, Stackup
 
 
 @dataclass(frozen=True)
@@ -179,10 +179,6 @@ class BoardCopper:
     edge: tuple[float, float, float, float] | None = None
     notes: tuple[str, ...] = ()
 
-
-COPPER_THICKNESS = 35e-6
-EPSILON_R = 4.5
-BOARD_THICKNESS = 1.6e-3
 
 Slab = tuple[float | None, float | None]
 """Thickness in m and relative permittivity of a dielectric, None where it is not said."""
