@@ -26,10 +26,7 @@ _DISTANCES = 5  # numbers for every position and coil, to find the farthest
 def checked_positions(positions: npt.ArrayLike, dents: Sequence[Dent]) -> FloatArray:
     """Positions in m, shape (n, 2), of dents that belong together.
 
-    Raises
-    ------
-    ElastomerError
-        Positions that are not finite, dents of different sheets, or in plane strain.
+    ElastomerError for positions that are not finite, dents of different sheets, or in plane strain.
     """
     points = np.asarray(positions, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 2 or not np.isfinite(points).all():
@@ -51,29 +48,10 @@ def dent_energies(
     *,
     progress: Progress | None = None,
 ) -> FloatArray:
-    """Change of the energy between the fields of all coils by dents.
+    """Change of the energy between the fields of all coils by dents in the same sheets.
 
-    Parameters
-    ----------
-    dents : sequence of Dent
-        All in the same sheets.
-    points : ndarray, shape (positions, 2)
-        Positions of the indenter's axis in m.
-    circle : tuple of ndarray, shape (coils, 2), and float
-        Centres of the coils and the radius that encloses each, in m.
-    spectra_at : callable
-        Function that returns the coils' spectra at wavenumbers in 1/m.
-    solve : callable
-        Solves one dent.
-    mesh : LayerMesh
-        Accuracy.
-    progress : callable, optional
-        Called with (done, total) as the work goes on.
-
-    Returns
-    -------
-    ndarray, shape (dents, positions, coils, coils)
-        ∫ Δμ ∇U_i·∇U_j dV with relative material constants, symmetric: times μ0 an inductance, times ε0 a capacitance.
+    The axis of the indenter is at `points` (positions, 2) in m. The result, shape (dents, positions, coils, coils), is
+    ∫ Δμ ∇U_i·∇U_j dV with relative material constants, symmetric: times μ0 an inductance, times ε0 a capacitance.
     """
     centres, radius = circle
     require_memory(

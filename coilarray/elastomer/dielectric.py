@@ -64,8 +64,7 @@ def dent_capacitance(
     Raises
     ------
     ElastomerError
-        Positions that are not finite, a permittivity below 1, a potential outside the winding's, dents of different
-        sheets or in plane strain, or a dent that comes too close to the board.
+        A permittivity below 1, a potential outside the winding's, and what `dent_inductance` refuses.
 
     Notes
     -----
@@ -79,17 +78,6 @@ def dent_capacitance(
     dent of 1 mm in the gast2020 design feigns at most about 1e-7 in symmetric drive, 1.5e-6 with the upper layer's
     outer end at the full voltage, 6e-7 with that end at ground. The sign may be either: a
     raised ring where the field is strong outweighs the pit.
-
-    Examples
-    --------
-    >>> from coilarray import load_design
-    >>> r = np.linspace(0, 20e-3, 41)
-    >>> shape = -1e-3 * np.exp(-((r / 4e-3) ** 2))
-    >>> dent = Dent((6e-3, 2e-3), (1.0, 2.7), r, np.column_stack((0 * r, 0.6 * shape, shape)))
-    >>> array = load_design("gast2020").array
-    >>> change = dent_capacitance(array, [dent], array.centres[2:3], 3.0)
-    >>> print(f"{change[0, 0, 2] * 1e15:.3f} fF")
-    -0.013 fF
     """
     points = checked_positions(positions, dents)
     if not (np.isfinite(permittivity) and permittivity >= 1):
@@ -110,28 +98,10 @@ def dent_capacitance(
 def surface_potential(placement: Placement, stackup: Stackup, zero_at: float = 0.5) -> Segments:
     """Electric potential in the plane of a coil's uppermost copper, per voltage between the terminals.
 
-    Parameters
-    ----------
-    placement : Placement
-        The coil.
-    stackup : Stackup
-        Stack-up of the board.
-    zero_at : float
-        Place where the winding is at zero potential, as in `dent_capacitance`.
+    The outlines that it returns are weighted with twice the potential inside: then S of
+    `coilarray.elastomer.coil_spectrum` is the Fourier transform of the potential. `zero_at` is the place where the
+    winding is at zero potential, as in `dent_capacitance`; ElastomerError where it is not between 0 and 1.
 
-    Returns
-    -------
-    Segments
-        Outlines, each weighted with twice the potential inside: then S of `coilarray.elastomer.coil_spectrum` is the
-        Fourier transform of the potential.
-
-    Raises
-    ------
-    ElastomerError
-        A part of the length that is not between 0 and 1.
-
-    Notes
-    -----
     The voltage falls linearly with the length of the path, over all layers in series; the first terminal has the
     higher potential. Every segment has the potential of its middle, over its length and the width of a pitch, since
     gaps as narrow as the traces take the potential between those of their sides. A hole inside the winding has the
@@ -158,31 +128,10 @@ def surface_potential(placement: Placement, stackup: Stackup, zero_at: float = 0
 
 
 def outlined(outlines: Sequence[FloatArray], potentials: Sequence[float], z: float = 0.0) -> Segments:
-    """Potential that is constant in areas of one plane and zero outside.
+    """Potential in V that is constant in areas of the plane at height `z` in m and zero outside.
 
-    Parameters
-    ----------
-    outlines : sequence of ndarray, each of shape (n, 2)
-        Corners of the areas in m, anticlockwise, the first one not repeated. Where areas overlap potentials add up.
-    potentials : sequence of float
-        Potential of each area in V.
-    z : float
-        Height of the plane in m.
-
-    Returns
-    -------
-    Segments
-        Edges of the areas, in the form that `surface_potential` returns.
-
-    Examples
-    --------
-    The Fourier transform of a square of 1 V at k = 0 is its area.
-
-    >>> square = np.array([[0.0, 0.0], [2e-3, 0.0], [2e-3, 2e-3], [0.0, 2e-3]])
-    >>> from coilarray.elastomer.coil_spectrum import harmonics_about
-    >>> spectra = segment_spectra([outlined([square], [1.0])], np.array([1e-3]))
-    >>> round(float(harmonics_about(spectra, np.zeros((1, 2)), 0)[0, 0, 0, 0].real) * 1e6, 6)
-    4.0
+    It has the form of `surface_potential`. Outlines, shape (n, 2) each, are the corners of the areas in m,
+    anticlockwise, the first one not repeated. Where areas overlap potentials add up.
     """
     start = np.concatenate(outlines)
     stop = np.concatenate([np.roll(outline, -1, axis=0) for outline in outlines])

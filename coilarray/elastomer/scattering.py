@@ -89,19 +89,10 @@ class Scattering:
     energies: tuple[FloatArray, ...]
 
     def change(self, incident: ComplexArray, factors: FloatArray) -> FloatArray:
-        """Change of the energy between the fields of all coils at every position.
+        """Change of the energy between all coils, (positions, coils, coils), symmetric; times μ0 an inductance.
 
-        Parameters
-        ----------
-        incident : ndarray, shape (k, positions, coils, harmonics)
-            Amplitude of every coil's potential per wavenumber.
-        factors : ndarray, shape (harmonics,)
-            The integral over the angle, 2π and 4π, or the two halves in plane strain.
-
-        Returns
-        -------
-        ndarray, shape (positions, coils, coils)
-            Symmetric; times μ0 an inductance.
+        `incident`, shape (k, positions, coils, harmonics), is the amplitude of every coil's potential per wavenumber;
+        `factors`, shape (harmonics,), is the integral over the angle, 2π and 4π, or the two halves in plane strain.
         """
         _, positions, coils, orders = incident.shape
         total = np.zeros((positions, coils, coils))
@@ -114,26 +105,11 @@ class Scattering:
 
 
 def wavenumber_rule(clearance: float, extent: float, mesh: LayerMesh) -> tuple[FloatArray, FloatArray]:
-    """Gauss–Legendre nodes and weights from 0 to decays/clearance that resolve fields of a lateral extent.
+    """Gauss–Legendre nodes and weights in 1/m from 0 to decays/clearance that resolve fields of a lateral extent.
 
-    Parameters
-    ----------
-    clearance : float
-        Least height in m above the coils of a moved face where the material changes.
-    extent : float
-        Largest distance between a point of a coil and a point of the dent in m.
-    mesh : LayerMesh
-        Accuracy, which decides the highest wavenumber.
-
-    Returns
-    -------
-    wavenumbers, weights : ndarray, shape (k,)
-        Wavenumbers in 1/m and the weights of their integral in 1/m.
-
-    Raises
-    ------
-    ElastomerError
-        Coils so large and so near that the rule would have more than 2000 nodes.
+    `clearance` is the least height in m above the coils of a moved face where the material changes, `extent` the
+    largest distance in m of a point of a coil from a point of the dent. ElastomerError for coils so large and so near
+    that the rule would have more than 2000 nodes.
     """
     highest = mesh.decays / clearance
     count = int(np.ceil(highest * extent / np.pi)) + 20  # two nodes a period of e^{ikx}, and some to converge
@@ -154,24 +130,10 @@ def scatter(
     deepest: float | None = None,
     base: Base = "open",
 ) -> Scattering:
-    """Solve the dented sheets for all incident fields.
+    """Solve the dented sheets for all incident fields of the wavenumbers and weights in 1/m of `wavenumber_rule`.
 
-    Parameters
-    ----------
-    dent : Dent
-        The sheets.
-    wavenumbers, weights : ndarray, shape (k,)
-        Wavenumbers and weights in 1/m, from `wavenumber_rule`.
-    mesh : LayerMesh
-        Accuracy.
-    deepest : float, optional
-        Largest displacement in m of a series of dents that shall share one mesh; that of this dent by default.
-    base : {"open", "grounded"}
-        Air below the sheets, or electrodes at z = 0 that hold the potential.
-
-    Returns
-    -------
-    Scattering
+    `deepest` is the largest displacement in m of a series of dents that shall share one mesh; that of this dent by
+    default. Below the sheets is air ("open"), or electrodes at z = 0 hold the potential ("grounded").
     """
     grid = _grid(dent, mesh, deepest, base)
     basis = Basis(grid, ElementQuad2(), intorder=6)

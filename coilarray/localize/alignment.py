@@ -49,8 +49,7 @@ class Alignment:
     at_limit : bool
         True where a shift stands at the end of the range that was searched: the true one is beyond.
     scatter : float
-        Scatter of the residuals in δ: the root of its sum of squares over the degrees of freedom; NaN where there are
-        none.
+        Root of the residuals' sum of squares over the degrees of freedom, in δ; NaN where there are none.
     """
 
     scale: float
@@ -63,19 +62,9 @@ class Alignment:
 
 
 def inside(model: ForwardModel, places: FloatArray, margin: tuple[float, float] = (0.0, 0.0)) -> BoolArray:
-    """Tell which places lie in a model's table, by a margin along x and y; rounding does not put a place outside.
+    """Tell which places (n, 3) lie in a model's table, by a margin along x and y in m; rounding puts no place outside.
 
-    Parameters
-    ----------
-    model : ForwardModel
-    places : ndarray, shape (n, 3)
-        x, y and depth in m; the depth counts where the model has more than one.
-    margin : tuple of float
-        Along x and y in m.
-
-    Returns
-    -------
-    ndarray of bool, shape (n,)
+    Places are x, y and depth in m; the depth counts where the model has more than one.
     """
     free = model.unknowns
     room = np.array([*margin, 0.0])[:free]
@@ -85,15 +74,7 @@ def inside(model: ForwardModel, places: FloatArray, margin: tuple[float, float] 
 
 
 def values_at(model: ForwardModel, places: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """δ of a model of one state, shape (n,), and its slopes along x and y in 1/m, shape (n, 2).
-
-    Parameters
-    ----------
-    model : ForwardModel
-        Model of one state.
-    places : ndarray, shape (n, 3)
-        Places for which `inside` holds.
-    """
+    """δ (n,) of a model of one state and its slopes (n, 2) along x and y in 1/m, at places (n, 3) that are `inside`."""
     delta, jacobian = model.linear(np.clip(places, model.lower, model.upper))
     return delta[:, 0], jacobian[:, 0, :2]
 
@@ -122,10 +103,6 @@ def align(
     noise : array_like, scalar or shape (n,), optional
         Standard deviation of every measured δ; from the scatter of what remains by default.
 
-    Returns
-    -------
-    Alignment
-
     Raises
     ------
     LocalizeError
@@ -135,21 +112,6 @@ def align(
     -----
     All places count the same. The standard deviations are those of that estimate under the given noise,
     (JᵀJ)⁻¹ Jᵀ diag(σ²) J (JᵀJ)⁻¹; what else the maps differ in is no part of them.
-
-    Examples
-    --------
-    >>> import xarray as xr
-    >>> from coilarray.localize.forward import forward_model
-    >>> axis = np.linspace(-10e-3, 10e-3, 21)
-    >>> bell = lambda x, y: 1e-3 * np.exp(-(x**2 + y**2) / 8e-3**2)
-    >>> delta = bell(axis, axis[:, None])[None, :, :, None]
-    >>> coords = {"depth": [1e-3], "y": axis, "x": axis, "state": ["coil1"]}
-    >>> model = forward_model(xr.Dataset({"delta": (("depth", "y", "x", "state"), delta)}, coords))
-    >>> x, y = np.meshgrid(axis[5:-5], axis[5:-5])
-    >>> places = np.column_stack((x.ravel(), y.ravel(), np.full(x.size, 1e-3)))
-    >>> found = align(model, places, 1.25 * bell(places[:, 0] - 0.5e-3, places[:, 1]), largest_shift=(2e-3, 2e-3))
-    >>> round(found.scale, 3), round(found.shift[0] * 1e3, 2)
-    (1.25, 0.5)
     """
     at, values = np.asarray(places, dtype=np.float64), np.asarray(measured, dtype=np.float64)
     sigma = None if noise is None else np.asarray(noise, dtype=np.float64)

@@ -40,15 +40,7 @@ _PEAKS = (1.0e-3, 1.5e-3)
 
 @dataclass(frozen=True)
 class Unknown:
-    """A physical quantity that the paper does not give.
-
-    Parameters
-    ----------
-    name, unit : str
-        Shown in results.
-    start, low, high : float
-        First guess and bounds.
-    """
+    """A physical quantity that the paper does not give: name and unit for results, first guess `start` and bounds."""
 
     name: str
     unit: str
@@ -69,17 +61,11 @@ UNKNOWNS = (
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """What `calibrate` found for one kind of base.
+    """What `calibrate` found for one kind of base: the design with the fitted sheets, its imperfections, the result.
 
-    Parameters
-    ----------
-    design : Design
-        Design with the fitted sheets.
-    imperfections : Imperfections
-        Imperfections with the fitted depth error and tilt.
-    result : xarray.Dataset
-        ``start``, ``value``, ``low`` and ``high`` (95 % confidence interval), ``at_bound`` (unknown), ``correlation``
-        (unknown, other), ``misfit_before`` and ``misfit_after``: rms of the residuals in units of their trust.
+    The result has ``start``, ``value``, ``low`` and ``high`` (95 % confidence interval), ``at_bound`` (unknown),
+    ``correlation`` (unknown, other), ``misfit_before`` and ``misfit_after``: rms of the residuals in units of their
+    trust.
     """
 
     design: Design
@@ -109,10 +95,6 @@ def calibrate(
         Support of the lowest sheet on the board; the design's by default.
     progress : callable, optional
         Called with (done, total); the total is a guess.
-
-    Returns
-    -------
-    Calibration
 
     Raises
     ------
@@ -163,22 +145,7 @@ def calibrate(
 
 
 def apply(design: Design, values: Mapping[str, float], base: str | None = None) -> tuple[Design, Imperfections]:
-    """Put values of unknowns into a design.
-
-    Parameters
-    ----------
-    design : Design
-        Design to change, as for `calibrate`.
-    values : mapping of str to float
-        Values by the names of `UNKNOWNS`, in SI units.
-    base : {"bonded", "frictionless"}, optional
-        The design's by default.
-
-    Returns
-    -------
-    design : Design
-    imperfections : Imperfections
-    """
+    """Put values of unknowns, by the names of `UNKNOWNS` in SI units, into a design as for `calibrate`."""
     sheets = list(design.sheets)
     magnetic = _magnetic(design)
     if "poissons_ratio" in values:

@@ -210,22 +210,7 @@ def _opened(design: Design, base: xr.Dataset, names: Sequence[str]) -> xr.Datase
 
 
 def ellipse_curves(response: xr.Dataset, states: Sequence[str], levels: FloatArray) -> EllipseCurves:
-    """Fit the ellipses of a map's first depth and read them at levels of δ.
-
-    Parameters
-    ----------
-    response : xarray.Dataset
-        Response map, from `coilarray.response.map.response_map`.
-    states : sequence of str
-        States of the scan.
-    levels : ndarray, shape (n,)
-        Levels of δ.
-
-    Returns
-    -------
-    EllipseCurves
-        Linear between the steps of the paper's sweep.
-    """
+    """Fit the ellipses of a map's first depth and read them at levels of δ, linear between the steps of the sweep."""
     fits = fit_ellipses(response, 0, states=states)
     curves = []
     for name in ("x0", "A", "B"):

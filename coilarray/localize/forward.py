@@ -52,10 +52,7 @@ class ForwardModel(ResponseSpline):
     def select(self, states: Sequence[str]) -> ForwardModel:
         """Return the model of some of the states, in the given order; for example without a broken coil.
 
-        Raises
-        ------
-        LocalizeError
-            A name that the model does not have, or one that is given twice.
+        LocalizeError for a name that the model does not have, or one that is given twice.
         """
         for name in states:
             if name not in self.states:
@@ -67,43 +64,14 @@ class ForwardModel(ResponseSpline):
         return replace(self, states=tuple(states), spline=NdBSpline(self.spline.t, coefficients, self.spline.k))
 
     def delta(self, points: npt.ArrayLike) -> FloatArray:
-        """Return the relative change of inductance of every state.
+        """Return δ of every state, shape (…, states), at points (…, 3): x, y and depth in m.
 
-        Parameters
-        ----------
-        points : array_like, shape (…, 3)
-            x, y and depth in m.
-
-        Returns
-        -------
-        ndarray, shape (…, states)
-            δ, without unit.
-
-        Raises
-        ------
-        LocalizeError
-            Another shape, or a point that is not in the table.
+        LocalizeError for another shape, or a point that is not in the table.
         """
         return self.values_at(self._checked(points))
 
     def jacobian(self, points: npt.ArrayLike) -> FloatArray:
-        """Differentiate δ of every state by x, y and depth.
-
-        Parameters
-        ----------
-        points : array_like, shape (…, 3)
-            x, y and depth in m.
-
-        Returns
-        -------
-        ndarray, shape (…, states, unknowns)
-            Slopes in 1/m; by x and y alone where the depth is known.
-
-        Raises
-        ------
-        LocalizeError
-            Another shape, or a point that is not in the table.
-        """
+        """Slopes of `delta` by x, y and, where it is unknown, depth in 1/m, shape (…, states, unknowns)."""
         return self.linear(self._checked(points))[1]
 
     def linear(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -128,10 +96,7 @@ class ForwardModel(ResponseSpline):
 def checked_noise(model: ForwardModel, noise: npt.ArrayLike) -> FloatArray:
     """Return the standard deviation of δ of every state, shape (states,).
 
-    Raises
-    ------
-    LocalizeError
-        Values that are not positive and finite, or neither one number nor one for each state.
+    LocalizeError for values that are not positive and finite, or neither one number nor one for each state.
     """
     values = np.asarray(noise, dtype=np.float64)
     if values.shape not in ((), (len(model.states),)):
@@ -232,13 +197,6 @@ def table_grid(
         A design without an indentation.
     LocalizeError
         A spacing or depth that is not positive.
-
-    Examples
-    --------
-    >>> from coilarray import load_design
-    >>> depths, x, y = table_grid(load_design("gast2020"))
-    >>> len(depths), len(x), len(y)
-    (6, 55, 16)
     """
     setup = indentation_of(design)
     step = sum(sheet.thickness for sheet in design.sheets) / _STEPS if spacing is None else spacing
@@ -260,36 +218,10 @@ def table_for(
     parts: Path | None = None,
     progress: Progress | None = None,
 ) -> xr.Dataset:
-    """Compute the response at the positions of `table_grid`, for `forward_model`.
+    """Compute the response at the positions of `table_grid`, for `forward_model`: 10 s for the six coils of gast2020.
 
-    Parameters
-    ----------
-    design : Design
-        Design with an indentation.
-    spacing : float, optional
-        Largest distance of positions in m; a fifth of the thickness of all sheets by default.
-    deepest : float, optional
-        Greatest depth in m; 1.7 times that of the design by default.
-    reach : float, "auto" or None
-        Selection of the coils that count at a position, see `coilarray.response.map.response_map`.
-    network : Network, optional
-        Coils, switches and strays; those of `response_map` by default.
-    parts : Path, optional
-        Folder where finished parts of the table are kept.
-    progress : callable, optional
-        Called with (done, total) as the work goes on.
-
-    Returns
-    -------
-    xarray.Dataset
-        The response over all coils; 10 s for the six of gast2020.
-
-    Raises
-    ------
-    LocalizeError
-        What `table_grid` refuses.
-    ElastomerError
-        What `response_map` refuses, for example positions at which the indenter leaves a small sample.
+    The network of coils, switches and strays is that of `response_map` by default. ElastomerError for what
+    `response_map` refuses, for example positions at which the indenter leaves a small sample.
     """
     depths, x, y = table_grid(design, spacing=spacing, deepest=deepest)
     return response_map(design, depths=depths, x=x, y=y, reach=reach, network=network, parts=parts, progress=progress)

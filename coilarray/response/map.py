@@ -224,16 +224,6 @@ def respond(
         A response without inductance changes.
     NetworkError
         A state without a resonance, or one that names a coil that is not there.
-
-    Examples
-    --------
-    >>> from coilarray import load_design
-    >>> from coilarray.design.scan_states import ScanState
-    >>> design = load_design("gast2020")
-    >>> response = response_map(design, x=[0.0], y=[0.0])
-    >>> alone = respond(design, response, plan=[ScanState("coil2", (("coil2", 1),), others="open")])
-    >>> alone.delta.shape
-    (1, 1, 1, 1)
     """
     if "inductance_change" not in response:
         raise ElastomerError("a response of near coils alone has no inductance changes; compute it with reach=None.")
@@ -261,28 +251,8 @@ def inductance_changes(
 ) -> FloatArray:
     """Compute the inductance changes of coils or other paths at every depth and position of a map.
 
-    Parameters
-    ----------
-    design : Design
-        Design with an indentation.
-    axes : MapAxes
-        Depths and positions, from `coilarray.response.setup.map_axes`.
-    paths : sequence of Conductor, optional
-        Paths on the board; the design's coils by default.
-    imperfections : Imperfections, optional
-        Deviations of the experiment from the design; none by default.
-    progress : callable, optional
-        Called with (done, total) as the work goes on.
-
-    Returns
-    -------
-    ndarray, shape (depth, y, x, paths, paths)
-        Inductance in H, dented minus flat.
-
-    Raises
-    ------
-    ElastomerError
-        A design, axes or a contact that `response_map` refuses.
+    In H, dented minus flat, shape (depth, y, x, paths, paths); the paths are the design's coils by default.
+    ElastomerError for a design, axes or a contact that `response_map` refuses.
     """
     source = design.array.conductors() if paths is None else paths
     pressed = experiment(design, axes, imperfections)

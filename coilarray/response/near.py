@@ -42,14 +42,10 @@ _DIPOLE = 3  # power of the distance with which a coil's field falls
 
 @dataclass(frozen=True)
 class Cutoff:
-    """Distances from the indenter's axis beyond which something is left out.
+    """Distances in m from the indenter's axis beyond which something is left out.
 
-    Parameters
-    ----------
-    states : float
-        Distance of the measured coil's centre in m; states beyond have no response.
-    coils : float
-        Distance of any coil's centre in m; the currents in coils beyond are left out.
+    States whose measured coil's centre lies beyond `states` have no response; the currents in coils whose centre lies
+    beyond `coils` are left out.
     """
 
     states: float
