@@ -14,7 +14,7 @@ from coilarray.geometry.connectivity import (
 from coilarray.geometry.copper import CopperFeature, Drill, board_outline, copper_by_layer, copper_features, drills
 from coilarray.geometry.indenter import Cone, CylinderEdge, FlatPunch, Hemisphere, Indenter, Paraboloid
 from coilarray.geometry.rules import FabRules, Margin, check_rules, require_kept, require_rules
-from coilarray.geometry.sheet import Sheet
+from coilarray.geometry.sheet import Seat, Sheet
 from coilarray.geometry.solids import solids
 from coilarray.geometry.spiral import Spiral, apothem_from_size
 from coilarray.geometry.stackup import Stackup
@@ -40,6 +40,7 @@ __all__ = [
     "Paraboloid",
     "Placement",
     "PlatedHole",
+    "Seat",
     "Sheet",
     "Spiral",
     "Stackup",

@@ -1,4 +1,4 @@
-"""Flat sheets that lie on the board: the elastomer layers."""
+"""Flat sheets that lie on the board, the elastomer layers, and the seat that they may lie on."""
 
 from __future__ import annotations
 
@@ -52,3 +52,37 @@ class Sheet:
             )
         if not 0 <= self.poissons_ratio <= 0.5:
             raise GeometryError(f"Poisson's ratio of sheet {self.name!r} must be 0 to 0.5; got {self.poissons_ratio}.")
+
+
+@dataclass(frozen=True)
+class Seat:
+    """A soft support under the lowest sheet that answers every point's displacement by itself (a Winkler bed).
+
+    What lies between a sheet and its board where it is not cast on it: a film, trapped air, the roughness of both.
+
+    Parameters
+    ----------
+    stiffness : float
+        Pressure per displacement normal to the board in Pa/m, positive and finite; 4.3 kPa/mm are 4.3e6 Pa/m.
+    shear : float
+        Shear stress per displacement along the board in Pa/m; 0 lets the sheet slide.
+
+    Raises
+    ------
+    GeometryError
+        A value that is not allowed.
+
+    Examples
+    --------
+    >>> Seat(stiffness=4.3e6).shear
+    0.0
+    """
+
+    stiffness: float
+    shear: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.stiffness) and self.stiffness > 0):
+            raise GeometryError(f"stiffness of a seat must be positive and finite; got {self.stiffness} Pa/m.")
+        if not (math.isfinite(self.shear) and self.shear >= 0):
+            raise GeometryError(f"shear stiffness of a seat must be finite and at least 0; got {self.shear} Pa/m.")

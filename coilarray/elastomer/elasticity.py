@@ -20,31 +20,18 @@ import numpy as np
 import numpy.typing as npt
 from scipy import sparse
 from scipy.sparse.linalg import splu
-from skfem import Basis, BilinearForm, ElementQuad2, ElementVector, MeshQuad
 
+from coilarray.elastomer.contact_grid import ContactGrid, hoop_strain, weight
 from coilarray.geometry.indenter import Symmetry
 
 FloatArray = npt.NDArray[np.float64]
 IndexArray = npt.NDArray[np.intp]
 
-_QUADRATURE = 5  # exact for products of two biquadratic functions and r
-
-
-def weight(symmetry: Symmetry, r: FloatArray) -> FloatArray:
-    """Measure of the half plane over dr dz: r about an axis, 1 in plane strain."""
-    return r if symmetry == "axial" else np.ones_like(r)
-
-
-def hoop_strain(symmetry: Symmetry, u: Any, r: FloatArray) -> FloatArray:
-    """u_r/r about an axis, 0 in plane strain."""
-    return np.asarray(u[0] / r if symmetry == "axial" else np.zeros_like(r))
-
 
 @dataclass(frozen=True, eq=False)
 class ElasticBody:
-    """A body whose elastic system is assembled and factorised; `basis` is that of the displacement, n functions."""
+    """A body whose elastic system is assembled and factorised."""
 
-    basis: Any
     _free: IndexArray
     _solve: Callable[[FloatArray], FloatArray]
     _unknowns: int
@@ -59,26 +46,22 @@ class ElasticBody:
 
 
 def elastic_body(
-    mesh: MeshQuad,
-    symmetry: Symmetry,
-    shear: FloatArray,
-    squash: FloatArray,
-    held: Callable[[Any], IndexArray],
-    *,
-    wide: bool,
+    basis: Any, symmetry: Symmetry, shear: FloatArray, squash: FloatArray, springs: Any, held: IndexArray
 ) -> ElasticBody:
-    """Assemble and factorise the mixed system on rectangles in (r, z), with a boundary named "outer".
+    """Assemble and factorise the mixed system on the rectangles of the displacement's basis (n functions).
 
-    `shear` and `squash`, shape (elements,), are μ and 1/K; `held` returns, for the basis, the displacement's degrees of
-    freedom that are zero. A `wide` body goes on beyond its outer edge; otherwise nothing pulls at that edge.
+    `shear` and `squash`, shape (elements,), are μ and 1/K; `springs` (n, n) is a stiffness to add, and `held` are the
+    displacement's degrees of freedom that are zero.
     """
-    basis = Basis(mesh, ElementVector(ElementQuad2()), intorder=_QUADRATURE)
     stiffness, divergence, bulk = _blocks(basis, symmetry, shear, squash)
-    if wide:
-        stiffness = stiffness + _far_field(basis, symmetry, shear)
-    system = sparse.block_array([[stiffness, divergence.T], [divergence, bulk]]).tocsc()
-    free = np.setdiff1d(np.arange(system.shape[0]), held(basis))
-    return ElasticBody(basis, free, splu(system[free][:, free]).solve, system.shape[0])
+    system = sparse.block_array([[stiffness + springs, divergence.T], [divergence, bulk]]).tocsc()
+    free = np.setdiff1d(np.arange(system.shape[0]), held)
+    return ElasticBody(free, splu(system[free][:, free]).solve, system.shape[0])
+
+
+def elastic_grid(grid: ContactGrid) -> ElasticBody:
+    """Assemble and factorise the stack of a contact."""
+    return elastic_body(grid.basis, grid.symmetry, grid.shear, grid.squash, grid.springs, grid.held)
 
 
 def _blocks(basis: Any, symmetry: Symmetry, shear: FloatArray, squash: FloatArray) -> tuple[Any, Any, Any]:
@@ -119,13 +102,3 @@ def _scattered(values: FloatArray, rows: IndexArray, columns: IndexArray) -> Any
     shape = values.shape
     where = np.broadcast_to(rows[:, None], shape).ravel(), np.broadcast_to(columns[None], shape).ravel()
     return sparse.coo_array((values.ravel(), where), shape=(rows.max() + 1, columns.max() + 1)).tocsr()
-
-
-def _far_field(basis: Any, symmetry: Symmetry, shear: FloatArray) -> Any:
-    """Outer edge of a wide body: ∫2μ u_r/r v_r w, the traction under which u_r = B/r (plane: constant) goes on."""
-    edge = basis.boundary("outer")
-
-    def form(u: Any, v: Any, w: Any) -> Any:
-        return 2 * w.shear * hoop_strain(symmetry, u, w.x[0]) * v[0] * weight(symmetry, w.x[0])
-
-    return BilinearForm(form).assemble(edge, shear=np.tile(shear[edge.tind][:, None], edge.X.shape[-1]))

@@ -1,0 +1,185 @@
+"""The mesh of a contact: a stack of sheets in units of its own, what holds it, and the hats that press on its top.
+
+The pressure is a sum of hat functions ψ_j on the vertices of the top. Not point forces on the nodes of the biquadratic
+elements: under a uniform pressure the node on the axis carries none, so their sign would say nothing about contact.
+Lengths are in thicknesses of the stack and stresses in the largest Young's modulus, which keeps the numbers near 1.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+from scipy import sparse
+from skfem import Basis, BilinearForm, ElementQuad1, ElementQuad2, ElementVector, LinearForm
+
+from coilarray.elastomer.contact_mesh import ContactMesh, ContactZone, contact_mesh, radial_points, vertical_points
+from coilarray.errors import ElastomerError
+from coilarray.geometry import Seat, Sheet
+from coilarray.geometry.indenter import Symmetry
+
+FloatArray = npt.NDArray[np.float64]
+IndexArray = npt.NDArray[np.intp]
+
+Base = Literal["bonded", "frictionless"]
+"""How the lowest sheet lies on a rigid board: glued, or free to slide but not to lift off."""
+
+_QUADRATURE = 5  # exact for products of two biquadratic functions and r
+
+
+def weight(symmetry: Symmetry, r: FloatArray) -> FloatArray:
+    """Measure of the half plane over dr dz: r about an axis, 1 in plane strain."""
+    return r if symmetry == "axial" else np.ones_like(r)
+
+
+def hoop_strain(symmetry: Symmetry, u: Any, r: FloatArray) -> FloatArray:
+    """u_r/r about an axis, 0 in plane strain."""
+    return np.asarray(u[0] / r if symmetry == "axial" else np.zeros_like(r))
+
+
+@dataclass(frozen=True, eq=False)
+class Stack:
+    """Sheets on a board in units of their own: lengths in thicknesses of the stack, stresses in the largest modulus.
+
+    `length` in m and `stress` in Pa are these units. For every sheet, from the board up: `thicknesses`, `shear`, the
+    shear modulus μ = E/(2(1 + ν)), and `squash`, the compressibility 1/K = 3(1 − 2ν)/E, each of shape (sheets,).
+    """
+
+    length: float
+    stress: float
+    thicknesses: FloatArray
+    shear: FloatArray
+    squash: FloatArray
+
+    @property
+    def levels(self) -> FloatArray:
+        """Heights of the board and of the upper face of every sheet, shape (sheets + 1,); that of the top is 0."""
+        return -np.append(np.cumsum(self.thicknesses[::-1])[::-1], 0.0)
+
+
+def stack_of(sheets: Sequence[Sheet]) -> Stack:
+    """Return the stack of some sheets; ElastomerError for none, or for one whose Young's modulus is not known."""
+    if not sheets:
+        raise ElastomerError("an indentation needs at least 1 sheet; got 0.")
+    unknown = [sheet.name for sheet in sheets if sheet.youngs_modulus is None]
+    if unknown:
+        raise ElastomerError(f"Young's modulus of every sheet must be given; sheet {unknown[0]!r} has none.")
+    thickness = np.array([sheet.thickness for sheet in sheets])
+    modulus = np.array([sheet.youngs_modulus for sheet in sheets], dtype=float)
+    ratio = np.array([sheet.poissons_ratio for sheet in sheets])
+    length, stress = math.fsum(thickness), float(modulus.max())
+    modulus = modulus / stress
+    return Stack(length, stress, thickness / length, modulus / (2 * (1 + ratio)), 3 * (1 - 2 * ratio) / modulus)
+
+
+@dataclass(frozen=True, eq=False)
+class ContactGrid:
+    """A meshed stack in its own units.
+
+    `basis` is that of the displacement (biquadratic, n functions) and `held` its degrees of freedom that are zero;
+    `shear` and `squash`, shape (elements,), are μ and 1/K. `springs` (n, n) is the stiffness of what the stack rests
+    on and of what lies beyond its outer edge. `top` and `hats` are the bases of the displacement and of the pressure
+    where contact is looked for; `used` are the hats' degrees of freedom from the axis outwards, `radii` their radii
+    and `mass` = ∫ψ_j w dr, both of shape (m,). `lines` has the degrees of freedom u_r and u_z on the board and on the
+    upper face of every sheet, at the radii `r`.
+    """
+
+    symmetry: Symmetry
+    basis: Any
+    held: IndexArray
+    shear: FloatArray
+    squash: FloatArray
+    springs: Any
+    top: Any
+    hats: Any
+    used: IndexArray
+    radii: FloatArray
+    mass: FloatArray
+    r: FloatArray
+    lines: tuple[tuple[IndexArray, IndexArray], ...]
+
+    def moved(self, u: FloatArray) -> FloatArray:
+        """u_r and u_z of every interface, shape (2, interfaces, r, …), of coefficients `u` (n, …)."""
+        return np.array([[u[line[k]] for line in self.lines] for k in range(2)])
+
+
+def contact_grid(
+    stack: Stack, symmetry: Symmetry, zone: ContactZone, base: Base | Seat, radius: float | None, mesh: ContactMesh
+) -> ContactGrid:
+    """Mesh a stack for contacts in a zone.
+
+    The expected `zone` of contact and the `radius` of the sample (half its width in plane strain; None for a wide one)
+    are in thicknesses of the stack.
+    """
+    end = zone.search + mesh.extent if radius is None else radius
+    levels = stack.levels
+    r, z = radial_points(zone, 1.0, end, mesh), vertical_points(zone, levels, mesh)
+    grid = contact_mesh(r, z)
+    sheet = np.searchsorted(levels[1:-1], grid.p[1, grid.t].mean(axis=0))
+    basis = Basis(grid, ElementVector(ElementQuad2()), intorder=_QUADRATURE)
+    shear = stack.shear[sheet]
+
+    springs = sparse.csr_array((basis.N, basis.N))
+    if radius is None:
+        springs = springs + _far_field(basis, symmetry, shear)
+    axis = basis.get_dofs("axis").all("u^1")
+    if isinstance(base, Seat):
+        springs = springs + _seat(basis, symmetry, base, stack.length / stack.stress)
+        held = axis
+    else:
+        held = np.union1d(axis, basis.get_dofs("bottom").all(["u^2"] if base == "frictionless" else ["u^1", "u^2"]))
+
+    middle = grid.p[:, grid.facets].mean(axis=1)
+    top = basis.boundary(np.flatnonzero((middle[1] == z[-1]) & (middle[0] < zone.search)))
+    hats = top.with_element(ElementQuad1())
+    used = hats.get_dofs(top.find).flatten()
+    used = used[np.argsort(hats.doflocs[0, used])]
+    mass = LinearForm(lambda psi, w: psi * weight(symmetry, w.x[0])).assemble(hats)[used]
+    lines = tuple(_line(basis, np.flatnonzero(middle[1] == level)) for level in levels)
+    return ContactGrid(
+        symmetry=symmetry,
+        basis=basis,
+        held=held,
+        shear=shear,
+        squash=stack.squash[sheet],
+        springs=springs,
+        top=top,
+        hats=hats,
+        used=used,
+        radii=hats.doflocs[0, used],
+        mass=mass,
+        r=basis.doflocs[0, lines[-1][0]],
+        lines=lines,
+    )
+
+
+def _line(basis: Any, facets: IndexArray) -> tuple[IndexArray, IndexArray]:
+    """Degrees of freedom u_r and u_z on some facets, from the axis outwards."""
+    on = basis.get_dofs(facets)
+    r, z = (np.asarray(on.all(name)) for name in ("u^1", "u^2"))
+    return r[np.argsort(basis.doflocs[0, r])], z[np.argsort(basis.doflocs[0, z])]
+
+
+def _seat(basis: Any, symmetry: Symmetry, seat: Seat, unit: float) -> Any:
+    """Seat under the lowest sheet: ∫(k u_z v_z + s u_r v_r) w, with `unit` = length/stress of the stack."""
+    bottom = basis.boundary("bottom")
+    normal, shear = seat.stiffness * unit, seat.shear * unit
+
+    def form(u: Any, v: Any, w: Any) -> Any:
+        return (normal * u[1] * v[1] + shear * u[0] * v[0]) * weight(symmetry, w.x[0])
+
+    return BilinearForm(form).assemble(bottom)
+
+
+def _far_field(basis: Any, symmetry: Symmetry, shear: FloatArray) -> Any:
+    """Outer edge of a wide body: ∫2μ u_r/r v_r w, the traction under which u_r = B/r (plane: constant) goes on."""
+    edge = basis.boundary("outer")
+
+    def form(u: Any, v: Any, w: Any) -> Any:
+        return 2 * w.shear * hoop_strain(symmetry, u, w.x[0]) * v[0] * weight(symmetry, w.x[0])
+
+    return BilinearForm(form).assemble(edge, shear=np.tile(shear[edge.tind][:, None], edge.X.shape[-1]))

@@ -1,0 +1,279 @@
+"""A soft layered body under large deformations, pressed by a rigid body: nearly incompressible neo-Hookean sheets.
+
+With F the deformation gradient, J = det F and p a pressure that jumps from element to element, the stationary point of
+
+    Π = ∫ (μ/2 (J^(−2/3) F:F − 3) + p (J − 1) − p²/2K) w + ½ uᵀ springs u − Σ_j f_j G_j
+
+under G_j ≥ 0, f_j ≥ 0, f_j G_j = 0, where the mean gap over hat j at the place to which its points have moved is
+
+    G_j = ∫ψ_j (outline(r + u_r) − depth − u_z) w dr / ∫ψ_j w dr.
+
+The derivative of G_j by u is normal to the indenter: the contact has no friction. For small u this is
+`coilarray.elastomer.elasticity` under `coilarray.elastomer.contact`. Newton's method, whose contact set is where
+c f_j > G_j (a semi-smooth Newton method), goes from depth to depth.
+
+T. J. R. Hughes, W. K. Liu and others; see P. Wriggers, Nonlinear Finite Element Methods, Springer 2008, sections 3.3.1
+(material) and 10.4 (mixed elements); M. Hintermüller, K. Ito, K. Kunisch, SIAM J. Optim. 13 (2002) 865 (contact set).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import LinAlgError, solve_banded
+from skfem import BilinearForm, LinearForm
+
+from coilarray.elastomer.contact_grid import ContactGrid, hoop_strain, weight
+from coilarray.errors import ElastomerError
+from coilarray.geometry import Cone, CylinderEdge, FlatPunch, Hemisphere, Indenter
+
+FloatArray = npt.NDArray[np.float64]
+IndexArray = npt.NDArray[np.intp]
+
+EDGE = 0.02
+"""Sharp edges are rounded with this part of the indenter's radius; a sharp one would cut the sheet."""
+
+_STEEPEST = math.radians(80)  # beyond this slope the side of an indenter goes on straight
+_MOST_STEPS = 16  # of Newton's method at one depth
+_CONVERGED = 1e-7  # of the depth: the last step, whose square is what is left
+_LEAST_STEP = 1 / 64  # of the way from one depth to the next
+_SOFT = 1e-5  # 1/K that the tangent has at least: what it leaves of a volume error in one step
+_PRESSURES = 3  # 1, ξ and η in every element
+
+
+@dataclass(frozen=True)
+class Outline:
+    """An indenter's height above its tip, its slope and its curvature at any radius, in a unit of length."""
+
+    indenter: Indenter
+    unit: float
+
+    def __call__(self, r: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Height, slope and second derivative at radii `r`; smooth beyond the end of the indenter."""
+        body, slope, curvature = self.indenter, 0.0, 0.0
+        start, radius = math.inf, 1.0
+        if isinstance(body, Hemisphere | CylinderEdge):
+            start, radius = 0.0, body.radius / self.unit
+        elif isinstance(body, FlatPunch | Cone):
+            slope = 1 / math.tan(body.half_angle) if isinstance(body, Cone) else 0.0
+            if math.isfinite(body.radius):
+                radius = EDGE * body.radius / self.unit
+                start = body.radius / self.unit - radius
+        else:
+            curvature = self.unit / body.radius
+        # an arc from `start` on, up to the steepest slope, then straight
+        along = np.maximum(r - start, 0.0) if math.isfinite(start) else np.zeros_like(r)
+        arc = np.minimum(along, radius * math.sin(_STEEPEST))
+        cosine = np.sqrt(1 - (arc / radius) ** 2)
+        straight = along - arc
+        height = slope * r + curvature * r**2 / 2 + radius * (1 - cosine) + straight * math.tan(_STEEPEST)
+        bend = np.where((straight > 0) | (r < start), 0.0, 1 / (radius * cosine**3))
+        return height, slope + curvature * r + arc / (radius * cosine), curvature + bend
+
+
+@dataclass(frozen=True, eq=False)
+class Pressed:
+    """State of the body at a depth: displacement `u` (n,), pressures `p` (3, elements), forces on the hats `f` (m,)."""
+
+    depth: float
+    u: FloatArray
+    p: FloatArray
+    f: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class _Strained:
+    """Deformation at the quadrature points (elements, points): F as its 5 entries, J, ∂ln J/∂F, μ J^(−2/3), p."""
+
+    F: FloatArray
+    D: FloatArray
+    J: FloatArray
+    g: FloatArray
+    a: FloatArray
+    p: FloatArray
+
+
+class SoftBody:
+    """A meshed stack for large deformations under one indenter."""
+
+    def __init__(self, grid: ContactGrid, outline: Outline) -> None:
+        self.grid, self.outline = grid, outline
+        basis, r = grid.basis, grid.basis.global_coordinates()[0]
+        self._count, self._dofs = basis.N, basis.element_dofs
+        self._measure = basis.dx * weight(grid.symmetry, r)
+        # entries rr, rz, zr, zz and the hoop of F for each basis function: (5, functions, elements, points)
+        self._strain = np.stack(
+            [
+                [u.grad[0, 0], u.grad[0, 1], u.grad[1, 0], u.grad[1, 1], hoop_strain(grid.symmetry, u, r)]
+                for (u,) in basis.basis
+            ],
+            axis=1,
+        )
+        rows = np.ascontiguousarray(self._strain.transpose(2, 3, 0, 1))  # (elements, points, 5, functions)
+        self._rows, self._columns = rows, rows.reshape(len(rows), -1, rows.shape[-1]).transpose(0, 2, 1)
+        self._local = np.stack([np.ones(basis.dx.shape[1]), *(basis.X - 0.5)])
+        self._squash = grid.squash[:, None]
+        local = self._local[:, None, None, :] * self._local[None, :, None, :] * self._measure
+        self._pressures = local.sum(axis=-1).transpose(2, 0, 1)  # ∫ p q w of each element
+        at = grid.top.global_coordinates()[0]
+        self._top = weight(grid.symmetry, at)
+        width = np.gradient(grid.radii)
+        self._give = width / (grid.mass * grid.shear.max())  # about how far a unit of force pushes a hat
+
+    @cached_property
+    def _order(self) -> IndexArray:
+        """Free degrees of freedom of the displacement, by r and then z: neighbours are near each other."""
+        free = np.setdiff1d(np.arange(self._count), self.grid.held)
+        r, z = self.grid.basis.doflocs.round(12)
+        return free[np.lexsort((free, z[free], r[free]))]
+
+    @cached_property
+    def _band(self) -> tuple[int, IndexArray, npt.NDArray[np.bool_]]:
+        """Band width of the ordered stiffness, place of each element's entry in the band, and which of them are free."""
+        place = np.full(self._count, -1)
+        place[self._order] = np.arange(len(self._order))
+        at = place[self._dofs]
+        row, column = np.broadcast_arrays(at[:, None], at[None])
+        free = (row >= 0) & (column >= 0)
+        wide = int((row - column)[free].max())
+        return wide, (wide + row - column)[free] * len(self._order) + column[free], free
+
+    def at_rest(self) -> Pressed:
+        """Return the state before contact."""
+        elements = self._dofs.shape[1]
+        return Pressed(0.0, np.zeros(self._count), np.zeros((_PRESSURES, elements)), np.zeros(len(self.grid.used)))
+
+    def press(self, depths: FloatArray) -> Iterator[Pressed]:
+        """Yield the state at each of some rising depths in thicknesses, from one to the next.
+
+        ElastomerError where no step is small enough for Newton's method: the strains are too large for the mesh.
+        """
+        state = self.at_rest()
+        for depth in depths:
+            whole = step = depth - state.depth
+            while state.depth < depth:
+                target = min(depth, state.depth + step) if step < depth - state.depth else depth
+                found = self._solved(state, target)
+                if found is not None:
+                    state, step = found, 2 * step
+                elif step < _LEAST_STEP * whole:
+                    raise ElastomerError(
+                        f"the contact converges up to a depth of {state.depth:.3g} thicknesses of the sheets; "
+                        f"it must be less than {depth:.3g}, or the mesh finer."
+                    )
+                else:
+                    step /= 2
+            yield state
+
+    def _solved(self, state: Pressed, depth: float) -> Pressed | None:
+        """State at a depth by Newton's method; None where it does not converge from the given state."""
+        strained = self._strained(state.u, state.p)
+        touching: IndexArray | None = None
+        for _ in range(_MOST_STEPS):
+            if strained is None:
+                return None
+            gap, slopes, bend = self._gaps(state, depth)
+            new = np.flatnonzero(self._give * state.f > gap)
+            try:
+                following = self._newton(state, strained, gap, slopes, bend, new)
+            except (LinAlgError, ValueError):
+                return None
+            moved = float(np.abs(following.u - state.u).max())
+            if not math.isfinite(moved):
+                return None
+            settled = touching is not None and np.array_equal(new, touching) and moved <= _CONVERGED * depth
+            state, touching = following, new
+            if settled and (state.f >= 0).all():
+                return replace(state, depth=depth)
+            strained = self._strained(state.u, state.p)
+        return None
+
+    def _strained(self, u: FloatArray, p: FloatArray) -> _Strained | None:
+        """Deformation under a displacement; None where an element is turned inside out."""
+        F = np.einsum("cieq,ie->ceq", self._strain, u[self._dofs], optimize=True)
+        F[[0, 3, 4]] += 1
+        D = F[0] * F[3] - F[1] * F[2]
+        if (D <= 0).any() or (F[4] <= 0).any():
+            return None
+        J = D * F[4]
+        g = np.stack([F[3] / D, -F[2] / D, -F[1] / D, F[0] / D, 1 / F[4]])
+        return _Strained(F, D, J, g, self.grid.shear[:, None] * J ** (-2 / 3), p.T @ self._local)
+
+    def _residual(self, s: _Strained, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """∂Π/∂u without contact (n,) and ∂Π/∂p (3, elements)."""
+        stress = s.a * (s.F - (s.F**2).sum(axis=0) / 3 * s.g) + s.p * s.J * s.g
+        nodal = np.einsum("cieq,ceq->ie", self._strain, stress * self._measure, optimize=True)
+        force = np.bincount(self._dofs.ravel(), nodal.ravel(), self._count) + self.grid.springs @ u
+        volume = self._local @ ((s.J - 1 - self._squash * s.p) * self._measure).T
+        return force, volume
+
+    def _tangent(self, s: _Strained) -> tuple[FloatArray, FloatArray]:
+        """∂²Π/∂u² (elements, functions, functions) and ∂²Π/∂u∂p (elements, functions, 3), without contact."""
+        g, square = s.g, (s.F**2).sum(axis=0)
+        second = np.zeros((5, 5, *s.J.shape))  # ∂² ln J/∂F²
+        second[:4, :4] = -g[:4, None] * g[None, :4]
+        for i, j, sign in ((0, 3, 1), (3, 0, 1), (1, 2, -1), (2, 1, -1)):
+            second[i, j] += sign / s.D
+        second[4, 4] = -(g[4] ** 2)
+        outer, mixed = g[:, None] * g[None], s.F[:, None] * g[None]
+        H = s.a * (-2 / 3 * (mixed + mixed.swapaxes(0, 1)) + square * (2 / 9 * outer - second / 3))
+        H += s.p * s.J * (outer + second)
+        H[range(5), range(5)] += s.a
+        H *= self._measure
+        acted = np.matmul(H.transpose(2, 3, 0, 1), self._rows)
+        stiffness = np.matmul(self._columns, acted.reshape(len(acted), -1, acted.shape[-1]))
+        swelling = (s.J * g * self._measure).transpose(1, 2, 0)[:, :, None, :] @ self._rows
+        return stiffness, np.matmul(swelling[:, :, 0].transpose(0, 2, 1), self._local.T)
+
+    def _gaps(self, state: Pressed, depth: float) -> tuple[FloatArray, Any, Any]:
+        """Mean gaps G (m,), their ∂G/∂u (n, m) times mass, and −Σ f ∂²G/∂u² (n, n)."""
+        grid = self.grid
+        u_r, u_z = np.asarray(grid.top.interpolate(state.u))
+        height, slope, bend = self.outline(grid.top.global_coordinates()[0] + u_r)
+        weighing = LinearForm(lambda psi, w: psi * w.gap * w.weight)
+        leaning = BilinearForm(lambda psi, v, w: (w.slope * v[0] - v[1]) * psi * w.weight)
+        bending = BilinearForm(lambda u, v, w: -w.bend * u[0] * v[0] * w.weight)
+        gap = weighing.assemble(grid.hats, gap=height - depth - u_z, weight=self._top)[grid.used] / grid.mass
+        slopes = leaning.assemble(grid.hats, grid.top, slope=slope, weight=self._top).tocsc()[:, grid.used]
+        nodal = np.zeros(grid.hats.N)
+        nodal[grid.used] = state.f / grid.mass
+        pressure = np.asarray(grid.hats.interpolate(nodal))
+        return gap, slopes, bending.assemble(grid.top, bend=pressure * bend, weight=self._top)
+
+    def _newton(
+        self, state: Pressed, s: _Strained, gap: FloatArray, slopes: Any, bend: Any, touching: IndexArray
+    ) -> Pressed:
+        """One step of Newton's method with the gaps of the touching hats closed; pressures are solved for element-wise.
+
+        In the tangent 1/K is at least `_SOFT`, in the residual it is what it is: the solution is the same.
+        """
+        force, volume = self._residual(s, state.u)
+        stiffness, coupling = self._tangent(s)
+        inverse = np.linalg.inv(np.maximum(self._squash, _SOFT)[..., None] * self._pressures)
+        condensed = np.matmul(coupling, inverse)
+        stiffness += np.matmul(condensed, coupling.transpose(0, 2, 1))
+        pushed = np.matmul(condensed, volume.T[..., None])[..., 0].T
+        right = -force - np.bincount(self._dofs.ravel(), pushed.ravel(), self._count)
+
+        wide, places, free = self._band
+        n = len(self._order)
+        band = np.bincount(places, stiffness.transpose(1, 2, 0)[free], (2 * wide + 1) * n).reshape(2 * wide + 1, n)
+        rest = (self.grid.springs + bend).tocsr()[self._order][:, self._order].tocoo()
+        np.add.at(band, (wide + rest.row - rest.col, rest.col), rest.data)
+        leaning = slopes[:, touching].toarray()[self._order] / self.grid.mass[touching]
+        columns = np.column_stack((right[self._order], leaning))
+        solved = solve_banded((wide, wide), band, columns, overwrite_ab=True, overwrite_b=True, check_finite=False)
+        # closed gaps: G + ∂G/∂u du = 0
+        f = np.zeros_like(state.f)
+        f[touching] = np.linalg.solve(leaning.T @ solved[:, 1:], -gap[touching] - leaning.T @ solved[:, 0])
+        step = np.zeros(self._count)
+        step[self._order] = solved[:, 0] + solved[:, 1:] @ f[touching]
+        swelled = np.matmul(coupling.transpose(0, 2, 1), step[self._dofs].T[..., None])[..., 0] + volume.T
+        p = state.p + np.matmul(inverse, swelled[..., None])[..., 0].T
+        return replace(state, u=state.u + step, p=p, f=f)
