@@ -1,0 +1,213 @@
+"""Contact under large deformations, and on a soft seat.
+
+Who checks whom:
+
+    quantity             closed form                      identity                          other model
+    force                uniform compression of a disc    F = dU/dδ                         reference of shared/physics.md
+    displacement         the same, plane and axial        no volume lost at ν = 0.5         linear for a small depth
+    contact                                               gap and force exclude each other  finer mesh, order
+    seat                 disc on springs                  stiff: bonded, frictionless       a thin soft sheet
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import trapezoid
+from scipy.interpolate import CubicSpline
+from scipy.optimize import brentq
+
+from coilarray.elastomer.contact import indent
+from coilarray.elastomer.contact_mesh import ContactMesh
+from coilarray.elastomer.finite_strain import Outline
+from coilarray.errors import ElastomerError, GeometryError
+from coilarray.geometry import Cone, CylinderEdge, FlatPunch, Hemisphere, Paraboloid, Seat, Sheet
+
+pytestmark = pytest.mark.slow
+
+COARSE = ContactMesh(elements=10, growth=1.5, extent=15)
+BALL = Hemisphere(2.5e-3)
+
+
+def sheet(thickness=8e-3, modulus=1e5, nu=0.5, name="layer"):
+    return Sheet(name, thickness, 1.0, modulus, nu)
+
+
+PAPER = [sheet(6e-3, 1e5, 0.4999, "base"), sheet(2e-3, 3e5, 0.4999, "magnetic")]
+
+
+# closed forms
+
+
+def compressed(stretch, modulus, nu, symmetry):
+    """Nominal stress of a neo-Hookean body compressed to `stretch` with free sides, and its sideways stretch."""
+    mu = modulus / (2 * (1 + nu))
+
+    def stresses(side):
+        F = np.array([side, stretch, side if symmetry == "axial" else 1.0])
+        J, square = F.prod(), F @ F
+        shear = mu * J ** (-2 / 3) * (F - square / 3 / F)
+        bulk = 0.0 if nu == 0.5 else modulus / (3 * (1 - 2 * nu)) * (J - 1) * J
+        return shear + bulk / F
+
+    if nu == 0.5:  # the pressure frees the sides
+        side = stretch ** (-0.5 if symmetry == "axial" else -1.0)
+        sideways, along, _ = stresses(side)
+        return along - sideways * side / stretch, side
+    side = brentq(lambda side: stresses(side)[0], 0.8, 2.0)
+    return stresses(side)[1], side
+
+
+@pytest.mark.parametrize("nu", [0.0, 0.3, 0.5])
+@pytest.mark.parametrize("symmetry", ["axial", "plane"])
+def test_uniform_compression_by_a_third_is_exact(nu, symmetry):
+    h, R, E, depth = 3e-3, 4e-3, 2e5, 1e-3
+    punch = FlatPunch(20e-3) if symmetry == "axial" else CylinderEdge(1e4)  # the sides bulge out under it
+    found = indent([sheet(h, E, nu)], punch, [depth / 2, depth], base="frictionless", radius=R, mesh=COARSE)
+    for k, stretch in enumerate([1 - depth / 2 / h, 1 - depth / h]):
+        stress, side = compressed(stretch, E, nu, symmetry)
+        area = math.pi * R**2 if symmetry == "axial" else 2 * R
+        # the elements hold linear displacements exactly; a cylinder of 10 km is round by R²/2/10⁴ m = 1e-6 of the depth
+        assert float(found.force[k]) == pytest.approx(-stress * area, rel=1e-5)
+        assert found.displacement_r.values[k, -1] == pytest.approx((side - 1) * found.r.values, abs=1e-5 * depth)
+
+
+def test_reference():
+    """shared/physics.md: a neo-Hookean contact of the paper's sheets with two meshes that agree to 0.2 %."""
+    found = indent(PAPER, BALL, 1e-3).isel(depth=0)
+    assert float(found.force) == pytest.approx(5.607e-6 * 1e5, rel=2e-3)
+    assert float(found.displacement_z.sel(interface="base")[0]) == pytest.approx(-0.600e-3, rel=2e-3)
+    # its contact radius of 1.457 mm is known to half an element of some 4 %
+    assert float(found.contact_radius) == pytest.approx(1.457e-3, rel=2e-2)
+
+
+# identities
+
+
+def volume_above(found, k):
+    """Volume in m³ between an interface where it is and where it was flat, out to the edge of the mesh."""
+    r = found.r.values + found.displacement_r.values[k]
+    r[0] = 0.0
+    height = CubicSpline(r, found.displacement_z.values[k], bc_type="not-a-knot")
+    fine = np.concatenate([np.linspace(a, b, 9)[:-1] for a, b in zip(r[:-1], r[1:], strict=True)] + [r[-1:]])
+    return 2 * math.pi * trapezoid(fine * height(fine), fine)
+
+
+@pytest.mark.parametrize("base", ["bonded", Seat(4.3e6)])
+def test_incompressible_sheets_keep_their_volume(base):
+    sheets = [sheet(6e-3, 1e5, 0.5, "base"), sheet(2e-3, 3e5, 0.5, "magnetic")]
+    found = indent(sheets, BALL, 1e-3, base=base).isel(depth=0)
+    board, base_top, top = (volume_above(found, k) for k in range(3))
+    out = float(found.displacement_r[0, -1]) * 2 * math.pi * float(found.r[-1])  # what leaves at the edge, per height
+    moved = math.pi * 1.4e-3**2 * 1e-3  # about the volume that the tip takes
+    # the sample is wide, not infinite: what leaves at its edge, and the spline between nodes, are below 0.1 %
+    assert base_top - board + out * 6e-3 == pytest.approx(0, abs=1e-3 * moved)
+    assert top - base_top + out * 2e-3 == pytest.approx(0, abs=1e-3 * moved)
+
+
+def test_force_is_the_slope_of_the_work():
+    """The contact has no friction, so that the work does not depend on the steps in which it is done."""
+    depths = np.linspace(0.1e-3, 1e-3, 10)
+    once = indent(PAPER, BALL, depths[[-1]], mesh=COARSE)
+    steps = indent(PAPER, BALL, depths, mesh=COARSE)
+    # the meshes differ in the size of the elements at the tip
+    assert float(steps.force[-1]) == pytest.approx(float(once.force[0]), rel=2e-3)
+    assert (np.diff(steps.force) > 0).all() and (np.diff(steps.contact_radius) > 0).all()
+
+
+@pytest.mark.parametrize("indenter", [BALL, Paraboloid(2.5e-3), Cone(1.2), FlatPunch(1.5e-3), CylinderEdge(2.5e-3)])
+@pytest.mark.parametrize("base", ["bonded", "frictionless", Seat(5e6, 1e6)])
+def test_a_touch_is_linear(indenter, base):
+    depth = 2e-5
+    found, linear = (indent(PAPER, indenter, depth, base=base, strain=strain, mesh=COARSE) for strain in ("finite", "linear"))
+    sharp = isinstance(indenter, FlatPunch)
+    # corrections are of the order of depth/contact radius: 0.1 of it for the ball; a rounded edge is worth half its radius
+    assert float(found.force[0]) == pytest.approx(float(linear.force[0]), rel=0.02 if sharp else 0.01)
+    difference = found.displacement_z.values - linear.displacement_z.values
+    assert np.abs(difference).max() < 0.03 * depth
+
+
+def test_force_converges_with_the_mesh():
+    meshes = [ContactMesh(6, 2.0, 15)]
+    for _ in range(2):
+        meshes.append(meshes[-1].refined())
+    coarse, middle, fine = (float(indent(PAPER, BALL, 1e-3, mesh=mesh).force[0]) for mesh in meshes)
+    # the pressure's edge, √(a − r), falls inside an element of size h: its force is uncertain by h^1.5 to h^2.5
+    assert abs(fine / middle - 1) < abs(middle / coarse - 1)
+    assert fine == pytest.approx(0.56067, rel=1e-3)
+
+
+@settings(max_examples=5)
+@given(radius=st.floats(1e-3, 6e-3), share=st.floats(0.01, 0.2), ratio=st.floats(0.3, 5), nu=st.floats(0.2, 0.5))
+def test_no_point_is_inside_the_indenter(radius, share, ratio, nu):
+    sheets = [sheet(5e-3, 1e5, nu, "a"), sheet(2e-3, 1e5 * ratio, nu, "b")]
+    depth = share * radius
+    found = indent(sheets, Hemisphere(radius), depth, mesh=COARSE).isel(depth=0)
+    r = np.abs(found.r.values + found.displacement_r.values[-1])
+    near = r < radius / 2
+    gap = Hemisphere(radius).profile(r[near]) - depth - found.displacement_z.values[-1][near]
+    # gaps are closed in the mean over a hat: between its nodes they waver by the curvature of an element
+    assert gap.min() > -0.01 * depth
+    assert float(found.force) > 0 and 0 < float(found.contact_radius) < radius
+
+
+# seat
+
+
+def test_a_disc_on_a_seat_is_two_springs():
+    h, R, E, k, depth = 4e-3, 5e-3, 2e5, 2e7, 1e-4
+    found = indent([sheet(h, E, 0.4)], FlatPunch(20e-3), depth, base=Seat(k), radius=R, strain="linear", mesh=COARSE)
+    assert float(found.force[0]) == pytest.approx(math.pi * R**2 * depth / (h / E + 1 / k), rel=1e-9)
+
+
+@pytest.mark.parametrize("strain", ["linear", "finite"])
+@pytest.mark.parametrize(("shear", "base"), [(1e13, "bonded"), (0.0, "frictionless")])
+def test_a_stiff_seat_is_a_board(strain, shear, base):
+    # springs of 1e13 Pa/m give by 1e-9 of what 8 mm of 100 kPa give
+    soft = indent(PAPER, BALL, 0.5e-3, base=Seat(1e13, shear), strain=strain, mesh=COARSE)
+    hard = indent(PAPER, BALL, 0.5e-3, base=base, strain=strain, mesh=COARSE)
+    assert float(soft.force[0]) == pytest.approx(float(hard.force[0]), rel=1e-6)
+    assert soft.displacement_z.values == pytest.approx(hard.displacement_z.values, abs=1e-6 * 0.5e-3)
+
+
+@pytest.mark.parametrize("strain", ["linear", "finite"])
+def test_a_thin_soft_film_is_a_seat(strain):
+    """A film of thickness t, ν = 0 and modulus E: stiffness E/t, shear G/t = E/2t, to the order of t over the waves."""
+    t, E = 0.1e-3, 430.0
+    film = [sheet(t, E, 0.0, "film"), *PAPER]
+    soft = indent(film, BALL, 0.5e-3, strain=strain, mesh=COARSE)
+    seat = indent(PAPER, BALL, 0.5e-3, base=Seat(E / t, E / 2 / t), strain=strain, mesh=COARSE)
+    bound = 0.02 if strain == "linear" else 0.05  # pressed together by a third, the film itself stiffens
+    assert float(seat.force[0]) == pytest.approx(float(soft.force[0]), rel=bound)
+
+
+@pytest.mark.parametrize(("stiffness", "shear"), [(0.0, 0.0), (-1.0, 0.0), (math.inf, 0.0), (1e6, -1.0), (1e6, math.nan)])
+def test_a_seat_needs_sound_numbers(stiffness, shear):
+    with pytest.raises(GeometryError, match="stiffness of a seat must be"):
+        Seat(stiffness, shear)
+
+
+# outline
+
+
+@pytest.mark.parametrize("indenter", [BALL, Paraboloid(2.5e-3), Cone(1.2, 2e-3), Cone(0.7), FlatPunch(1.5e-3), CylinderEdge(1e-3)])
+def test_an_outline_follows_its_profile_and_its_derivatives(indenter):
+    outline = Outline(indenter, 1e-3)
+    r = np.linspace(1e-3, 4, 4001)
+    height, slope, bend = outline(r)
+    inside = r * 1e-3 < 0.97 * min(indenter.reach, 4e-3)
+    assert height[inside] == pytest.approx(indenter.profile(r[inside] * 1e-3) * 1e3, rel=1e-12, abs=1e-15)
+    step = 1e-6
+    smooth = np.abs(np.diff(bend, prepend=bend[0])) < 0.1 * (1 + np.abs(bend))  # not where the arc begins or ends
+    difference = (outline(r + step)[0] - outline(r - step)[0]) / (2 * step)
+    assert slope[smooth] == pytest.approx(difference[smooth], rel=1e-6, abs=1e-8)
+    assert bend[smooth] == pytest.approx(((outline(r + step)[1] - outline(r - step)[1]) / (2 * step))[smooth], rel=1e-5, abs=1e-6)
+
+
+def test_a_depth_beyond_what_the_mesh_can_follow_is_refused():
+    with pytest.raises(ElastomerError, match="the contact converges up to a depth of"):
+        indent([sheet(2e-3)], FlatPunch(0.3e-3), 1.9e-3, mesh=COARSE)
