@@ -30,7 +30,7 @@ from coilarray.compute.threads import serial_algebra
 from coilarray.elastomer.compliance import Compliance, compliance
 from coilarray.elastomer.contact_grid import Base, ContactGrid, Stack, contact_grid, stack_of
 from coilarray.elastomer.contact_mesh import ContactMesh, ContactZone
-from coilarray.elastomer.finite_strain import Outline, SoftBody
+from coilarray.elastomer.finite_strain import TIP, Outline, SoftBody
 from coilarray.errors import ElastomerError
 from coilarray.geometry import Indenter, Seat, Sheet
 
@@ -162,7 +162,7 @@ def _finite_strain(case: _Case, zone: ContactZone, depths: FloatArray, mesh: Con
         wider = zone.search * _BEYOND_EDGE
         zone = replace(zone, search=wider if case.radius is None else min(wider, case.radius))
     grid = case.grid(zone, mesh)
-    body = SoftBody(grid, Outline(case.indenter, case.stack.length))
+    body = SoftBody(grid, Outline(case.indenter, case.stack.length, TIP * zone.smallest))
     states = {0.0: body.at_rest()}
     rising = np.unique(depths[depths > 0])
     with serial_algebra():  # on these narrow bands threads cost more than they bring

@@ -19,28 +19,33 @@ T. J. R. Hughes, W. K. Liu and others; see P. Wriggers, Nonlinear Finite Element
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import LinAlgError, solve_banded
+from scipy import sparse
+from scipy.linalg.lapack import dgbtrf, dgbtrs
 from skfem import BilinearForm, LinearForm
 
 from coilarray.elastomer.contact_grid import ContactGrid, hoop_strain, weight
 from coilarray.errors import ElastomerError
-from coilarray.geometry import Cone, CylinderEdge, FlatPunch, Hemisphere, Indenter
+from coilarray.geometry import Cone, CylinderEdge, FlatPunch, Hemisphere, Indenter, Paraboloid
 
 FloatArray = npt.NDArray[np.float64]
 IndexArray = npt.NDArray[np.intp]
+BoolArray = npt.NDArray[np.bool_]
 
 EDGE = 0.02
 """Sharp edges are rounded with this part of the indenter's radius; a sharp one would cut the sheet."""
+TIP = 0.05
+"""A cone's point is blunted over this part of the contact radius, which takes about 0.1 % of the force."""
 
 _STEEPEST = math.radians(80)  # beyond this slope the side of an indenter goes on straight
 _MOST_STEPS = 16  # of Newton's method at one depth
+_LEAST_DAMPING = 1 / 64
 _CONVERGED = 1e-7  # of the depth: the last step, whose square is what is left
 _LEAST_STEP = 1 / 64  # of the way from one depth to the next
 _SOFT = 1e-5  # 1/K that the tangent has at least: what it leaves of a volume error in one step
@@ -49,32 +54,40 @@ _PRESSURES = 3  # 1, ξ and η in every element
 
 @dataclass(frozen=True)
 class Outline:
-    """An indenter's height above its tip, its slope and its curvature at any radius, in a unit of length."""
+    """An indenter's height above its tip, its slope and its curvature at any radius, in a unit of length.
+
+    `tip` is the radius over which a cone's point is blunted: under a sharp one the strain has no bound.
+    """
 
     indenter: Indenter
     unit: float
+    tip: float = 0.0
 
     def __call__(self, r: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Height, slope and second derivative at radii `r`; smooth beyond the end of the indenter."""
-        body, slope, curvature = self.indenter, 0.0, 0.0
-        start, radius = math.inf, 1.0
+        body = self.indenter
+        start, radius = math.inf, 1.0  # of the arc in which the side rises
+        height, slope, bend = np.zeros_like(r), np.zeros_like(r), np.zeros_like(r)
         if isinstance(body, Hemisphere | CylinderEdge):
             start, radius = 0.0, body.radius / self.unit
-        elif isinstance(body, FlatPunch | Cone):
-            slope = 1 / math.tan(body.half_angle) if isinstance(body, Cone) else 0.0
-            if math.isfinite(body.radius):
-                radius = EDGE * body.radius / self.unit
-                start = body.radius / self.unit - radius
-        else:
+        elif isinstance(body, FlatPunch | Cone) and math.isfinite(body.radius):
+            radius = EDGE * body.radius / self.unit
+            start = body.radius / self.unit - radius
+        if isinstance(body, Cone):
+            steep, distance = 1 / math.tan(body.half_angle), np.hypot(r, self.tip)
+            height, slope = steep * distance, steep * r / distance
+            bend = steep * self.tip**2 / distance**3
+        elif isinstance(body, Paraboloid):
             curvature = self.unit / body.radius
-        # an arc from `start` on, up to the steepest slope, then straight
-        along = np.maximum(r - start, 0.0) if math.isfinite(start) else np.zeros_like(r)
+            height, slope, bend = curvature * r**2 / 2, curvature * r, np.full_like(r, curvature)
+        if math.isinf(start):
+            return height, slope, bend
+        along = np.maximum(r - start, 0.0)
         arc = np.minimum(along, radius * math.sin(_STEEPEST))
         cosine = np.sqrt(1 - (arc / radius) ** 2)
-        straight = along - arc
-        height = slope * r + curvature * r**2 / 2 + radius * (1 - cosine) + straight * math.tan(_STEEPEST)
-        bend = np.where((straight > 0) | (r < start), 0.0, 1 / (radius * cosine**3))
-        return height, slope + curvature * r + arc / (radius * cosine), curvature + bend
+        rising = radius * (1 - cosine) + (along - arc) * math.tan(_STEEPEST)
+        turning = np.where((along > arc) | (r < start), 0.0, 1 / (radius * cosine**3))
+        return height + rising, slope + arc / (radius * cosine), bend + turning
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +98,38 @@ class Pressed:
     u: FloatArray
     p: FloatArray
     f: FloatArray
+
+
+    def moved(self, step: _Vector, share: float) -> Pressed:
+        """Return the state after a share of a step."""
+        return replace(self, u=self.u + share * step.u, p=self.p + share * step.p, f=self.f + share * step.f)
+
+
+@dataclass(frozen=True, eq=False)
+class _Vector:
+    """A step or a residual of all unknowns: displacement (n,), pressures (3, elements), forces or gaps (m,)."""
+
+    u: FloatArray
+    p: FloatArray
+    f: FloatArray
+
+    @property
+    def size(self) -> float:
+        """Largest displacement."""
+        return float(np.abs(self.u).max())
+
+
+_Tangent = Callable[[_Vector], _Vector | None]
+"""The step that cancels a residual; None where there is none."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Gaps:
+    """Mean gaps G (m,), their derivatives by u (n, m), and the second derivative of the outline above each point."""
+
+    mean: FloatArray
+    slopes: Any
+    bend: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +179,7 @@ class SoftBody:
         return free[np.lexsort((free, z[free], r[free]))]
 
     @cached_property
-    def _band(self) -> tuple[int, IndexArray, npt.NDArray[np.bool_]]:
+    def _band(self) -> tuple[int, IndexArray, BoolArray]:
         """Band width of the ordered stiffness, place of each element's entry in the band, and which of them are free."""
         place = np.full(self._count, -1)
         place[self._order] = np.arange(len(self._order))
@@ -172,48 +217,60 @@ class SoftBody:
             yield state
 
     def _solved(self, state: Pressed, depth: float) -> Pressed | None:
-        """State at a depth by Newton's method; None where it does not converge from the given state."""
-        strained = self._strained(state.u, state.p)
-        touching: IndexArray | None = None
+        """State at a depth by Newton's method; None where it does not converge from the given state.
+
+        A step is halved until what the same tangent says of the next step is shorter: P. Deuflhard, Newton Methods for
+        Nonlinear Problems, Springer 2004, section 3.3.
+        """
+        state = replace(state, depth=depth)
+        strained, touching = self._strained(state), None
         for _ in range(_MOST_STEPS):
             if strained is None:
                 return None
-            gap, slopes, bend = self._gaps(state, depth)
-            new = np.flatnonzero(self._give * state.f > gap)
-            try:
-                following = self._newton(state, strained, gap, slopes, bend, new)
-            except (LinAlgError, ValueError):
+            gaps = self._gaps(state)
+            new = self._give * state.f > gaps.mean
+            state = replace(state, f=np.where(new, state.f, 0.0))
+            tangent = self._tangent(strained, gaps, state, new)
+            step = None if tangent is None else tangent(self._residual(strained, gaps, state, new))
+            if tangent is None or step is None:
                 return None
-            moved = float(np.abs(following.u - state.u).max())
-            if not math.isfinite(moved):
-                return None
-            settled = touching is not None and np.array_equal(new, touching) and moved <= _CONVERGED * depth
-            state, touching = following, new
-            if settled and (state.f >= 0).all():
-                return replace(state, depth=depth)
-            strained = self._strained(state.u, state.p)
+            moved = step.size
+            if moved <= _CONVERGED * depth and touching is not None and np.array_equal(new, touching):
+                return state.moved(step, 1.0) if (state.f >= 0).all() else None
+            touching, damping = new, 1.0
+            while True:
+                trial = state.moved(step, damping)
+                strained = self._strained(trial)
+                if strained is not None:
+                    following = tangent(self._residual(strained, self._gaps(trial), trial, new))
+                    if following is not None and following.size <= (1 - damping / 4) * moved:
+                        break
+                damping /= 2
+                if damping < _LEAST_DAMPING:
+                    return None
+            state = trial
         return None
 
-    def _strained(self, u: FloatArray, p: FloatArray) -> _Strained | None:
-        """Deformation under a displacement; None where an element is turned inside out."""
-        F = np.einsum("cieq,ie->ceq", self._strain, u[self._dofs], optimize=True)
+    def _strained(self, state: Pressed) -> _Strained | None:
+        """Deformation in a state; None where an element is turned inside out."""
+        F = np.einsum("cieq,ie->ceq", self._strain, state.u[self._dofs], optimize=True)
         F[[0, 3, 4]] += 1
         D = F[0] * F[3] - F[1] * F[2]
         if (D <= 0).any() or (F[4] <= 0).any():
             return None
         J = D * F[4]
         g = np.stack([F[3] / D, -F[2] / D, -F[1] / D, F[0] / D, 1 / F[4]])
-        return _Strained(F, D, J, g, self.grid.shear[:, None] * J ** (-2 / 3), p.T @ self._local)
+        return _Strained(F, D, J, g, self.grid.shear[:, None] * J ** (-2 / 3), state.p.T @ self._local)
 
-    def _residual(self, s: _Strained, u: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """∂Π/∂u without contact (n,) and ∂Π/∂p (3, elements)."""
+    def _residual(self, s: _Strained, gaps: _Gaps, state: Pressed, touching: BoolArray) -> _Vector:
+        """∂Π/∂u, ∂Π/∂p and the mean gaps of the touching hats: all are zero in a solution."""
         stress = s.a * (s.F - (s.F**2).sum(axis=0) / 3 * s.g) + s.p * s.J * s.g
         nodal = np.einsum("cieq,ceq->ie", self._strain, stress * self._measure, optimize=True)
-        force = np.bincount(self._dofs.ravel(), nodal.ravel(), self._count) + self.grid.springs @ u
+        force = np.bincount(self._dofs.ravel(), nodal.ravel(), self._count) + self.grid.springs @ state.u
         volume = self._local @ ((s.J - 1 - self._squash * s.p) * self._measure).T
-        return force, volume
+        return _Vector(force - gaps.slopes @ state.f, volume, np.where(touching, gaps.mean, 0.0))
 
-    def _tangent(self, s: _Strained) -> tuple[FloatArray, FloatArray]:
+    def _tangents(self, s: _Strained) -> tuple[FloatArray, FloatArray]:
         """∂²Π/∂u² (elements, functions, functions) and ∂²Π/∂u∂p (elements, functions, 3), without contact."""
         g, square = s.g, (s.F**2).sum(axis=0)
         second = np.zeros((5, 5, *s.J.shape))  # ∂² ln J/∂F²
@@ -231,49 +288,63 @@ class SoftBody:
         swelling = (s.J * g * self._measure).transpose(1, 2, 0)[:, :, None, :] @ self._rows
         return stiffness, np.matmul(swelling[:, :, 0].transpose(0, 2, 1), self._local.T)
 
-    def _gaps(self, state: Pressed, depth: float) -> tuple[FloatArray, Any, Any]:
-        """Mean gaps G (m,), their ∂G/∂u (n, m) times mass, and −Σ f ∂²G/∂u² (n, n)."""
+    def _gaps(self, state: Pressed) -> _Gaps:
+        """Gaps between the top where it is now and the indenter at its depth."""
         grid = self.grid
         u_r, u_z = np.asarray(grid.top.interpolate(state.u))
         height, slope, bend = self.outline(grid.top.global_coordinates()[0] + u_r)
         weighing = LinearForm(lambda psi, w: psi * w.gap * w.weight)
         leaning = BilinearForm(lambda psi, v, w: (w.slope * v[0] - v[1]) * psi * w.weight)
-        bending = BilinearForm(lambda u, v, w: -w.bend * u[0] * v[0] * w.weight)
-        gap = weighing.assemble(grid.hats, gap=height - depth - u_z, weight=self._top)[grid.used] / grid.mass
+        mean = weighing.assemble(grid.hats, gap=height - state.depth - u_z, weight=self._top)[grid.used] / grid.mass
         slopes = leaning.assemble(grid.hats, grid.top, slope=slope, weight=self._top).tocsc()[:, grid.used]
-        nodal = np.zeros(grid.hats.N)
-        nodal[grid.used] = state.f / grid.mass
-        pressure = np.asarray(grid.hats.interpolate(nodal))
-        return gap, slopes, bending.assemble(grid.top, bend=pressure * bend, weight=self._top)
+        return _Gaps(mean, slopes @ sparse.diags_array(1 / grid.mass), bend)
 
-    def _newton(
-        self, state: Pressed, s: _Strained, gap: FloatArray, slopes: Any, bend: Any, touching: IndexArray
-    ) -> Pressed:
-        """One step of Newton's method with the gaps of the touching hats closed; pressures are solved for element-wise.
+    def _bending(self, gaps: _Gaps, f: FloatArray) -> Any:
+        """−Σ f ∂²G/∂u² (n, n)."""
+        grid, nodal = self.grid, np.zeros(self.grid.hats.N)
+        nodal[grid.used] = f / grid.mass
+        pressure = np.asarray(grid.hats.interpolate(nodal))
+        form = BilinearForm(lambda u, v, w: -w.bend * u[0] * v[0] * w.weight)
+        return form.assemble(grid.top, bend=pressure * gaps.bend, weight=self._top)
+
+    def _tangent(self, s: _Strained, gaps: _Gaps, state: Pressed, touching: BoolArray) -> _Tangent | None:
+        """Factorise the tangent; None where it is singular. Pressures are eliminated element by element.
 
         In the tangent 1/K is at least `_SOFT`, in the residual it is what it is: the solution is the same.
         """
-        force, volume = self._residual(s, state.u)
-        stiffness, coupling = self._tangent(s)
+        stiffness, coupling = self._tangents(s)
         inverse = np.linalg.inv(np.maximum(self._squash, _SOFT)[..., None] * self._pressures)
-        condensed = np.matmul(coupling, inverse)
-        stiffness += np.matmul(condensed, coupling.transpose(0, 2, 1))
-        pushed = np.matmul(condensed, volume.T[..., None])[..., 0].T
-        right = -force - np.bincount(self._dofs.ravel(), pushed.ravel(), self._count)
-
+        stiffness += np.matmul(np.matmul(coupling, inverse), coupling.transpose(0, 2, 1))
         wide, places, free = self._band
         n = len(self._order)
-        band = np.bincount(places, stiffness.transpose(1, 2, 0)[free], (2 * wide + 1) * n).reshape(2 * wide + 1, n)
-        rest = (self.grid.springs + bend).tocsr()[self._order][:, self._order].tocoo()
-        np.add.at(band, (wide + rest.row - rest.col, rest.col), rest.data)
-        leaning = slopes[:, touching].toarray()[self._order] / self.grid.mass[touching]
-        columns = np.column_stack((right[self._order], leaning))
-        solved = solve_banded((wide, wide), band, columns, overwrite_ab=True, overwrite_b=True, check_finite=False)
-        # closed gaps: G + ∂G/∂u du = 0
-        f = np.zeros_like(state.f)
-        f[touching] = np.linalg.solve(leaning.T @ solved[:, 1:], -gap[touching] - leaning.T @ solved[:, 0])
-        step = np.zeros(self._count)
-        step[self._order] = solved[:, 0] + solved[:, 1:] @ f[touching]
-        swelled = np.matmul(coupling.transpose(0, 2, 1), step[self._dofs].T[..., None])[..., 0] + volume.T
-        p = state.p + np.matmul(inverse, swelled[..., None])[..., 0].T
-        return replace(state, u=state.u + step, p=p, f=f)
+        band = np.zeros((3 * wide + 1, n))  # LAPACK wants room for the pivoting above
+        band[wide:] = np.bincount(places, stiffness.transpose(1, 2, 0)[free], (2 * wide + 1) * n).reshape(-1, n)
+        springs = (self.grid.springs + self._bending(gaps, state.f)).tocsr()[self._order][:, self._order].tocoo()
+        np.add.at(band, (2 * wide + springs.row - springs.col, springs.col), springs.data)
+        factors, pivots, info = dgbtrf(band, wide, wide, overwrite_ab=True)
+        if info:
+            return None
+        leaning = gaps.slopes[:, touching].toarray()[self._order]
+
+        def solved(right: FloatArray) -> FloatArray:
+            return np.asarray(dgbtrs(factors, wide, wide, right, pivots)[0])
+
+        pushed = solved(leaning)
+        closing = leaning.T @ pushed
+
+        def step(residual: _Vector) -> _Vector | None:
+            swelling = np.matmul(inverse, residual.p.T[..., None])
+            nodal = np.matmul(coupling, swelling)[..., 0].T
+            right = -residual.u - np.bincount(self._dofs.ravel(), nodal.ravel(), self._count)
+            free_step = solved(right[self._order])
+            try:  # closed gaps: G + ∂G/∂u du = 0
+                more = np.linalg.solve(closing, -residual.f[touching] - leaning.T @ free_step)
+            except np.linalg.LinAlgError:
+                return None
+            u, f = np.zeros(self._count), np.zeros(len(touching))
+            u[self._order], f[touching] = free_step + pushed @ more, more
+            p = np.matmul(inverse, np.matmul(coupling.transpose(0, 2, 1), u[self._dofs].T[..., None]))
+            found = _Vector(u, (p + swelling)[..., 0].T, f)
+            return found if math.isfinite(found.size) else None
+
+        return step
