@@ -231,11 +231,13 @@ def strip_capacitance(
     k: FloatArray = step * np.arange(1.0, max(1, math.ceil(cutoff / step)) + 1)
     order = np.argsort(plane, kind="stable")
     plane, x, w, label = plane[order], x[order], w[order], label[order]
-    used = np.unique(plane)
+    used, first = np.unique(plane, return_index=True)
     G = medium.green(k)
     A = np.zeros((len(plane) * basis,) * 2)
-    bounds = np.searchsorted(plane, np.append(used, medium.planes)) * basis
-    for f in _transforms(k, x, w / 2, basis, mirror):
+    bounds = np.append(first, len(plane)) * basis
+    places, place = np.unique(np.column_stack((x, w)), axis=0, return_inverse=True)  # both faces of a trace lie in one
+    for transforms in _transforms(k, places[:, 0], places[:, 1] / 2, basis, mirror):
+        f = transforms[:, place.ravel()].reshape(len(k), -1)
         for i, p in enumerate(used):
             rows = slice(bounds[i], bounds[i + 1])
             weighted = f[:, rows].T * (2 / period)
@@ -310,8 +312,7 @@ def crossed_grid_capacitance(
         k: FloatArray = step * np.arange(1.0, math.ceil(cutoff / step) + 1)
         G = medium.green(k)
         block = np.zeros((len(faces) * basis,) * 2)
-        for f in _transforms(k, np.zeros(len(faces)), w[faces] / 2, basis, mirror=False):
-            parts = f.reshape(len(k), len(faces), basis)
+        for parts in _transforms(k, np.zeros(len(faces)), w[faces] / 2, basis, mirror=False):
             among = G[:, plane[faces][:, None], plane[faces]]
             block += np.einsum("kfm,kfg,kgn->fmgn", parts, among, parts, optimize=True).reshape(block.shape)
         block *= 2 / pitch
@@ -330,19 +331,19 @@ def _default_cutoff(medium: LayeredMedium, plane: IntArray, widths: FloatArray, 
 
 
 def _transforms(k: FloatArray, x: FloatArray, a: FloatArray, basis: int, mirror: bool) -> list[FloatArray]:
-    """Cosine and (unless mirrored) sine transforms of all basis functions, each of shape (k, strips · basis)."""
+    """Cosine and (unless mirrored) sine transforms of all basis functions, each of shape (k, strips, basis)."""
     halves, which = np.unique(a, return_inverse=True)
     m = np.arange(basis)
-    sign = np.where((m // 2) % 2 == 0, 1.0, -1.0)
-    J = np.stack([sign * jv(m, k[:, None] * half) for half in halves], axis=1)[:, which, :]  # k, strip, m
-    phase = k[:, None] * x
-    cos, sin = np.cos(phase)[:, :, None], np.sin(phase)[:, :, None]
-    even = m % 2 == 0
-    shape = (len(k), len(x) * basis)
-    transforms = [(J * np.where(even, cos, -sin)).reshape(shape)]
-    if not mirror:
-        transforms.append((J * np.where(even, sin, cos)).reshape(shape))
-    return transforms
+    J = np.where(m // 2 % 2 == 0, 1.0, -1.0) * jv(m, np.multiply.outer(k, halves)[:, :, None])
+    cos, sin = np.cos(k[:, None] * x), np.sin(k[:, None] * x)
+
+    def transform(of_even: FloatArray, of_odd: FloatArray) -> FloatArray:
+        f = J[:, which]
+        f[:, :, 0::2] *= of_even[:, :, None]
+        f[:, :, 1::2] *= of_odd[:, :, None]
+        return f
+
+    return [transform(cos, -sin)] if mirror else [transform(cos, -sin), transform(sin, cos)]
 
 
 def _add_tail(
