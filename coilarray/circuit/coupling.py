@@ -44,18 +44,10 @@ _KEPT = 4  # designs whose circuit is kept in memory
 class CircuitParts:
     """The network of a design with all losses and strays, and what it was made of.
 
-    Parameters
-    ----------
-    network : Network
-        Network with the resistance matrix at alternating current.
-    direct : Network
-        The same with direct-current resistances.
-    capacitance : xarray.Dataset or None
-        Result of `coilarray.electromagnetics.capacitance.coil_capacitance`; None where a coil has no model of it.
-    resistance : xarray.Dataset
-        Result of `coilarray.electromagnetics.ac_resistance.resistance_matrix` at the frequencies of the network.
-    problem : str
-        Why there is no capacitance; empty where there is.
+    `direct` is the network with direct-current resistances. `capacitance` is the result of
+    `coilarray.electromagnetics.capacitance.coil_capacitance`, None where a coil has no model of it for the reason in
+    `problem`; `resistance` that of `coilarray.electromagnetics.ac_resistance.resistance_matrix` at the network's
+    frequencies.
     """
 
     network: Network
@@ -121,16 +113,8 @@ def design_circuit(
 def bare_network(names: Sequence[str], inductance: FloatArray, resistance: FloatArray, switches: Switches) -> Network:
     """Make a network of coils, closed switches and a tank across the converter, and nothing else.
 
-    Parameters
-    ----------
-    names : sequence of str, length n
-        Names of the coils.
-    inductance : ndarray, shape (n, n)
-        Inductance matrix in H.
-    resistance : ndarray, shape (n,)
-        Resistance of each coil in Ω, the same at all frequencies.
-    switches : Switches
-        Switches and tank; their strays are left out.
+    The inductance matrix (n, n) is in H; the resistance of each coil (n,) in Ω is the same at all frequencies, and the
+    strays of the switches are left out.
     """
     none = np.zeros_like(inductance)
     plain = Switches(on_resistance=switches.on_resistance, tank_capacitance=switches.tank_capacitance)
@@ -290,24 +274,7 @@ def couple_design(design: Design, *, ideal: bool = False, progress: Progress | N
 def design_inductance(
     design: Design, *, accuracy: Accuracy = "full", progress: Progress | None = None
 ) -> tuple[FloatArray, FloatArray]:
-    """Inductance matrix of a design under its flat sheets.
-
-    Parameters
-    ----------
-    design : Design
-        Design of the board, for example from `coilarray.load_design`.
-    progress : callable, optional
-        Called with (done, total) as the matrix of the bare board is computed.
-    accuracy : {"full", "screen"}
-        Accuracy of the matrix, see `coilarray.inductance_matrix`.
-
-    Returns
-    -------
-    inductance : ndarray, shape (n, n)
-        Inductance matrix in H, the magnetic sheets included.
-    by_sheets : ndarray, shape (n, n)
-        The part of it in H that the magnetic sheets make.
-    """
+    """Inductance matrix of a design under its flat sheets in H, and the part of it that the magnetic sheets make."""
     inductance, by_sheets = _INDUCTANCES.get(
         (design.digest, accuracy), lambda: _design_inductance(design, accuracy, progress)
     )

@@ -58,8 +58,8 @@ def scan_design(
         (R_eff against the same with DC resistances), and ``current_real``, ``current_imag`` (state, coil) in A per A
         of the first measured coil. For each coil ``winding_capacitance``, ``self_resonance``, ``ac_resistance`` (at the
         states' mean frequency), ``resistance_model``, and what the elastomer's permittivity does where it is asked for:
-        ``bare_winding_capacitance`` without it, ``elastomer_delta``, the change of L that laying it on feigns, and
-        ``dent_delta_bound``, which no dent through the topmost sheet exceeds
+        ``bare_winding_capacitance`` without it, ``elastomer_delta``, the apparent change of L when it is laid on,
+        and ``dent_delta_bound``, which no dent through the topmost sheet exceeds
         (`coilarray.electromagnetics.capacitance.elastomer_effect`). ``capacitance`` (coil, other) is the Maxwell
         matrix. Units in the attributes.
 
@@ -68,7 +68,7 @@ def scan_design(
     NetworkError
         A state without a resonance, or one that cannot be solved.
     GeometryError
-        A coil whose capacitance has no model: see `coilarray.electromagnetics.capacitance.winding_capacitance`.
+        A coil whose capacitance has no model: see `coilarray.electromagnetics.capacitance.coil_capacitance`.
     """
     plan = design.plan
     steps = len(plan) + 2
@@ -232,20 +232,9 @@ def sweep_design(design: Design, frequencies: npt.ArrayLike, *, progress: Progre
 
 
 def close_channels(names: Sequence[str], frequencies: npt.ArrayLike) -> list[tuple[str, str, float]]:
-    """Pairs of states whose frequencies are closer than `CLOSE_CHANNELS`.
+    """Pairs of states whose frequencies in Hz are closer than `CLOSE_CHANNELS`, and how close, the closest first.
 
-    Parameters
-    ----------
-    names : sequence of str, length n
-        Names of the states.
-    frequencies : array_like, shape (n,)
-        Frequencies in Hz.
-
-    Returns
-    -------
-    list of (str, str, float)
-        Both names and the relative distance, the closest first. It matters for channels that oscillate at the same
-        time; a multiplexer that grounds all others has only one.
+    It matters for channels that oscillate at the same time; a multiplexer that grounds all others has only one.
 
     Examples
     --------

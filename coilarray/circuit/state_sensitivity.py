@@ -51,16 +51,8 @@ _FEW = 12  # coils of which a state by itself costs less than the samples
 class StateSensitivity:
     """States of a scan at their resonances, and what changes of the inductance matrix do to them.
 
-    Parameters
-    ----------
-    measured : ndarray of int, shape (states,)
-        Number of the coil that each state measures.
-    base_inductance : ndarray, shape (states,)
-        Effective inductance L = 1/(ω²C) in H.
-    currents : ndarray of complex, shape (coils, states)
-        Current through every coil in A per A of the measured one.
-    weights : ndarray of complex, shape (states,)
-        Factor w of each state in 1/H.
+    `measured` (states,) is the number of the coil that each state measures, `base_inductance` (states,) L = 1/(ω²C) in
+    H, `currents` (coils, states) those in A per A of the measured coil, `weights` (states,) the factors w in 1/H.
     """
 
     measured: IntArray
@@ -76,23 +68,9 @@ class StateSensitivity:
 
 @serial_algebra()
 def state_sensitivity(network: Network, states: Sequence[ScanState]) -> StateSensitivity:
-    """Solve every state of a scan at its resonance.
+    """Solve every state of a scan, each of one measured coil, at its resonance.
 
-    Parameters
-    ----------
-    network : Network
-        Coils and switches, for example from `coilarray.circuit.coupling.design_circuit`.
-    states : sequence of ScanState
-        States that each measure one coil.
-
-    Returns
-    -------
-    StateSensitivity
-
-    Raises
-    ------
-    NetworkError
-        A state that measures several coils or none, or one without a resonance.
+    A state that measures several coils or none, or one without a resonance, is a NetworkError.
 
     Examples
     --------
@@ -129,24 +107,7 @@ def state_sensitivity(network: Network, states: Sequence[ScanState]) -> StateSen
 
 @serial_algebra()
 def resonances(network: Network, states: Sequence[ScanState]) -> list[Resonance]:
-    """Solve states where the converter oscillates: `coilarray.circuit.network.resonate`, faster for many coils.
-
-    Parameters
-    ----------
-    network : Network
-        Coils and switches.
-    states : sequence of ScanState
-        The multiplexer's states.
-
-    Returns
-    -------
-    list of Resonance
-
-    Raises
-    ------
-    NetworkError
-        A state that cannot be made with these coils, or one without a resonance.
-    """
+    """Solve states where the converter oscillates: `coilarray.circuit.network.resonate`, faster for many coils."""
     for state in states:
         check_state(state, network.names)
     C = network.switches.tank_capacitance

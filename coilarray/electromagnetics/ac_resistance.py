@@ -51,21 +51,12 @@ MODELS = ("transverse field", "section filaments")
 
 @dataclass(frozen=True, eq=False)
 class CrossSection:
-    """Losses of one straight isolated trace; arrays have the shape of `frequency`.
+    """Losses of one straight isolated trace; arrays have the shape of `frequency` in Hz.
 
-    Parameters
-    ----------
-    width, thickness : float
-        Sides of the trace in m.
-    frequency : ndarray
-        Frequencies in Hz.
-    resistivity : float
-        Resistivity of the copper in Ω·m.
-    resistance_ratio : ndarray
-        R_ac/R_dc, without neighbours.
-    normal_field_loss, lateral_field_loss : ndarray
-        g in Ω·m: a uniform field of peak value H along the thickness (normal to the plane) or along the width adds
-        the loss ½ g |H|² in W/m. The two and the loss of the trace's own current add without cross terms.
+    `width` and `thickness` are in m, `resistivity` in Ω·m. `resistance_ratio` is R_ac/R_dc without neighbours.
+    `normal_field_loss` and `lateral_field_loss` are g in Ω·m: a uniform field of peak value H along the thickness
+    (normal to the plane) or along the width adds the loss ½ g |H|² in W/m. The two and the loss of the trace's own
+    current add without cross terms.
     """
 
     width: float
@@ -78,24 +69,9 @@ class CrossSection:
 
 
 def skin_depth(frequency: npt.ArrayLike, resistivity: float = RESISTIVITY_COPPER) -> FloatArray:
-    """Skin depth δ = √(ρ/(π f µ0)).
+    """Skin depth δ = √(ρ/(π f µ0)) in m of copper of a `resistivity` in Ω·m, in the shape of `frequency` in Hz.
 
-    Parameters
-    ----------
-    frequency : array_like
-        Positive frequencies in Hz.
-    resistivity : float
-        Resistivity of the copper in Ω·m.
-
-    Returns
-    -------
-    ndarray, shape of frequency
-        Skin depth in m.
-
-    Raises
-    ------
-    ValueError
-        A frequency or resistivity that is not positive and finite.
+    A frequency that is not positive and finite is a ValueError, such a resistivity a GeometryError.
 
     Examples
     --------
@@ -115,27 +91,10 @@ def skin_depth(frequency: npt.ArrayLike, resistivity: float = RESISTIVITY_COPPER
 def cross_section(
     width: float, thickness: float, frequency: npt.ArrayLike, resistivity: float = RESISTIVITY_COPPER
 ) -> CrossSection:
-    """Losses of one straight, infinitely long, isolated rectangular trace.
+    """Losses of one straight, infinitely long, isolated rectangular trace: sides in m, frequencies in Hz of any shape.
 
-    Parameters
-    ----------
-    width, thickness : float
-        Sides of the trace in m.
-    frequency : array_like
-        Frequencies in Hz, of any shape.
-    resistivity : float
-        Resistivity of the copper in Ω·m.
-
-    Returns
-    -------
-    CrossSection
-
-    Raises
-    ------
-    GeometryError
-        A size or resistivity that is not positive and finite, or a side of more than `MOST_SKIN_DEPTHS`.
-    ValueError
-        A frequency that is not positive and finite.
+    A size or resistivity (Ω·m) that is not positive and finite, or a side of more than `MOST_SKIN_DEPTHS`, is a
+    GeometryError, a frequency that is not positive and finite a ValueError.
 
     Notes
     -----
@@ -214,31 +173,12 @@ def resistance_matrix(
 ) -> xr.Dataset:
     """Resistance matrix R(f) of coils: their own losses and those they induce in each other's copper.
 
-    Parameters
-    ----------
-    source : CoilArray, Conductor, polyline or sequence of them
-        See `coilarray.electromagnetics.source.as_conductors`. Every segment needs a cross-section.
-    frequencies : array_like, shape (n,) or scalar
-        Frequencies in Hz.
-    resistivity : float
-        Resistivity of the copper in Ω·m.
-    progress : callable, optional
-        Called with (done, total) as coils are done.
-
-    Returns
-    -------
-    xarray.Dataset
-        ``resistance`` (frequency, coil, other) in Ω: real, symmetric, positive definite; ½ Re(iᴴ R i) is the loss in W
-        in all copper for any peak currents i, open and grounded coils included. ``dc_resistance`` (coil) in Ω.
-        ``model`` (frequency, coil): one of `MODELS`.
-
-    Raises
-    ------
-    GeometryError
-        A segment without a cross-section, a resistivity that is not positive and finite, or a trace of more than
-        `MOST_SKIN_DEPTHS`.
-    ValueError
-        Frequencies that are not positive and finite, or of another shape.
+    Every segment of `source` (see `as_conductors`) needs a cross-section; `frequencies` in Hz have shape (n,), the
+    `resistivity` of the copper is in Ω·m. ``resistance`` (frequency, coil, other) in Ω is real, symmetric and positive
+    definite; ½ Re(iᴴ R i) is the loss in W in all copper for any peak currents i, open and grounded coils included.
+    ``dc_resistance`` (coil) in Ω; ``model`` (frequency, coil) is one of `MODELS`. Raises a GeometryError for a segment
+    without a cross-section, a resistivity that is not positive and finite, or a trace of more than `MOST_SKIN_DEPTHS`,
+    a ValueError for frequencies that are not positive and finite, or of another shape.
 
     Notes
     -----
@@ -248,11 +188,11 @@ def resistance_matrix(
     but themselves.
 
     *Section filaments* (wider traces): the same, each turn's part times three factors from the radial cut through its
-    coil, all turns on all layers as infinite traces: heat by filaments over heat by transverse
-    field, for the coil's own current (with the mean local field of the turn where the cut alone has another), and for
-    a uniform field along the thickness and the width, as other coils make it. The part of two coils takes √ of both
-    factors, which keeps R positive definite. So turns of one coil shield each other, coils do not; corners, leads
-    and turns shorter than a few bundle widths are the weak points.
+    coil, all turns on all layers as infinite traces: heat by filaments over heat by transverse field, for the coil's
+    own current (with the mean local field of the turn where the cut alone has another), and for a uniform field along
+    the thickness and the width, as other coils make it. The part of two coils takes √ of both factors, which keeps R
+    positive definite. So turns of one coil shield each other, coils do not; corners, leads and turns shorter than a few
+    bundle widths are the weak points.
 
     Vertical segments (vias) count with their DC resistance; eddy currents in pads and planes are not there.
 

@@ -263,22 +263,10 @@ def coupling_matrix(inductance: npt.ArrayLike) -> FloatArray:
 
 
 def standing_for_all(path: Conductor, accuracy: Accuracy) -> tuple[IntArray, FloatArray]:
-    """Segments whose weighted sum stands for that over a whole path.
+    """Numbers and weights (n,) of segments whose weighted sum stands for that over a whole path.
 
-    Parameters
-    ----------
-    path : Conductor
-        Any.
-    accuracy : {"full", "screen"}
-        ``full`` takes every segment once; ``screen`` a few turns of a winding, for sums of what changes smoothly from
-        turn to turn.
-
-    Returns
-    -------
-    segments : ndarray, shape (n,)
-        Their numbers.
-    weights : ndarray, shape (n,)
-        Adding up to the number of segments.
+    ``full`` takes every segment once; ``screen`` a few turns of a winding, for sums of what changes smoothly from turn
+    to turn. The weights add up to the number of segments.
     """
     if accuracy == "full":
         return np.arange(len(path.lengths)), np.ones(len(path.lengths))

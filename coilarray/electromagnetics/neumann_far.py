@@ -30,15 +30,7 @@ _NONE = 1e-9  # of the box: an extent that is none
 
 @dataclass(frozen=True, eq=False)
 class EquivalentCurrents:
-    """Currents that act like a path on everything far enough away.
-
-    Parameters
-    ----------
-    nodes : ndarray, shape (n, 3)
-        Places in m.
-    currents : ndarray, shape (n, 3)
-        ∫ L I dl in A m.
-    """
+    """Currents ∫ L I dl in A m at nodes in m, (n, 3) each, that act like a path on everything far enough away."""
 
     nodes: FloatArray
     currents: FloatArray
@@ -46,13 +38,7 @@ class EquivalentCurrents:
 
 @dataclass(frozen=True, eq=False)
 class Boxes:
-    """Bounding boxes of paths.
-
-    Parameters
-    ----------
-    centre, half : ndarray, shape (n, 3)
-        Middle and half of the extent in m.
-    """
+    """Bounding boxes of paths: middle and half of their extent in m, shape (n, 3)."""
 
     centre: FloatArray
     half: FloatArray
@@ -70,19 +56,9 @@ def bounding_boxes(paths: Sequence[FloatArray]) -> Boxes:
 
 
 def nodes_needed(first: Boxes, second: Boxes, shifts: FloatArray) -> IntArray:
-    """Nodes along the sides of pairs of boxes.
+    """Nodes along x and y, and along z, of n pairs of boxes, the second moved by `shifts` (n, 3) in m; shape (n, 2).
 
-    Parameters
-    ----------
-    first, second : Boxes
-        n boxes each.
-    shifts : ndarray, shape (n, 3)
-        Displacements of the second box in m.
-
-    Returns
-    -------
-    ndarray of int, shape (n, 2)
-        Numbers along x and y, and along z. A value above `MOST_NODES` means that the boxes are too near each other.
+    A value above `MOST_NODES` means that the boxes are too near each other.
     """
     between = np.abs(second.centre + shifts - first.centre) - first.half - second.half
     gap = np.maximum(between, 0.0)
@@ -101,21 +77,10 @@ def nodes_needed(first: Boxes, second: Boxes, shifts: FloatArray) -> IntArray:
 
 
 def equivalent_currents(segments: FloatArray, count: int, count_z: int, current: float = 1.0) -> EquivalentCurrents:
-    """Currents of segments at the Chebyshev nodes of their box.
+    """Currents of segments, ends (m, 2, 3) in m, at the Chebyshev nodes of their box.
 
-    Parameters
-    ----------
-    segments : ndarray, shape (m, 2, 3)
-        Ends of each segment in m.
-    count, count_z : int
-        Number of nodes along x and y, and along z.
-    current : float
-        Current of every segment in A.
-
-    Returns
-    -------
-    EquivalentCurrents
-        Currents of count² · count_z nodes. Polynomials along a segment are integrated exactly.
+    There are `count` nodes along x and y, and `count_z` along z; `current` is that of every segment in A. Polynomials
+    along a segment are integrated exactly.
     """
     box = bounding_boxes([segments.reshape(-1, 3)])
     centre, extent = box.centre[0], box.half[0]

@@ -86,28 +86,12 @@ def part_blocks(
     quantum: float,
     accuracy: Accuracy,
 ) -> list[Callable[[], Sums]]:
-    """Prepare the sums over pairs of paths.
+    """Prepare the sums over pairs of near paths: pieces of the work that several threads may call at once.
 
-    Parameters
-    ----------
-    tables : sequence of ndarray, shape (segments, 12)
-        Rows of `coilarray.electromagnetics.kernels.paths`, each path from the origin.
-    quanta : ndarray, shape (paths,)
-        Largest differences in m between equal paths.
-    first, second : ndarray of int, shape (n,)
-        Numbers of the paths of each pair.
-    shift : ndarray, shape (n, 3)
-        Displacement of the second path in m; zero where a path is paired with itself.
-    quantum : float
-        Largest difference in m between equal shifts.
-    accuracy : {"full", "screen"}
-        Accuracy of the sums; see `Accuracy`.
-
-    Returns
-    -------
-    list of callable
-        Pieces of the work, which may be called at once from several threads; what all return adds up to ∬ dl·dl'/R in
-        m of the pairs, averaged over the cross-sections.
+    What all of them return adds up to ∬ dl·dl'/R in m of the pairs, averaged over the cross-sections. `tables` are rows
+    of `coilarray.electromagnetics.kernels.paths`, each path from the origin, and `quanta` the largest differences in m
+    between equal paths; pair k is the paths `first[k]` and `second[k]`, the second displaced by `shift[k]` in m (zero
+    where a path is paired with itself), and equal shifts differ by up to `quantum` in m.
     """
     if not len(first):
         return []

@@ -34,16 +34,10 @@ _STEP = 1e-10  # of the path's size: evenness of the steps
 
 @cache
 def series_rules(longest: int) -> tuple[IntArray, FloatArray, FloatArray, IntArray]:
-    """Rules for sums over 1 … `longest` equidistant indices.
+    """Rules for sums over n = 1 … `longest` equidistant indices, one a row: members, weights, check, counts.
 
-    Returns
-    -------
-    members : ndarray, shape (longest + 1, 5)
-        Indices, from 0; row n is for n of them.
-    weights, check : ndarray, shape (longest + 1, 5)
-        Exact for polynomials of degree 4, and of degree 3 without the middle member.
-    counts : ndarray, shape (longest + 1,)
-        Members of each rule.
+    Of the `counts[n]` members (indices from 0) the weights are exact for polynomials of degree 4, those of `check` of
+    degree 3 without the middle member; all but the counts have the shape (longest + 1, 5).
     """
     members = np.zeros((longest + 1, _MEMBERS), dtype=np.int64)
     weights, check = np.zeros((longest + 1, _MEMBERS)), np.zeros((longest + 1, _MEMBERS))
@@ -64,17 +58,10 @@ def series_rules(longest: int) -> tuple[IntArray, FloatArray, FloatArray, IntArr
 
 
 def find_series(path: FloatArray) -> IntArray:
-    """Cut a path into series of segments whose starts and ends step evenly.
+    """Cut a path, rows of `coilarray.electromagnetics.kernels.paths`, into series of segments that step evenly.
 
-    Parameters
-    ----------
-    path : ndarray, shape (n, 12)
-        Rows of `coilarray.electromagnetics.kernels.paths`.
-
-    Returns
-    -------
-    ndarray, shape (series, 3)
-        First row, stride and number of rows; every row is in one series. A single segment is a series of one.
+    Rows of the result are first row, stride and number of rows of a series, whose starts and ends step evenly; every
+    segment is in one series, a single one is a series of one.
     """
     ends = path[:, :3] + path[:, 3:6] * path[:, 6:7]
     places, sizes = np.hstack((path[:, :3], ends)), path[:, 10:12]
