@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
 from importlib import metadata
-from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from coilarray.circuit.active_coil import checked_network
+from coilarray.circuit.active_coil import Termination, checked_network, checked_terminations
 from coilarray.circuit.network import Network, Resonance, SampledResistance
 from coilarray.circuit.state_sensitivity import resonances
+from coilarray.compute.netcdf import variables
 from coilarray.compute.recent import Recent
 from coilarray.compute.threads import Progress, serial_algebra
 from coilarray.design.model import Design
@@ -27,9 +27,6 @@ from coilarray.errors import GeometryError, NetworkError
 from coilarray.geometry import CoilArray
 
 FloatArray = npt.NDArray[np.float64]
-Termination = Literal["short", "open"]
-"""What closes a passive coil: ``"short"`` to ground, or ``"open"``, nothing."""
-
 LEFT_OUT = ("alternating-current resistance", "stray capacitances and inductances")
 """What an ideal network leaves out."""
 _RESISTANCE_POINTS = 9
@@ -251,23 +248,18 @@ def couple_design(design: Design, *, ideal: bool = False, progress: Progress | N
     result = _coupled(network, design.coils_in_turn, terminations_of(design), np.diag(bare.resistance(1.0)))
     without = resonances(bare, design.coils_in_turn)
     single, centres = ("coil",), design.array.centres
-    result = result.assign(
-        ideal_effective_inductance=(
-            single, [one.effective_inductance for one in without],
-            {"units": "H", "long_name": "effective inductance, ideal: direct current, no strays"},
-        ),
-        ideal_frequency=(
-            single, [one.frequency for one in without],
-            {"units": "Hz", "long_name": "resonance frequency, ideal: direct current, no strays"},
-        ),
-        sheet_inductance=(
-            ("coil", "other"), design_inductance(design)[1],
-            {"units": "H", "long_name": "inductance due to the sheets"},
-        ),
-    ).assign_coords(
-        x=("coil", centres[:, 0], {"units": "m", "long_name": "centre of the coil, x"}),
-        y=("coil", centres[:, 1], {"units": "m", "long_name": "centre of the coil, y"}),
+    rows = (
+        ("ideal_effective_inductance", single, [one.effective_inductance for one in without], "H",
+         "effective inductance, ideal: direct current, no strays"),
+        ("ideal_frequency", single, [one.frequency for one in without], "Hz",
+         "resonance frequency, ideal: direct current, no strays"),
+        ("sheet_inductance", ("coil", "other"), design_inductance(design)[1], "H", "inductance due to the sheets"),
     )  # fmt: skip
+    places = (
+        ("x", single, centres[:, 0], "m", "centre of the coil, x"),
+        ("y", single, centres[:, 1], "m", "centre of the coil, y"),
+    )
+    result = result.assign(variables(*rows)).assign_coords(variables(*places))
     return result.assign_attrs(provenance(design))
 
 
@@ -294,11 +286,7 @@ def terminations_of(design: Design) -> list[str]:
 
 def provenance(design: Design) -> dict[str, str]:
     """Return the attributes that tell where a result comes from: design, its hash and the package's version."""
-    return {
-        "design": design.name,
-        "design_hash": design.digest,
-        "coilarray_version": metadata.version("coilarray"),
-    }
+    return {"design": design.name, "design_hash": design.digest, "coilarray_version": metadata.version("coilarray")}
 
 
 def couple(
@@ -348,12 +336,9 @@ def couple(
     contributions add up to L_eff − L.
     """
     L, R = checked_network(inductance, resistance)
-    shorted: Termination = "short"
-    ends = [shorted] * len(names) if terminations is None else list(terminations)
     if L.shape != (len(names), len(names)):
         raise NetworkError(f"{len(names)} names need an inductance matrix of that many rows; got shape {L.shape}.")
-    if len(ends) != len(names) or not set(ends) <= {"short", "open"}:
-        raise NetworkError(f"terminations must be {len(names)} of 'short' or 'open'; got {ends}.")
+    ends = checked_terminations(len(names), terminations)
     network = bare_network(names, L, R, Switches(short_resistance / 2, tank_capacitance=capacitance))
     opened = [name for name, end in zip(names, ends, strict=True) if end == "open"]
     states = [
@@ -367,7 +352,6 @@ def _coupled(network: Network, states: Sequence[ScanState], terminations: Sequen
     names, L = network.names, network.inductance
     solved = resonances(network, states)
     alone = resonances(network, [ScanState(name, ((name, 1),), others="open") for name in names])
-    own = np.diag(L).copy()
     currents = np.array([state.currents for state in solved])
     contributions = np.real(L * currents) * (1 - np.eye(len(L)))
 
@@ -376,36 +360,29 @@ def _coupled(network: Network, states: Sequence[ScanState], terminations: Sequen
 
     effective, unchanged = each("effective_inductance"), each("effective_inductance", alone)
     pair, single = ("coil", "other"), ("coil",)
+    rows = (
+        ("inductance", pair, L, "H", "inductance matrix"),
+        ("coupling", pair, coupling_matrix(L), "1", "coupling coefficient"),
+        ("resistance", single, R, "ohm", "DC resistance"),
+        ("open_inductance", single, np.diag(L).copy(), "H", "inductance, all other coils open"),
+        ("effective_inductance", single, effective, "H", "effective inductance"),
+        ("open_effective_inductance", single, unchanged, "H", "effective inductance, others open"),
+        ("inductance_change", single, effective / unchanged - 1, "1", "change by the others"),
+        ("effective_resistance", single, each("effective_resistance"), "ohm", "effective resistance"),
+        ("quality_factor", single, each("quality_factor"), "1", "quality factor"),
+        ("open_frequency", single, each("frequency", alone), "Hz", "resonance frequency, others open"),
+        ("frequency", single, each("frequency"), "Hz", "resonance frequency"),
+        ("current_real", pair, currents.real, "A/A", "in-phase current"),
+        ("current_imag", pair, currents.imag, "A/A", "quadrature current"),
+        ("contribution", pair, contributions, "H", "part in L_eff − L"),
+        ("termination", single, np.array(terminations, dtype=object), "", "state while passive"),
+    )
     return xr.Dataset(
-        {
-            "inductance": (pair, L, {"units": "H", "long_name": "inductance matrix"}),
-            "coupling": (pair, coupling_matrix(L), {"units": "1", "long_name": "coupling coefficient"}),
-            "resistance": (single, R, {"units": "ohm", "long_name": "DC resistance"}),
-            "open_inductance": (single, own, {"units": "H", "long_name": "inductance, all other coils open"}),
-            "effective_inductance": (single, effective, {"units": "H", "long_name": "effective inductance"}),
-            "open_effective_inductance": (
-                single, unchanged, {"units": "H", "long_name": "effective inductance, others open"}
-            ),
-            "inductance_change": (
-                single, effective / unchanged - 1, {"units": "1", "long_name": "change by the others"}
-            ),
-            "effective_resistance": (
-                single, each("effective_resistance"), {"units": "ohm", "long_name": "effective resistance"}
-            ),
-            "quality_factor": (single, each("quality_factor"), {"units": "1", "long_name": "quality factor"}),
-            "open_frequency": (
-                single, each("frequency", alone), {"units": "Hz", "long_name": "resonance frequency, others open"}
-            ),
-            "frequency": (single, each("frequency"), {"units": "Hz", "long_name": "resonance frequency"}),
-            "current_real": (pair, currents.real, {"units": "A/A", "long_name": "in-phase current"}),
-            "current_imag": (pair, currents.imag, {"units": "A/A", "long_name": "quadrature current"}),
-            "contribution": (pair, contributions, {"units": "H", "long_name": "part in L_eff − L"}),
-            "termination": (single, np.array(terminations, dtype=object), {"long_name": "state while passive"}),
-        },
+        variables(*rows),
         coords={"coil": list(names), "other": list(names)},
         attrs={
             "capacitance_F": network.switches.tank_capacitance,
             "short_resistance_ohm": 2 * network.switches.on_resistance,
             "left_out": "; ".join(network.left_out),
         },
-    )  # fmt: skip
+    )

@@ -51,18 +51,13 @@ MODELS = ("transverse field", "section filaments")
 
 @dataclass(frozen=True, eq=False)
 class CrossSection:
-    """Losses of one straight isolated trace; arrays have the shape of `frequency` in Hz.
+    """Losses of one straight isolated trace over frequency.
 
-    `width` and `thickness` are in m, `resistivity` in Ω·m. `resistance_ratio` is R_ac/R_dc without neighbours.
-    `normal_field_loss` and `lateral_field_loss` are g in Ω·m: a uniform field of peak value H along the thickness
-    (normal to the plane) or along the width adds the loss ½ g |H|² in W/m. The two and the loss of the trace's own
-    current add without cross terms.
+    `resistance_ratio` is R_ac/R_dc without neighbours. `normal_field_loss` and `lateral_field_loss` are g in Ω·m: a
+    uniform field of peak value H along the thickness (normal to the plane) or along the width adds the loss ½ g |H|²
+    in W/m. The two and the loss of the trace's own current add without cross terms.
     """
 
-    width: float
-    thickness: float
-    frequency: FloatArray
-    resistivity: float
     resistance_ratio: FloatArray
     normal_field_loss: FloatArray
     lateral_field_loss: FloatArray
@@ -116,15 +111,7 @@ def cross_section(
     own, normal, lateral = _isolated_modes(round(thickness / width, 12))
     beta = (width / delta) ** 2 / np.pi  # ωµ0 w²/(2πρ) with ωµ0/ρ = 2/δ²
     drive = resistivity * (2 * np.pi) ** 2  # (ωµ0)² w⁴/ρ = ρ (2πβ)²
-    return CrossSection(
-        width,
-        thickness,
-        np.asarray(frequency, dtype=np.float64),
-        resistivity,
-        1.0 + _answer(own, beta),
-        drive * _answer(normal, beta),
-        drive * _answer(lateral, beta),
-    )
+    return CrossSection(1.0 + _answer(own, beta), drive * _answer(normal, beta), drive * _answer(lateral, beta))
 
 
 def _check_mesh(side: float, delta: FloatArray) -> None:

@@ -12,6 +12,7 @@ import shapely
 import xarray as xr
 from shapely import affinity
 
+from coilarray.compute.netcdf import variables
 from coilarray.electromagnetics.layered_strips import LayeredMedium, crossed_grid_capacitance, strip_capacitance
 from coilarray.errors import GeometryError
 from coilarray.geometry import Coil, CoilArray, Placement, Sheet, Stackup
@@ -89,24 +90,17 @@ def coil_capacitance(
     _refuse_touching_coils(array)
     windings = _windings(array, above, half_space)
     single, pair = ("coil",), ("coil", "other")
+    rows = (
+        ("coil_capacitance", single, [w.total for w in windings], "F", "lumped capacitance"),
+        ("interlayer", single, [w.interlayer for w in windings], "F", "part between layers"),
+        ("turn_to_turn", single, [w.turn_to_turn for w in windings], "F", "part within layers"),
+        ("capacitance", pair, _between_coils(array, above, half_space), "F", "Maxwell matrix"),
+    )
     return xr.Dataset(
-        {
-            "coil_capacitance": (
-                single, np.array([w.total for w in windings]), {"units": "F", "long_name": "lumped capacitance"}
-            ),
-            "interlayer": (
-                single, np.array([w.interlayer for w in windings]), {"units": "F", "long_name": "part between layers"}
-            ),
-            "turn_to_turn": (
-                single, np.array([w.turn_to_turn for w in windings]), {"units": "F", "long_name": "part within layers"}
-            ),
-            "capacitance": (
-                pair, _between_coils(array, above, half_space), {"units": "F", "long_name": "Maxwell matrix"}
-            ),
-        },
-        coords={"coil": list(array.names), "other": list(array.names)},
-        attrs={"relative_permittivity": relative_permittivity, "sheet_thickness_m": sum(d for d, _ in above)},
-    )  # fmt: skip
+        variables(*rows),
+        {"coil": list(array.names), "other": list(array.names)},
+        {"relative_permittivity": relative_permittivity, "sheet_thickness_m": sum(d for d, _ in above)},
+    )
 
 
 def self_resonance(inductance: npt.ArrayLike, capacitance: npt.ArrayLike) -> FloatArray:
@@ -171,25 +165,18 @@ def elastomer_effect(
     spread = most - least
     single = ("coil",)
     change = with_elastomer - without
+    rows = (
+        ("without", single, without, "F", "lumped capacitance in air"),
+        ("with_elastomer", single, with_elastomer, "F", "lumped capacitance, elastomer on"),
+        ("change", single, change, "F", "capacitance the elastomer adds"),
+        ("apparent_delta", single, change / (C_t + without), "1", "apparent relative change of L by it"),
+        ("dent_bound", single, spread / (C_t + without), "1", "upper bound of the apparent change by a dent"),
+    )
     return xr.Dataset(
-        {
-            "without": (single, without, {"units": "F", "long_name": "lumped capacitance in air"}),
-            "with_elastomer": (single, with_elastomer, {"units": "F", "long_name": "lumped capacitance, elastomer on"}),
-            "change": (single, change, {"units": "F", "long_name": "capacitance the elastomer adds"}),
-            "apparent_delta": (
-                single, change / (C_t + without), {"units": "1", "long_name": "apparent relative change of L by it"}
-            ),
-            "dent_bound": (
-                single, spread / (C_t + without), {"units": "1", "long_name": "upper bound of the apparent change by a dent"}
-            ),
-        },
-        coords={"coil": list(array.names)},
-        attrs={
-            "relative_permittivity": relative_permittivity,
-            "tank_capacitance_F": C_t,
-            "undisturbed_m": undisturbed,
-        },
-    )  # fmt: skip
+        variables(*rows),
+        {"coil": list(array.names)},
+        {"relative_permittivity": relative_permittivity, "tank_capacitance_F": C_t, "undisturbed_m": undisturbed},
+    )
 
 
 def _positive(name: str, value: npt.ArrayLike, unit: str, *, zero: bool = False) -> FloatArray:

@@ -44,12 +44,7 @@ class MatrixBlock:
 
 
 def write_inductance_matrix(
-    path: Path,
-    source: Source,
-    pool: Pool,
-    *,
-    accuracy: Accuracy = "full",
-    progress: Progress | None = None,
+    path: Path, source: Source, pool: Pool, *, accuracy: Accuracy = "full", progress: Progress | None = None
 ) -> None:
     """Write the inductance matrix of any number of paths.
 

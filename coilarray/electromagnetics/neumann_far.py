@@ -36,33 +36,21 @@ class EquivalentCurrents:
     currents: FloatArray
 
 
-@dataclass(frozen=True, eq=False)
-class Boxes:
-    """Bounding boxes of paths: middle and half of their extent in m, shape (n, 3)."""
-
-    centre: FloatArray
-    half: FloatArray
-
-    def __getitem__(self, which: IntArray) -> Boxes:
-        """Those with the numbers `which`."""
-        return Boxes(self.centre[which], self.half[which])
-
-
-def bounding_boxes(paths: Sequence[FloatArray]) -> Boxes:
-    """Return the smallest boxes around paths, each the vertices (m, 3) in m."""
+def bounding_boxes(paths: Sequence[FloatArray]) -> FloatArray:
+    """Middle and half of the extent in m of the vertices (m, 3) of each path, shape (paths, 2, 3)."""
     low = np.array([vertices.min(axis=0) for vertices in paths])
     high = np.array([vertices.max(axis=0) for vertices in paths])
-    return Boxes((low + high) / 2, (high - low) / 2)
+    return np.stack(((low + high) / 2, (high - low) / 2), axis=1)
 
 
-def nodes_needed(first: Boxes, second: Boxes, shifts: FloatArray) -> IntArray:
+def nodes_needed(first: FloatArray, second: FloatArray, shifts: FloatArray) -> IntArray:
     """Nodes along x and y, and along z, of n pairs of boxes, the second moved by `shifts` (n, 3) in m; shape (n, 2).
 
-    A value above `MOST_NODES` means that the boxes are too near each other.
+    Boxes are those of `bounding_boxes`; a value above `MOST_NODES` means that they are too near each other.
     """
-    between = np.abs(second.centre + shifts - first.centre) - first.half - second.half
+    between = np.abs(second[:, 0] + shifts - first[:, 0]) - first[:, 1] - second[:, 1]
     gap = np.maximum(between, 0.0)
-    half = np.maximum(first.half, second.half)
+    half = np.maximum(first[:, 1], second[:, 1])
     sizes = np.column_stack((half[:, :2].max(axis=1), half[:, 2]))
     none = _NONE * half.max(axis=1)[:, None]
     # singularities beside the interval [−1, 1] lie beyond its ends, those above it anywhere along it
@@ -82,8 +70,7 @@ def equivalent_currents(segments: FloatArray, count: int, count_z: int, current:
     There are `count` nodes along x and y, and `count_z` along z; `current` is that of every segment in A. Polynomials
     along a segment are integrated exactly.
     """
-    box = bounding_boxes([segments.reshape(-1, 3)])
-    centre, extent = box.centre[0], box.half[0]
+    ((centre, extent),) = bounding_boxes([segments.reshape(-1, 3)])
     gauss, weight = np.polynomial.legendre.leggauss(count + (count_z + 1) // 2)
     step = segments[:, 1] - segments[:, 0]
     places = (segments[:, :1] + 0.5 * (1.0 + gauss)[:, None] * step[:, None]).reshape(-1, 3)

@@ -389,20 +389,14 @@ def test_progress(board):
 
 @pytest.mark.parametrize("frequency", [0.0, -1.0, np.nan, np.inf])
 def test_bad_frequency(board, frequency):
-    for call in (
-        lambda: cross_section(W, T, frequency),
-        lambda: resistance_matrix(board[:1], [1e6, frequency]),
-    ):
+    for call in (lambda: cross_section(W, T, frequency), lambda: resistance_matrix(board[:1], [1e6, frequency])):
         with pytest.raises(ValueError, match=r"frequency must be positive and finite; got"):
             call()
 
 
 @pytest.mark.parametrize("resistivity", [0.0, -1.0, np.nan])
 def test_bad_resistivity(board, resistivity):
-    for call in (
-        lambda: cross_section(W, T, 1e6, resistivity),
-        lambda: resistance_matrix(board[:1], 1e6, resistivity),
-    ):
+    for call in (lambda: cross_section(W, T, 1e6, resistivity), lambda: resistance_matrix(board[:1], 1e6, resistivity)):
         with pytest.raises(GeometryError, match="resistivity must be positive and finite"):
             call()
 

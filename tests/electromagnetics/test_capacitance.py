@@ -28,11 +28,7 @@ from coilarray.electromagnetics.capacitance import (
     self_resonance,
     winding_capacitance,
 )
-from coilarray.electromagnetics.layered_strips import (
-    LayeredMedium,
-    crossed_grid_capacitance,
-    strip_capacitance,
-)
+from coilarray.electromagnetics.layered_strips import LayeredMedium, crossed_grid_capacitance, strip_capacitance
 from coilarray.errors import GeometryError
 from coilarray.geometry import CoilArray, Placement, PlatedHole, Sheet, Spiral, Stackup, path_coil, spiral_coil
 

@@ -12,13 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from coilarray import (
-    coupling_matrix,
-    inductance_matrix,
-    load_design,
-    mutual_inductance,
-    self_inductance,
-)
+from coilarray import coupling_matrix, inductance_matrix, load_design, mutual_inductance, self_inductance
 from coilarray.constants import MU_0
 from coilarray.electromagnetics import neumann, neumann_near
 from coilarray.electromagnetics.inductance import rectangular_bars, straight_filaments

@@ -182,14 +182,9 @@ def section(traces: Sequence[Trace], basis: Callable[[float, float], Basis]) -> 
 
 
 def bundle_factors(
-    bundle: Section,
-    alone: Sequence[Section],
-    x: FloatArray,
-    z: FloatArray,
-    sign: FloatArray,
-    mean: FloatArray,
+    bundle: Section, alone: Sequence[Section], x: FloatArray, z: FloatArray, sign: FloatArray, mean: FloatArray,
     delta: FloatArray,
-) -> FloatArray:
+) -> FloatArray:  # fmt: skip
     """Heat in each trace of a bundle by filaments, over the heat of the trace alone in the same field.
 
     Shape (3, frequencies, traces): for the current `sign` in all, for a uniform field along z, and one along x. `mean`

@@ -124,14 +124,9 @@ def pair_logs(first: FloatArray, second: FloatArray, x: float, z: float, out: Fl
 
 @kernel
 def transverse_fields(
-    points: FloatArray,
-    own: IntArray,
-    lateral: FloatArray,
-    normal: FloatArray,
-    vertices: FloatArray,
-    starts: IntArray,
+    points: FloatArray, own: IntArray, lateral: FloatArray, normal: FloatArray, vertices: FloatArray, starts: IntArray,
     out: FloatArray,
-) -> None:
+) -> None:  # fmt: skip
     """Field H of unit current in every polyline, resolved along two axes, at points on segments.
 
     `points`, `lateral`, `normal` (n, 3); `own` (n,) is the row of `vertices` where the point's own segment begins,

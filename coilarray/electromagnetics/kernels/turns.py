@@ -85,14 +85,9 @@ def find_series(path: FloatArray) -> IntArray:
 
 
 def _step_evenly(
-    places: FloatArray,
-    sizes: FloatArray,
-    free: BoolArray,
-    i: IntArray | int,
-    j: IntArray,
-    k: IntArray,
+    places: FloatArray, sizes: FloatArray, free: BoolArray, i: IntArray | int, j: IntArray, k: IntArray,
     tolerance: float,
-) -> BoolArray:
+) -> BoolArray:  # fmt: skip
     """Say which triples of free segments have one cross-section, and starts and ends on equidistant points."""
     alike = (sizes[i] == sizes[j]).all(axis=-1) & (sizes[j] == sizes[k]).all(axis=-1)
     bend = np.abs(places[i] - 2.0 * places[j] + places[k]).max(axis=-1)
