@@ -242,7 +242,7 @@ def checked_network(inductance: npt.ArrayLike, resistance: npt.ArrayLike) -> tup
     return L, R
 
 
-def check_frequency(frequency: npt.ArrayLike) -> None:
+def check_frequency(frequency: float | FloatArray) -> None:
     """Refuse frequencies in Hz that are not positive and finite."""
     if not (np.isfinite(frequency) & np.greater(frequency, 0)).all():
         raise NetworkError(f"frequency must be positive and finite; got {frequency} Hz.")

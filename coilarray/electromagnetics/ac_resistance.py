@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from coilarray.compute.netcdf import variables
 from coilarray.compute.threads import Progress, ranges, run_blocks, serial_algebra
 from coilarray.constants import MU_0, RESISTIVITY_COPPER
 from coilarray.electromagnetics.kernels.cuts import gauss_points, lateral_axes, nearest_crossing, radial_cut
@@ -215,18 +216,13 @@ def resistance_matrix(
         if progress is not None:
             progress(c + 1, n)
     names = [conductor.name for conductor in conductors]
-    return xr.Dataset(
-        {
-            "resistance": (("frequency", "coil", "other"), R, {"units": "ohm", "long_name": "AC resistance matrix"}),
-            "dc_resistance": ("coil", dc, {"units": "ohm", "long_name": "DC resistance"}),
-            "model": (
-                ("frequency", "coil"),
-                np.array(MODELS)[wide.astype(int)],
-                {"long_name": "model of the proximity effect"},
-            ),
-        },
-        {"frequency": ("frequency", f, {"units": "Hz"}), "coil": names, "other": names},
+    model = np.array(MODELS)[wide.astype(int)]
+    rows = (
+        ("resistance", ("frequency", "coil", "other"), R, "ohm", "AC resistance matrix"),
+        ("dc_resistance", ("coil",), dc, "ohm", "DC resistance"),
+        ("model", ("frequency", "coil"), model, "", "model of the proximity effect"),
     )
+    return xr.Dataset(variables(*rows), {"frequency": ("frequency", f, {"units": "Hz"}), "coil": names, "other": names})
 
 
 def _trace_losses(

@@ -23,8 +23,7 @@ from coilarray.electromagnetics.neumann_far import (
     equivalent_currents,
     nodes_needed,
 )
-from coilarray.electromagnetics.neumann_near import Accuracy, Sums, part_blocks
-from coilarray.electromagnetics.pair_classes import pair_classes
+from coilarray.electromagnetics.neumann_near import Accuracy, Sums, pair_classes, part_blocks
 from coilarray.errors import GeometryError
 from coilarray.geometry import Conductor
 

@@ -25,10 +25,10 @@ from coilarray.electromagnetics.kernels.turns import (
     series_sum,
 )
 from coilarray.electromagnetics.mirror_parts import PathParts, find_parts, mirrored
-from coilarray.electromagnetics.pair_classes import pair_classes
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
 
 Accuracy = Literal["full", "screen"]
 """``full``: 1e-6 of L and k. ``screen``: a tenth of the time for windings of many turns, for searches whose results
@@ -156,6 +156,29 @@ def _classes(parts: PathParts, pairs: _Pairs, quantum: float) -> tuple[_Pairs, I
     first, second = np.where(turn, pairs.second, pairs.first), np.where(turn, pairs.first, pairs.second)
     alike = replace(pairs, first=first, second=second, shift=np.where(turn[:, None], turned, pairs.shift))
     return alike, example, number
+
+
+def pair_classes(key: IntArray, turned: IntArray) -> tuple[IntArray, IntArray, BoolArray]:
+    """Group pairs by what they are, where rows of `key` and `turned` (n, columns) mean the same.
+
+    Returns one pair of each class (classes,), the class of each pair (n,), and where `turned` stands for it (n,).
+
+    Examples
+    --------
+    >>> example, number, turn = pair_classes(np.array([[1, 2], [2, 1], [3, 3]]), np.array([[2, 1], [1, 2], [3, 3]]))
+    >>> number, turn
+    (array([0, 0, 1]), array([False,  True, False]))
+    """
+    turn, undecided = np.zeros(len(key), dtype=bool), np.ones(len(key), dtype=bool)
+    for column in range(key.shape[1]):
+        turn |= undecided & (turned[:, column] < key[:, column])
+        undecided &= turned[:, column] == key[:, column]
+    number = np.zeros(len(key), dtype=np.int64)
+    for column in np.where(turn[:, None], turned, key).T:
+        if (column != column[0]).any():
+            values, place = np.unique(column, return_inverse=True)
+            number = np.unique(number * len(values) + place, return_inverse=True)[1]
+    return np.unique(number, return_index=True)[1], number, turn
 
 
 def _near_widths(kind: int, accuracy: Accuracy) -> float:

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.integrate import simpson
+from support.coil_paths import random_matrix
 
 from coilarray.circuit.active_coil import active_coil
-from coilarray.circuit.network import Network, loaded_quality, resonate, self_resonance_of, solve_state
+from coilarray.circuit.network import Network, between_coils, loaded_quality, resonate, self_resonance_of, solve_state
 from coilarray.design.scan_states import ScanState, Switches, paper_plan
 from coilarray.errors import NetworkError
 
@@ -30,12 +32,6 @@ def network(L, R=0.0, C=0.0, mutual=0.0, **switches):
 def measure(*coils, connection="series", **others):
     chosen = tuple((name.lstrip("-"), -1 if name.startswith("-") else 1) for name in coils)
     return ScanState("+".join(coils), chosen, connection, **others)
-
-
-def random_matrix(n, seed):
-    rng = np.random.default_rng(seed)
-    factor = np.eye(n) + 0.15 * rng.standard_normal((n, n))
-    return 50e-6 * factor @ factor.T
 
 
 @settings(max_examples=30)
@@ -185,17 +181,11 @@ def test_mutual_capacitance_with_one_end_of_the_neighbour_grounded():
     # a huge bus capacitance across the coil, and C/12 that it hides: take it off
     Z = 1 / (1 / result.impedance - 1j * OMEGA * bus / 2)
     assert (1 / Z).imag + 1 / (OMEGA * 50e-6) == pytest.approx(OMEGA * C / 12, rel=1e-4)
-    # the energy of any four voltages, by the stamp's own capacitors: C/2 ((m_i − m_j)² + (d_i² + d_j²)/12)
-    v = np.array([0.7, -0.2, 1.3, 0.4])
-    stamp = sum(C / 4 * (v[i] - v[j]) ** 2 / 2 for i in (0, 1) for j in (2, 3))
-    stamp -= C / 6 * ((v[0] - v[1]) ** 2 + (v[2] - v[3]) ** 2) / 2
-    s = np.linspace(0, 1, 201)
+    # the energy of any four voltages: C/2 ((m_i − m_j)² + (d_i² + d_j²)/12), the mean over both windings
+    v, s = np.array([0.7, -0.2, 1.3, 0.4]), np.linspace(0, 1, 201)
     first, second = v[0] + (v[1] - v[0]) * s, v[2] + (v[3] - v[2]) * s
-    weights = np.ones(201)
-    weights[1:-1:2], weights[2:-1:2] = 4, 2  # Simpson, exact for squares
-    weights /= weights.sum()
-    energy = C / 2 * (weights[:, None] * weights * (first[:, None] - second) ** 2).sum()
-    assert stamp == pytest.approx(energy, rel=1e-12)
+    energy = C / 2 * simpson(simpson((first[:, None] - second) ** 2, x=s), x=s)  # exact for squares
+    assert v @ between_coils(np.array([[0, C], [C, 0]])) @ v / 2 == pytest.approx(energy, rel=1e-12)
 
 
 def test_loaded_quality():
