@@ -23,6 +23,7 @@ import numpy.typing as npt
 import scipy.linalg
 from scipy.special import jv
 
+from coilarray.compute.threads import serial_algebra
 from coilarray.constants import EPSILON_0
 from coilarray.errors import GeometryError
 
@@ -129,6 +130,7 @@ class LayeredMedium:
         return G
 
 
+@serial_algebra()
 def strip_capacitance(
     medium: LayeredMedium,
     planes: Sequence[int],
@@ -200,6 +202,7 @@ def strip_capacitance(
     return _maxwell(A, label, basis, grounded=medium.grounded)
 
 
+@serial_algebra()
 def crossed_grid_capacitance(
     medium: LayeredMedium,
     planes: Sequence[int],

@@ -139,20 +139,11 @@ def test_the_board_is_its_own_mirror_image(scan):
 
 
 def test_states_of_several_coils():
-    text = (
-        STARTER
-        + """
-[[scan]]
-name = "series"
-measure = ["coil1", "coil2"]
-others = "open"
-[[scan]]
-name = "against"
-measure = ["coil1", "-coil2"]
-others = "open"
-"""
-    )
-    design = parse_design(text)
+    states = (("series", "coil2"), ("against", "-coil2"))
+    scans = [
+        f'[[scan]]\nname = "{name}"\nmeasure = ["coil1", "{second}"]\nothers = "open"\n' for name, second in states
+    ]
+    design = parse_design("\n".join([STARTER, *scans]))
     sweep = sweep_design(design, [1000.0])
     L = couple_design(design).inductance.values
     expected = L[0, 0] + L[1, 1] + 2 * np.array([1, -1]) * L[0, 1]

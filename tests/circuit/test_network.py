@@ -62,9 +62,34 @@ def test_series_and_parallel():
     assert solve_state(circuit, measure("-a", others="open"), F).apparent_inductance == pytest.approx(50e-6, rel=1e-12)
 
 
-def test_series_coils_pass_through_every_switch():
-    result = solve_state(network(L2, 10.0, on_resistance=2.5), measure("a", "b"), F)
-    assert result.effective_resistance == pytest.approx(20 + 4 * 2.5, rel=1e-12)
+def _coil(capacitance=0.0):
+    """Impedance of the first coil alone with a capacitance across it."""
+    return 1 / (1 / (1j * OMEGA * 50e-6) + 1j * OMEGA * capacitance)
+
+
+@pytest.mark.parametrize(
+    ("circuit", "state", "Z"),
+    [
+        # series coils pass through every switch
+        (network(L2, 10.0, on_resistance=2.5), measure("a", "b"), 20 + 4 * 2.5 + 1j * OMEGA * 84e-6),
+        (
+            network(L2, 10.0),
+            measure("a", others="load", load_resistance=33.0),
+            10 + 1j * OMEGA * 50e-6 + (OMEGA * 3e-6) ** 2 / (10 + 33 + 1j * OMEGA * 40e-6),
+        ),
+        # terminal 1 sits on A: open switches to B and ground; terminal 2 on B: open to A and ground.
+        # Across the coil: two of them, and the two to ground in series
+        (network(L2[:1, :1], off_capacitance=13e-12), measure("a"), _coil(2.5 * 13e-12)),
+        (
+            network(L2[:1, :1], bus_capacitance=50e-12, lead_inductance=20e-9),
+            measure("a"),
+            _coil(25e-12) + 2j * OMEGA * 20e-9,
+        ),
+    ],
+    ids=["series", "load", "off capacitance", "bus and leads"],
+)
+def test_impedance_in_closed_form(circuit, state, Z):
+    assert solve_state(circuit, state, F).impedance == pytest.approx(Z, rel=1e-12)
 
 
 def test_open_and_one_end():
@@ -73,12 +98,6 @@ def test_open_and_one_end():
         result = solve_state(circuit, measure("a", others=others), F)
         assert result.apparent_inductance == pytest.approx(50e-6, rel=1e-12)
         assert abs(result.currents[1]) < 1e-12
-
-
-def test_load():
-    result = solve_state(network(L2, 10.0), measure("a", others="load", load_resistance=33.0), F)
-    Z = 10 + 1j * OMEGA * 50e-6 + (OMEGA * 3e-6) ** 2 / (10 + 33 + 1j * OMEGA * 40e-6)
-    assert result.impedance == pytest.approx(Z, rel=1e-12)
 
 
 def test_an_open_coil_with_capacitance_is_not_passive():
@@ -97,15 +116,6 @@ def test_an_open_coil_with_capacitance_is_not_passive():
         assert np.sign(bare.imag / (2 * np.pi * f) - 50e-6) == sign
 
 
-def test_off_capacitance_hangs_on_open_terminals():
-    off = 13e-12
-    result = solve_state(network(L2[:1, :1], 0.0, off_capacitance=off), measure("a"), F)
-    # terminal 1 sits on A: open switches to B and ground; terminal 2 on B: open to A and ground.
-    # Across the coil: two of them, and the two to ground in series
-    C = 2 * off + off / 2
-    assert result.impedance == pytest.approx(1 / (1 / (1j * OMEGA * 50e-6) + 1j * OMEGA * C), rel=1e-12)
-
-
 def test_capacitance_to_a_grounded_neighbour():
     C = 9e-12
     L = np.diag([50e-6, 40e-6])
@@ -116,12 +126,6 @@ def test_capacitance_to_a_grounded_neighbour():
     # both neighbours' ends open: it takes the mean as well; the energy is the same
     free = solve_state(network(L, 0.0, mutual=C), measure("a", others="open"), 1e3)
     assert free.apparent_inductance == pytest.approx(50e-6, rel=1e-6)
-
-
-def test_bus_and_leads():
-    result = solve_state(network(L2[:1, :1], 0.0, bus_capacitance=50e-12, lead_inductance=20e-9), measure("a"), F)
-    Z = 1 / (1 / (1j * OMEGA * 50e-6) + 1j * OMEGA * 25e-12) + 2j * OMEGA * 20e-9
-    assert result.impedance == pytest.approx(Z, rel=1e-12)
 
 
 def test_resonance_where_the_susceptance_vanishes():

@@ -22,6 +22,7 @@ from support.references import rows
 
 import coilarray.electromagnetics.ac_resistance as module
 from coilarray import dc_resistance, load_design, magnetic_field
+from coilarray.compute.threads import serial_algebra
 from coilarray.constants import MU_0, RESISTIVITY_COPPER
 from coilarray.electromagnetics.ac_resistance import WIDE, cross_section, resistance_matrix, skin_depth
 from coilarray.electromagnetics.kernels.cuts import nearest_crossing, radial_cut
@@ -101,7 +102,8 @@ def test_single_trace_reference(row):
 def test_single_mesh(aspect, mesh):
     # the study that set SINGLE_MESH, up to MOST_SKIN_DEPTHS
     beta = np.array([2.0, 10, 50, 100, module.MOST_SKIN_DEPTHS]) ** 2 / np.pi
-    coarse, fine = isolated_modes(1.0, aspect, *module.SINGLE_MESH), isolated_modes(1.0, aspect, *mesh)
+    with serial_algebra():
+        coarse, fine = (isolated_modes(1.0, aspect, *cells) for cells in (module.SINGLE_MESH, mesh))
     for k in range(3):
         a, b = (module._answer(modes[k], beta) + (k == 0) for modes in (coarse, fine))
         # measured at most 2.3e-3; 5e-3 for the lateral field of thin traces (third set), which has few cells
