@@ -440,6 +440,7 @@ def test_foreign_fasthenry_file():
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
+        ("* two wires", "+ two wires", "line 2: nothing to continue"),
         (".Units in", ".units furlong", "line 3: units must be one of km, m"),
         ("NA x=0 y=0", "NA x=0", "line 5: node NA has no y"),
         ("Nc x=2", "Na x=2", "line 8: node Na again"),
@@ -465,11 +466,6 @@ def test_bad_fasthenry_files(old, new, message):
     with pytest.raises(ValueError, match=re.escape(message)) as caught:
         read_fasthenry_input(FOREIGN.replace(old, new))
     assert "\n" not in str(caught.value)
-
-
-def test_nothing_to_continue():
-    with pytest.raises(ValueError, match="line 2: nothing to continue"):
-        read_fasthenry_input("title\n+ x=1\n")
 
 
 # FastHenry output
@@ -505,11 +501,7 @@ def test_zc_matrix():
         ("Impedance matrix for frequency = 100000", "ADMITTANCE matrix for frequency = 1", "line 3: an admittance"),
         ("+0.236j", "+nanj", "line 7: 2 rows of 2 impedances are due"),
         ("+0.236j    2.5e-07      +0.111j", "+0.236j", "line 7: 2 rows of 2 impedances are due"),
-        (
-            "       2.5e-07      +0.111j       0.003     +1e+02j \n",
-            "",
-            "2 rows an impedance matrix are due; got [2, 1]",
-        ),
+        (ZC.splitlines(keepends=True)[-1], "", "2 rows an impedance matrix are due; got [2, 1]"),
         ("Row 2", "Column 2", "line 1: not a line of FastHenry's Zc.mat"),
     ],
 )
