@@ -16,6 +16,7 @@ from coilarray.circuit.state_sensitivity import resonances
 from coilarray.compute.netcdf import variables
 from coilarray.compute.recent import Recent
 from coilarray.compute.threads import Progress, serial_algebra
+from coilarray.design.digest import digest_of
 from coilarray.design.model import Design
 from coilarray.design.scan_states import ScanState, Switches
 from coilarray.elastomer.flat_layer import layer_inductance
@@ -54,7 +55,9 @@ class CircuitParts:
     problem: str = ""
 
 
+# by what they depend on: designs that differ in their circuit alone share them
 _INDUCTANCES: Recent[tuple[FloatArray, FloatArray]] = Recent(_KEPT)
+_CAPACITANCES: Recent[xr.Dataset] = Recent(_KEPT)
 _PARTS: Recent[CircuitParts] = Recent(_KEPT)
 
 
@@ -136,7 +139,11 @@ def _circuit_parts(design: Design, accuracy: Accuracy, progress: Progress | None
     winding, between = np.zeros(len(names)), np.zeros((len(names), len(names)))
     capacitance, problem = None, ""
     try:
-        capacitance = coil_capacitance(design.array, design.sheets, relative_permittivity=permittivity_above(design))
+        above = permittivity_above(design)
+        capacitance = _CAPACITANCES.get(
+            digest_of(design.array, design.sheets, above),
+            lambda: coil_capacitance(design.array, design.sheets, relative_permittivity=above),
+        )
     except GeometryError as error:
         problem = str(error)
     else:
@@ -268,7 +275,7 @@ def design_inductance(
 ) -> tuple[FloatArray, FloatArray]:
     """Inductance matrix of a design under its flat sheets in H, and the part of it that the magnetic sheets make."""
     inductance, by_sheets = _INDUCTANCES.get(
-        (design.digest, accuracy), lambda: _design_inductance(design, accuracy, progress)
+        (digest_of(design.array, design.sheets), accuracy), lambda: _design_inductance(design, accuracy, progress)
     )
     return inductance.copy(), by_sheets.copy()
 

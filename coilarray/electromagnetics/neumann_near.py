@@ -17,13 +17,7 @@ import numpy.typing as npt
 
 from coilarray.electromagnetics.kernels.bars import bar_self
 from coilarray.electromagnetics.kernels.paths import mutual_sum, own_mutual_sum
-from coilarray.electromagnetics.kernels.turns import (
-    find_series,
-    own_series_sum,
-    series_members,
-    series_rules,
-    series_sum,
-)
+from coilarray.electromagnetics.kernels.turns import find_series, series_members, series_rules, series_sum
 from coilarray.electromagnetics.mirror_parts import PathParts, find_parts, mirrored
 
 FloatArray = npt.NDArray[np.float64]
@@ -201,8 +195,9 @@ def _own_sum(part: _Part, start: int, stop: int, accuracy: Accuracy) -> float:
         return float(mutual + _bars_alone(part.table[rows], np.ones(len(rows))))
     rules = series_rules(int(part.series[:, 2].max()))
     rows, weights = series_members(part.series, *rules)
-    mutual = own_series_sum(part.table, part.series, _SCREEN_OWN_NEAR_WIDTHS, *rules)
-    return float(mutual + _bars_alone(part.table[rows], weights))
+    table, series = part.table, part.series
+    mutual = series_sum(table, table, np.zeros(3), series, series, True, _SCREEN_OWN_NEAR_WIDTHS, *rules)
+    return float(2.0 * mutual + _bars_alone(part.table[rows], weights))
 
 
 def _pair_sum(
@@ -220,7 +215,7 @@ def _pair_sum(
     if accuracy == "full":
         return float(mutual_sum(a.table, second, shift, start, stop, near_widths, 0))
     rules = series_rules(int(max(a.series[:, 2].max(), b.series[:, 2].max())))
-    return float(series_sum(a.table, second, shift, a.series, b.series, near_widths, *rules))
+    return float(series_sum(a.table, second, shift, a.series, b.series, False, near_widths, *rules))
 
 
 def _bars_alone(rows: FloatArray, weights: FloatArray) -> float:

@@ -170,10 +170,14 @@ def _sum_two_series(
 
 
 @kernel
-def _series_sum(
+def series_sum(
     first: FloatArray, second: FloatArray, shift: FloatArray, of_first: IntArray, of_second: IntArray, own: bool,
     near_widths: float, members: IntArray, weights: FloatArray, check: FloatArray, counts: IntArray,
 ) -> float:  # fmt: skip
+    """Sum of `bar_pair` over rows of `first` and of `second` moved by `shift`, or over the pairs i < j of one's `own`.
+
+    `of_first` and `of_second` are their series (`find_series`), the last four arguments the rules (`series_rules`).
+    """
     rule = np.empty((RULE_SIZE, 4))
     total = 0.0
     for a in range(of_first.shape[0]):
@@ -183,23 +187,3 @@ def _series_sum(
                 members, weights, check, counts, rule,
             )  # fmt: skip
     return total
-
-
-def series_sum(
-    first: FloatArray, second: FloatArray, shift: FloatArray, of_first: IntArray, of_second: IntArray,
-    near_widths: float, members: IntArray, weights: FloatArray, check: FloatArray, counts: IntArray,
-) -> float:  # fmt: skip
-    """Sum of `bar_pair` over all rows of `first` and all of `second` moved by `shift`."""
-    return _series_sum(
-        first, second, shift, of_first, of_second, False, near_widths, members, weights, check, counts
-    )  # fmt: skip
-
-
-def own_series_sum(
-    path: FloatArray, series: IntArray, near_widths: float,
-    members: IntArray, weights: FloatArray, check: FloatArray, counts: IntArray,
-) -> float:  # fmt: skip
-    """Twice the sum of `bar_pair` over the pairs i < j of one path."""
-    return 2.0 * _series_sum(
-        path, path, np.zeros(3), series, series, True, near_widths, members, weights, check, counts
-    )  # fmt: skip
