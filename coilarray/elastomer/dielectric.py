@@ -76,7 +76,7 @@ def dent_capacitance(
     two layers, solved alone in the true surroundings of its copper (tests/elastomer/test_dielectric.py), has 0.75 to
     0.9 of this in symmetric drive, where the layers' potentials are opposite and cancel outside; with a terminal at
     ground 0.3 to 0.7, as then nothing but the neighbours holds the outside at zero. Where the zero is matters more: a
-    dent of 1 mm in the gast2020 design feigns at most about 1e-7 in symmetric drive, 1.5e-6 with the upper layer's
+    dent of 1 mm in the gast2020 design passes for 1e-7 of L at most in symmetric drive, 1.5e-6 with the upper layer's
     outer end at the full voltage, 6e-7 with that end at ground. The sign may be either: a
     raised ring where the field is strong outweighs the pit.
 

@@ -54,19 +54,15 @@ def straight_filaments(p1: npt.ArrayLike, p2: npt.ArrayLike, q1: npt.ArrayLike, 
     >>> round(M * 1e9, 6)
     418.647078
     """
-    first, second = _filament(p1, p2, "first"), _filament(q1, q2, "second")
+    ends = (("first", p1, p2), ("second", q1, q2))
+    first, second = (Conductor(np.array((start, end)), name=f"the {which} filament") for which, start, end in ends)
     (l1,), (l2,) = first.lengths, second.lengths
     u = (first.vertices[1] - first.vertices[0]) / l1
     v = (second.vertices[1] - second.vertices[0]) / l2
-    arguments = [*first.vertices[0], *u, l1, *second.vertices[0], *v, l2]
-    integral = filament_pair(*arguments)
+    integral = filament_pair(*first.vertices[0], *u, l1, *second.vertices[0], *v, l2)
     if not np.isfinite(integral):
         raise GeometryError("the two filaments run over each other on one line: their mutual inductance is infinite.")
     return float(_SCALE * integral)
-
-
-def _filament(start: npt.ArrayLike, end: npt.ArrayLike, which: str) -> Conductor:
-    return Conductor(np.stack((np.asarray(start), np.asarray(end))), name=f"the {which} filament")
 
 
 def rectangular_bars(
@@ -149,7 +145,7 @@ def mutual_inductance(first: Source, second: Source, *, accuracy: Accuracy = "fu
     first, second : CoilArray, Conductor, polyline or sequence of them
         Current paths, also thin filaments.
     accuracy : {"full", "screen"}
-        Accuracy of the result; see `Accuracy`.
+        See `Accuracy`.
 
     Returns
     -------
@@ -183,10 +179,10 @@ def inductance_matrix(source: Source, *, accuracy: Accuracy = "full", progress: 
     ----------
     source : CoilArray, Conductor, polyline or sequence of them
         Current paths. Every segment needs a cross-section, with a uniform current density (direct current).
+    accuracy : {"full", "screen"}
+        See `Accuracy`.
     progress : callable, optional
         Called with (done, total) as the work goes on.
-    accuracy : {"full", "screen"}
-        Accuracy of the result; see `Accuracy`.
 
     Returns
     -------

@@ -35,7 +35,7 @@ run, refused = runner("field", "starter")
 
 @pytest.fixture(scope="module")
 def coupling():
-    return couple_design(STARTER)
+    return couple_design(STARTER, ideal=True)
 
 
 @pytest.fixture
