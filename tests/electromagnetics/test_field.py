@@ -80,15 +80,12 @@ def test_dipole_far_away():
 @pytest.mark.parametrize("distance", [1e-1, 1e-3, 1e-6, 1e-9])
 def test_near_the_wire(distance):
     with mpmath.workdps(40):
-        p, q = mpmath.matrix([0, 0, 0]), mpmath.matrix([1.0, 0.2, 0.1])
         point = [0.3, 0.06 + distance, 0.03]
-        x = mpmath.matrix(point)
-        u, v, d = x - p, x - q, q - p
-        nu, nv, nd = (mpmath.sqrt(sum(c * c for c in w)) for w in (u, v, d))
-        dot = sum(u[k] * v[k] for k in range(3))
-        cross = [d[1] * u[2] - d[2] * u[1], d[2] * u[0] - d[0] * u[2], d[0] * u[1] - d[1] * u[0]]
-        B = [float(c * (nu + nv) / (nu * nv * (nu * nv + dot))) * MU_0 / (4 * np.pi) for c in cross]
-        A = [float(c / nd * mpmath.log((nu + nv + nd) / (nu + nv - nd))) * MU_0 / (4 * np.pi) for c in d]
+        q, x = (np.array([mpmath.mpf(value) for value in vector]) for vector in ([1.0, 0.2, 0.1], point))
+        u, v, d = x, x - q, q
+        nu, nv, nd = (mpmath.sqrt(w @ w) for w in (u, v, d))
+        B = MU_0 / (4 * np.pi) * (np.cross(d, u) * (nu + nv) / (nu * nv * (nu * nv + u @ v))).astype(float)
+        A = MU_0 / (4 * np.pi) * (d / nd * mpmath.log((nu + nv + nd) / (nu + nv - nd))).astype(float)
     segment = [[[0, 0, 0], [1.0, 0.2, 0.1]]]
     # the points' own rounding, 1e-16 of the length, is that part of the distance
     rel = 1e-14 + 1e-15 / distance
