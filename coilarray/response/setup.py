@@ -127,10 +127,7 @@ def indentation_of(design: Design) -> Indentation:
 
 
 def map_axes(
-    design: Design,
-    depths: npt.ArrayLike | None = None,
-    x: npt.ArrayLike | None = None,
-    y: npt.ArrayLike | None = None,
+    design: Design, depths: npt.ArrayLike | None = None, x: npt.ArrayLike | None = None, y: npt.ArrayLike | None = None
 ) -> MapAxes:
     """Return the axes of a map; those of the design where None is given.
 
