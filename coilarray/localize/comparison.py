@@ -174,13 +174,15 @@ def _compared(
         "missing": int(np.isnan(values).sum()),
     }
     figures |= {name: getattr(found, name) for name in ("scale", "scale_std", "shift", "shift_std", "at_limit")}
-    for name, other, unscaled in (("before", before, before), ("after", after, shifted)):
-        rms, correlation = (
-            (_rms(values[used], other[used], noise[used])),
-            _correlation(values[used], unscaled[used], noise[used]),
-        )
-        figures |= dict(zip((f"rms_{name}", f"rms_{name}_std"), rms, strict=True))
-        figures |= dict(zip((f"correlation_{name}", f"correlation_{name}_std"), correlation, strict=True))
+    read, spread = values[used], noise[used]
+    pairs = {
+        "rms_before": _rms(read, before[used], spread),
+        "correlation_before": _correlation(read, before[used], spread),
+        "rms_after": _rms(read, after[used], spread),
+        "correlation_after": _correlation(read, shifted[used], spread),
+    }
+    for name, pair in pairs.items():
+        figures[name], figures[f"{name}_std"] = pair
     return figures
 
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from support.command_line import runner
+from support.contacts import contacts_of, first_coils
 from support.localize_boards import FIELD, ROW, bells, board
 
 import coilarray.localize.calibration as calibration
@@ -21,6 +22,7 @@ import coilarray.response.map
 from coilarray import load_design
 from coilarray.cli.main import main
 from coilarray.compute.netcdf import save_dataset
+from coilarray.elastomer.contact_mesh import ContactMesh
 from coilarray.localize.ellipse import fit_ellipses
 from coilarray.localize.ellipse_model import ellipse_model, locate_x, model_from_json
 from coilarray.localize.forward import forward_model
@@ -546,15 +548,15 @@ def test_model_files_that_are_none(capsys, maps, change, message):
     assert message in refused(capsys, "locate", "--ellipse", "--model", "m.json", "coil1=1e-4,coil2=1e-4,coil3=0")
 
 
-def test_the_table_of_a_real_board_finds_what_pressed_on_it(capsys, tmp_path):
-    """The whole way with nothing replaced: table of the design, map of the design, position and depth."""
+def test_the_table_of_a_real_board_finds_what_pressed_on_it(capsys):
+    """The whole way, but for the mesh of the contacts: table of the design, map of the design, position and depth."""
     place = (4.3e-3, 3.1e-3, 1.15e-3)
-    design = load_design("starter")
-    pressed = response_map(design, depths=[place[2]], x=[place[0]], y=[place[1]])
-    delta = pressed.delta[0, 0, 0]
-    given = {str(name): float(value) for name, value in zip(delta.state.values, delta.values, strict=True)}
-    command = ("--model", "starter", "--table", tmp_path / "t.nc", text_of(given), "--noise", "3e-7")
-    (answer,) = positions(capsys, *command)
+    Path("four.toml").write_text(first_coils(4), encoding="utf-8")
+    with contacts_of(ContactMesh(12, 1.5)):
+        pressed = response_map(load_design("four.toml"), depths=[place[2]], x=[place[0]], y=[place[1]])
+        delta = pressed.delta[0, 0, 0]
+        given = {str(name): float(value) for name, value in zip(delta.state.values, delta.values, strict=True)}
+        (answer,) = positions(capsys, "--model", "four.toml", "--table", "t.nc", text_of(given), "--noise", "3e-7")
     assert answer["status"] == "located"
     near = min(answer["modes"], key=lambda mode: abs(mode["y_m"] - place[1]))
     # the spacing of the table and the meshes of its depths err by up to 1e-3 of δ, 1 % of the depth and 0.1 mm here

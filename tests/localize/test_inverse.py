@@ -12,9 +12,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import chi2, ncx2
+from support.contacts import first_coils_design
 from support.localize_boards import FIELD, ROW, bells, board
 
-from coilarray import load_design
 from coilarray.elastomer.scattering import LayerMesh
 from coilarray.errors import LocalizeError
 from coilarray.localize.forward import forward_model, table_grid
@@ -214,7 +214,7 @@ def test_a_press_on_the_border_is_marked(field):
 @pytest.fixture(scope="module")
 def paper():
     """Model of the left half of the board, and δ by the response map between the positions of its table."""
-    design, quick = load_design("gast2020"), {"ideal": True, "mesh": LayerMesh(harmonics=8, width=0.3, rows=4)}
+    design, quick = first_coils_design(4), {"ideal": True, "mesh": LayerMesh(harmonics=8, width=0.3, rows=4)}
     depths, x, y = table_grid(design, deepest=1.7e-3)
     table = response_map(design, depths=depths, x=x[x < 15e-3], y=y, **quick)
     random = np.random.default_rng(2020)
@@ -253,7 +253,7 @@ def test_search_finds_what_many_random_starts_find(paper, paper_model):
     random = np.random.default_rng(14)
     starts = random.uniform(paper_model.lower, paper_model.upper, (len(readings), 100, 3))
     starts[:, 0] = points[::9]
-    _, chi_square = refine(paper_model, np.repeat(readings, 100, axis=0), starts.reshape(-1, 3), np.full(6, NOISE))
+    _, chi_square = refine(paper_model, np.repeat(readings, 100, axis=0), starts.reshape(-1, 3), np.full(4, NOISE))
     least = chi_square.reshape(-1, 100).min(axis=1)
     short = [one.best.chi_square - low for one, low in zip(found, least, strict=True) if one.modes]
     # of what counts in the region, 7.8; one reading of the 40 may end in a side valley

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import xarray as xr
+from support.contacts import MESH
 from support.lattices import hexagonal
 
 import coilarray.response.map as map_module
@@ -25,7 +26,6 @@ from coilarray.design.model import parse_design
 from coilarray.design.scan_states import ScanState
 from coilarray.elastomer.dent import dent_of
 from coilarray.elastomer.dented_layer import dent_inductance
-from coilarray.elastomer.scattering import LayerMesh
 from coilarray.electromagnetics.resistance import dc_resistance
 from coilarray.errors import ElastomerError, NetworkError
 from coilarray.response.map import Imperfections, respond, response_map
@@ -37,7 +37,6 @@ PAPER = load_design("gast2020")
 ROW = {"x": np.linspace(-26e-3, 26e-3, 9), "y": np.linspace(-6e-3, 6e-3, 3)}
 LATTICE = {"x": np.linspace(-7e-3, 7e-3, 5), "y": np.linspace(-7e-3, 7e-3, 5)}
 FIELD = hexagonal(4, 4)
-MESH = LayerMesh(harmonics=6, width=0.5, rows=3)  # coarse, and the same for both
 
 
 def quick(matrix):
