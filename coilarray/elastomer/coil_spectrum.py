@@ -34,15 +34,10 @@ _SPARE_ANGLES = 40  # above the bandwidth: the rest decays like the Bessel funct
 
 @dataclass(frozen=True, eq=False)
 class Segments:
-    """Straight pieces of the closed paths of one coil.
+    """Straight pieces of the closed paths of one coil, with ends `start` and `stop` in m, both of shape (n, 3).
 
-    Parameters
-    ----------
-    start, stop : ndarray, shape (n, 3)
-        Ends of the pieces in m.
-    weights : ndarray, shape (n,)
-        Weight of each piece in S: its current per current of the coil; for an electrode twice the potential inside its
-        path.
+    `weights`, shape (n,), is the weight of each piece in S: its current per current of the coil; for an electrode twice
+    the potential inside its path.
     """
 
     start: FloatArray
@@ -54,18 +49,9 @@ class Segments:
 class CoilSpectra:
     """Spectra of coils about their own centres.
 
-    Parameters
-    ----------
-    wavenumbers : ndarray, shape (k,)
-        Wavenumbers in 1/m.
-    centres : ndarray, shape (coils, 2)
-        Centres of the coils in m.
-    radius : float
-        Largest distance of a coil's corner from its centre in m.
-    shape_of : tuple of int, length coils
-        Index of each coil's spectrum.
-    series : tuple of tuple of ndarray
-        Fourier series of S over the angle α for every shape and wavenumber, in m per A (electrode: m² per V).
+    `wavenumbers`, shape (k,), are in 1/m and `centres`, shape (coils, 2), in m; `radius` is the largest distance in m
+    of a coil's corner from its centre. `shape_of` has the index of each coil's spectrum. `series` is the Fourier series
+    of S over the angle α for every shape and wavenumber, in m per A (electrode: m² per V).
     """
 
     wavenumbers: FloatArray
@@ -75,56 +61,25 @@ class CoilSpectra:
     series: tuple[tuple[ComplexArray, ...], ...]
 
 
-def coil_centres(source: Source) -> tuple[FloatArray, float]:
-    """Centres of the coils' bounding rectangles, shape (coils, 2), and the largest radius about them, both in m."""
-    return _centres([conductor.vertices for conductor in as_conductors(source)])
+def coil_segments(source: Source) -> list[Segments]:
+    """Segments of current paths at z ≤ 0.
+
+    A path whose ends lie apart is closed by a straight line between them, since only a closed current has a potential.
+    """
+    vertices = [conductor.vertices for conductor in as_conductors(source)]
+    return [Segments(v, np.roll(v, -1, axis=0), np.ones(len(v))) for v in vertices]
 
 
 def segment_centres(coils: Sequence[Segments]) -> tuple[FloatArray, float]:
-    """As `coil_centres`, of coils given by their segments."""
-    return _centres([np.concatenate((coil.start, coil.stop)) for coil in coils])
-
-
-def _centres(corners: Sequence[FloatArray]) -> tuple[FloatArray, float]:
-    plane = [points[:, :2] for points in corners]
+    """Centres of the coils' bounding rectangles, shape (coils, 2), and the largest radius about them, both in m."""
+    plane = [np.concatenate((coil.start, coil.stop))[:, :2] for coil in coils]
     centres = np.array([(points.min(axis=0) + points.max(axis=0)) / 2 for points in plane])
     radius = max(float(np.hypot(*(points - centre).T).max()) for points, centre in zip(plane, centres, strict=True))
     return centres, radius
 
 
-def coil_spectra(source: Source, wavenumbers: FloatArray) -> CoilSpectra:
-    """Compute the spectra of coils, each distinct shape once.
-
-    Parameters
-    ----------
-    source : CoilArray, Conductor, polyline or sequence of them
-        Paths at z ≤ 0. A path whose ends lie apart is closed by a straight line between them, since only a closed
-        current has a potential.
-    wavenumbers : ndarray, shape (k,)
-        Wavenumbers in 1/m, positive.
-
-    Returns
-    -------
-    CoilSpectra
-    """
-    vertices = [conductor.vertices for conductor in as_conductors(source)]
-    return segment_spectra([Segments(v, np.roll(v, -1, axis=0), np.ones(len(v))) for v in vertices], wavenumbers)
-
-
 def segment_spectra(coils: Sequence[Segments], wavenumbers: FloatArray) -> CoilSpectra:
-    """Compute the spectra of coils given by their segments, each distinct shape once.
-
-    Parameters
-    ----------
-    coils : sequence of Segments
-        Coils at z ≤ 0, by their segments.
-    wavenumbers : ndarray, shape (k,)
-        Wavenumbers in 1/m, positive.
-
-    Returns
-    -------
-    CoilSpectra
-    """
+    """Compute the spectra of coils at z ≤ 0 at positive wavenumbers in 1/m, each distinct shape once."""
     centres, radius = segment_centres(coils)
     known: dict[bytes, int] = {}
     shapes: list[Segments] = []
@@ -132,7 +87,8 @@ def segment_spectra(coils: Sequence[Segments], wavenumbers: FloatArray) -> CoilS
     for coil, centre in zip(coils, centres, strict=True):
         shape = replace(coil, start=coil.start - [*centre, 0.0], stop=coil.stop - [*centre, 0.0])
         ends = np.hstack((shape.start, shape.stop)) / radius
-        key = np.round(np.column_stack((ends, shape.weights)) / _SAME_SHAPE).tobytes()
+        # as integers, for −0.0 and 0.0 have other bytes
+        key = np.round(np.column_stack((ends, shape.weights)) / _SAME_SHAPE).astype(np.int64).tobytes()
         if key not in known:
             known[key] = len(shapes)
             shapes.append(shape)
@@ -142,21 +98,9 @@ def segment_spectra(coils: Sequence[Segments], wavenumbers: FloatArray) -> CoilS
 
 
 def harmonics_about(spectra: CoilSpectra, points: FloatArray, highest: int) -> ComplexArray:
-    """Harmonics c_m(k) of every coil's potential about every point.
+    """Harmonics c_m(k) in m per A of every coil's potential about points (points, 2) in m, m from 0 to `highest`.
 
-    Parameters
-    ----------
-    spectra : CoilSpectra
-        Spectra of the coils, from `coil_spectra`.
-    points : ndarray, shape (points, 2)
-        Points in m.
-    highest : int
-        Highest harmonic.
-
-    Returns
-    -------
-    ndarray of complex, shape (k, points, coils, highest + 1)
-        Harmonics in m per A; those of −m are the conjugates.
+    Shape (k, points, coils, highest + 1); those of −m are the conjugates.
     """
     distance = np.hypot(*(points[:, None] - spectra.centres).T).max()
     order = np.arange(highest + 1)

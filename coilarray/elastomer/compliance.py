@@ -31,16 +31,8 @@ Base = Literal["bonded", "frictionless"]
 class Stack:
     """Sheets on a board in units of their own: lengths in thicknesses of the stack, stresses in the largest modulus.
 
-    Parameters
-    ----------
-    length : float
-        Unit of length in m, the thickness of the stack.
-    stress : float
-        Unit of stress in Pa, the largest Young's modulus.
-    thicknesses : ndarray, shape (sheets,)
-        Thicknesses of the sheets from the board up, in units of `length`.
-    shear, squash : ndarray, shape (sheets,)
-        Shear modulus μ = E/(2(1 + ν)) in `stress` and compressibility 1/K = 3(1 − 2ν)/E in 1/`stress`.
+    `length` in m and `stress` in Pa are these units. For every sheet, from the board up: `thicknesses`, `shear`, the
+    shear modulus μ = E/(2(1 + ν)), and `squash`, the compressibility 1/K = 3(1 − 2ν)/E, each of shape (sheets,).
     """
 
     length: float
@@ -51,13 +43,7 @@ class Stack:
 
 
 def stack_of(sheets: Sequence[Sheet]) -> Stack:
-    """Return the stack of some sheets.
-
-    Raises
-    ------
-    ElastomerError
-        No sheets, or one whose Young's modulus is not known.
-    """
+    """Return the stack of some sheets; ElastomerError for none, or for one whose Young's modulus is not known."""
     if not sheets:
         raise ElastomerError("an indentation needs at least 1 sheet; got 0.")
     unknown = [sheet.name for sheet in sheets if sheet.youngs_modulus is None]
@@ -105,27 +91,10 @@ class Compliance:
 def compliance(
     stack: Stack, indenter: Indenter, zone: ContactZone, base: Base, radius: float | None, mesh: ContactMesh
 ) -> Compliance:
-    """Answer of a stack to the pressures under an indenter.
+    """Answer of a stack to the pressures under an indenter (in SI units), on all hats up to the end of the search.
 
-    Parameters
-    ----------
-    stack : Stack
-        The sheets.
-    indenter : Indenter
-        The rigid body, in SI units.
-    zone : ContactZone
-        Expected extent of the contact, in the unit of length of the stack.
-    base : {"bonded", "frictionless"}
-        Support of the lowest sheet on the board.
-    radius : float or None
-        Radius of the sample in the unit of length of the stack, half its width in plane strain; None for a wide one.
-    mesh : ContactMesh
-        Fineness.
-
-    Returns
-    -------
-    Compliance
-        Answer to all hats up to the end of the search.
+    The expected `zone` of contact and the `radius` of the sample (half its width in plane strain; None for a wide one)
+    are in thicknesses of the stack.
     """
     end = zone.search + mesh.extent if radius is None else radius
     levels = -np.append(np.cumsum(stack.thicknesses[::-1])[::-1], 0.0)  # from the top: it has the smallest elements

@@ -70,31 +70,12 @@ def _hat_forces(system: Compliance, depth: float) -> FloatArray:
 
 
 def contact_radius(hats: FloatArray, pressure: FloatArray, tail: int) -> float:
-    """Radius at which the pressure of a smooth indenter ends, finer than the mesh.
+    """Radius at which the pressure of a smooth indenter ends, finer than the mesh, from the last `tail` elements.
 
-    Near the edge a, p = √s (c₀ + c₁s) with s = a − r. The moments F_k = ∫p (r − r₀)ᵏ dr of the tail beyond r₀ are
-    safer than values of p, which waver next to the edge. With c₀ and c₁ eliminated they leave
-    8 F₀L² − 56 F₁L + 63 F₂ = 0 for L = a − r₀; its lesser root is the edge.
-
-    Parameters
-    ----------
-    hats : ndarray, shape (m,)
-        Radii of the hats.
-    pressure : ndarray, shape (m,)
-        Pressure at the hats; the last one is zero.
-    tail : int
-        Elements in the tail.
-
-    Returns
-    -------
-    float
-        Radius in the unit of `hats`.
-
-    Examples
-    --------
-    >>> r = np.linspace(0, 1, 101)
-    >>> round(contact_radius(r, np.sqrt(np.maximum(0, 1 - (r / 0.6) ** 2)), 15), 2)
-    0.6
+    Near the edge a, p = √s (c₀ + c₁s) with s = a − r. The moments F_k = ∫p (r − r₀)ᵏ dr of the tail beyond r₀ are safer
+    than values of p, which waver next to the edge. With c₀ and c₁ eliminated they leave 8 F₀L² − 56 F₁L + 63 F₂ = 0 for
+    L = a − r₀; its lesser root is the edge. `hats` are the radii of the hats and `pressure` that at the hats, both of
+    shape (m,); the last one is zero.
     """
     last = int(np.flatnonzero(pressure)[-1])
     first = max(0, last - tail)

@@ -62,14 +62,9 @@ class ContactMesh:
 class ContactZone:
     """Where the contact is expected to end, in any unit of length.
 
-    Parameters
-    ----------
-    smallest, largest : float
-        Radii of the contact at the least and the greatest depth.
-    search : float
-        Contact is looked for up to this radius.
-    sharp : bool
-        The indenter ends at `search`, and the contact reaches it: the pressure is singular there.
+    That is at `smallest` at the least depth and at `largest` at the greatest. Contact is looked for up to the radius
+    `search`. It is `sharp` where the indenter ends there and the contact reaches it: the pressure is singular at that
+    edge.
     """
 
     smallest: float

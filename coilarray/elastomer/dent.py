@@ -112,20 +112,10 @@ class Dent:
         return min(lowest, default=np.inf)
 
     def anchors(self, deepest: float | None = None) -> tuple[FloatArray, tuple[int, ...]]:
-        """Heights between which space is moved with the faces.
+        """Rising heights in m between which space is moved with the faces, and the contrasts between the fixed ones.
 
-        Parameters
-        ----------
-        deepest : float, optional
-            Largest displacement in m that the anchors must serve; that of this dent where not given.
-
-        Returns
-        -------
-        heights : ndarray, shape (contrasts + 1,) or (contrasts + 2,)
-            Rising, in m; nothing moves at the first and the last one. The first is missing where the lowest contrast
-            is at z = 0.
-        faces : tuple of int
-            The contrasts, those between the fixed heights.
+        Nothing moves at the first and the last height. The first is missing where the lowest contrast is at z = 0.
+        `deepest` is the largest displacement in m that the anchors must serve; that of this dent where not given.
         """
         faces = self.contrasts
         moved = float(np.abs(self.displacement[:, list(faces)]).max()) if deepest is None else deepest
@@ -138,26 +128,10 @@ class Dent:
 def dent_of(indentation: xr.Dataset, sheets: Sequence[Sheet]) -> Dent:
     """Take the shape of the sheets from an indentation at one depth.
 
-    Parameters
-    ----------
-    indentation : xarray.Dataset
-        Indentation at one depth, selected from `coilarray.elastomer.contact.indent`.
-    sheets : sequence of Sheet
-        The sheets of the indentation, upwards.
-
-    Returns
-    -------
-    Dent
-
-    Raises
-    ------
-    ElastomerError
-        A dataset of several depths or of other sheets, or a face that folds over.
-
-    Notes
-    -----
-    A face goes through its displaced points (r + u_r, z + u_z); between them its height is a cubic spline. Beyond the
-    last one it comes back to its flat height within a thickness of the stack: the field takes the sheets for wide.
+    It is selected from those of `coilarray.elastomer.contact.indent`. A face goes through its displaced points (r +
+    u_r, z + u_z); between them its height is a cubic spline. Beyond the last one it comes back to its flat height
+    within a thickness of the stack: the field takes the sheets for wide. ElastomerError for a dataset of several depths
+    or of other sheets, or a face that folds over.
     """
     if "depth" in indentation.displacement_z.dims:
         raise ElastomerError("a dent is the shape at one depth; select one of the indentation's depths.")

@@ -35,15 +35,7 @@ _SPARE_ANGLES = 20  # on half a circle, as in coil_spectrum
 
 @dataclass(frozen=True, eq=False)
 class DentAmplitudes:
-    """Strengths of a dent and the amplitudes of coils at offsets.
-
-    Parameters
-    ----------
-    strengths : ndarray, shape (n,)
-        s in H, of either sign.
-    amplitudes : tuple of ndarray, shape (offsets, n)
-        a for every shape of coil at its offsets.
-    """
+    """Strengths s of a dent in H, (n,), of either sign, and the amplitudes a (offsets, n) of every shape of coil."""
 
     strengths: FloatArray
     amplitudes: tuple[FloatArray, ...]
@@ -54,26 +46,10 @@ def dent_amplitudes(
 ) -> DentAmplitudes:
     """Compute the amplitudes of coils at offsets from the indenter's axis.
 
-    Parameters
-    ----------
-    scattering : Scattering
-        The solved dent.
-    spectra : CoilSpectra
-        Spectra of the coils, at the wavenumbers of the dent.
-    offsets : sequence of ndarray, shape (offsets, 2)
-        Position of the indenter minus centre of the coil in m, for each shape of `spectra`; within the extent that the
-        wavenumbers resolve.
-    tolerance : float
-        Amplitudes below this part of the largest are left out; the energies err by about a tenth of it.
-
-    Returns
-    -------
-    DentAmplitudes
-
-    Raises
-    ------
-    MemoryLimitError
-        More offsets than there is memory for.
+    The spectra are at the wavenumbers of the dent. Offsets, shape (offsets, 2) for each shape of coil, are the position
+    of the indenter minus the centre of the coil in m, within the extent that the wavenumbers resolve. Amplitudes below
+    the `tolerance`, a part of the largest, are left out; the energies err by about a tenth of it. MemoryLimitError for
+    more offsets than there is memory for.
     """
     orders = len(scattering.energies)
     count = sum(len(points) for points in offsets)
@@ -97,21 +73,9 @@ def dent_amplitudes(
 
 
 def offset_grid(extent: float, clearance: float) -> tuple[FloatArray, FloatArray]:
-    """Grid of offsets on which amplitudes make a table.
+    """Grid of offsets up to `extent` along x and y for a table, fine enough for a dent's `clearance`, all in m.
 
-    Parameters
-    ----------
-    extent : float
-        Largest offset along x and y in m.
-    clearance : float
-        Clearance of the dent in m.
-
-    Returns
-    -------
-    axis : ndarray, shape (n,)
-        Offsets along x and along y in m.
-    points : ndarray, shape (n², 2)
-        All of them, x first.
+    Returns the offsets along one axis, shape (n,), and all pairs of them, shape (n², 2), x first.
     """
     half = max(int(np.ceil(_STEPS_PER_CLEARANCE * extent / clearance)), _DEGREE)
     axis = np.linspace(-extent, extent, 2 * half + 1)

@@ -8,6 +8,7 @@ the rest is the magnetic problem of `coilarray.elastomer.scattering`.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -15,9 +16,9 @@ import shapely
 from shapely.geometry.polygon import orient
 
 from coilarray.constants import EPSILON_0
-from coilarray.elastomer.coil_spectrum import Segments, segment_centres, segment_spectra
+from coilarray.elastomer.coil_spectrum import Segments
 from coilarray.elastomer.dent import Dent
-from coilarray.elastomer.dent_energy import checked_positions, dent_energies
+from coilarray.elastomer.dent_energy import dent_energies
 from coilarray.elastomer.scattering import LayerMesh, scatter
 from coilarray.errors import ElastomerError
 from coilarray.geometry import Coil, CoilArray, Placement, Stackup
@@ -64,8 +65,7 @@ def dent_capacitance(
     Raises
     ------
     ElastomerError
-        Positions that are not finite, a permittivity below 1, a potential outside the winding's, dents of different
-        sheets or in plane strain, or a dent that comes too close to the board.
+        A permittivity below 1, a potential outside the winding's, and what `dent_inductance` refuses.
 
     Notes
     -----
@@ -79,28 +79,15 @@ def dent_capacitance(
     dent of 1 mm in the gast2020 design passes for 1e-7 of L at most in symmetric drive, 1.5e-6 with the upper layer's
     outer end at the full voltage, 6e-7 with that end at ground. The sign may be either: a
     raised ring where the field is strong outweighs the pit.
-
-    Examples
-    --------
-    >>> from coilarray import load_design
-    >>> r = np.linspace(0, 20e-3, 41)
-    >>> shape = -1e-3 * np.exp(-((r / 4e-3) ** 2))
-    >>> dent = Dent((6e-3, 2e-3), (1.0, 2.7), r, np.column_stack((0 * r, 0.6 * shape, shape)))
-    >>> array = load_design("gast2020").array
-    >>> change = dent_capacitance(array, [dent], array.centres[2:3], 3.0)
-    >>> print(f"{change[0, 0, 2] * 1e15:.3f} fF")
-    -0.013 fF
     """
-    points = checked_positions(positions, dents)
     if not (np.isfinite(permittivity) and permittivity >= 1):
         raise ElastomerError(f"permittivity must be at least 1; got {permittivity}.")
     accuracy = LayerMesh() if mesh is None else mesh
     electrodes = [surface_potential(placement, array.stackup, zero_at) for placement in array.placements]
     energies = dent_energies(
         [_filled(dent, permittivity) for dent in dents],
-        points,
-        segment_centres(electrodes),
-        lambda wavenumbers: segment_spectra(electrodes, wavenumbers),
+        positions,
+        electrodes,
         lambda dent, k, weights, deepest: scatter(dent, k, weights, accuracy, deepest, "grounded"),
         accuracy,
     )
@@ -110,28 +97,10 @@ def dent_capacitance(
 def surface_potential(placement: Placement, stackup: Stackup, zero_at: float = 0.5) -> Segments:
     """Electric potential in the plane of a coil's uppermost copper, per voltage between the terminals.
 
-    Parameters
-    ----------
-    placement : Placement
-        The coil.
-    stackup : Stackup
-        Stack-up of the board.
-    zero_at : float
-        Place where the winding is at zero potential, as in `dent_capacitance`.
+    The outlines that it returns are weighted with twice the potential inside: then S of
+    `coilarray.elastomer.coil_spectrum` is the Fourier transform of the potential. `zero_at` is the place where the
+    winding is at zero potential, as in `dent_capacitance`; ElastomerError where it is not between 0 and 1.
 
-    Returns
-    -------
-    Segments
-        Outlines, each weighted with twice the potential inside: then S of `coilarray.elastomer.coil_spectrum` is the
-        Fourier transform of the potential.
-
-    Raises
-    ------
-    ElastomerError
-        A part of the length that is not between 0 and 1.
-
-    Notes
-    -----
     The voltage falls linearly with the length of the path, over all layers in series; the first terminal has the
     higher potential. Every segment has the potential of its middle, over its length and the width of a pitch, since
     gaps as narrow as the traces take the potential between those of their sides. A hole inside the winding has the
@@ -158,31 +127,10 @@ def surface_potential(placement: Placement, stackup: Stackup, zero_at: float = 0
 
 
 def outlined(outlines: Sequence[FloatArray], potentials: Sequence[float], z: float = 0.0) -> Segments:
-    """Potential that is constant in areas of one plane and zero outside.
+    """Potential in V that is constant in areas of the plane at height `z` in m and zero outside.
 
-    Parameters
-    ----------
-    outlines : sequence of ndarray, each of shape (n, 2)
-        Corners of the areas in m, anticlockwise, the first one not repeated. Where areas overlap potentials add up.
-    potentials : sequence of float
-        Potential of each area in V.
-    z : float
-        Height of the plane in m.
-
-    Returns
-    -------
-    Segments
-        Edges of the areas, in the form that `surface_potential` returns.
-
-    Examples
-    --------
-    The Fourier transform of a square of 1 V at k = 0 is its area.
-
-    >>> square = np.array([[0.0, 0.0], [2e-3, 0.0], [2e-3, 2e-3], [0.0, 2e-3]])
-    >>> from coilarray.elastomer.coil_spectrum import harmonics_about
-    >>> spectra = segment_spectra([outlined([square], [1.0])], np.array([1e-3]))
-    >>> round(float(harmonics_about(spectra, np.zeros((1, 2)), 0)[0, 0, 0, 0].real) * 1e6, 6)
-    4.0
+    It has the form of `surface_potential`. Outlines, shape (n, 2) each, are the corners of the areas in m,
+    anticlockwise, the first one not repeated. Where areas overlap potentials add up.
     """
     start = np.concatenate(outlines)
     stop = np.concatenate([np.roll(outline, -1, axis=0) for outline in outlines])
@@ -194,7 +142,13 @@ def outlined(outlines: Sequence[FloatArray], potentials: Sequence[float], z: flo
 def _filled(dent: Dent, permittivity: float) -> Dent:
     """Sheets of one permittivity on electrodes: of their faces the electric field sees the top alone."""
     faces = dent.displacement[:, [0, -1]]
-    return Dent((sum(dent.thicknesses),), (permittivity,), dent.radius, faces, below=permittivity)
+    return replace(
+        dent,
+        thicknesses=(sum(dent.thicknesses),),
+        permeabilities=(permittivity,),
+        displacement=faces,
+        below=permittivity,
+    )
 
 
 def _along(coil: Coil, zero_at: float) -> tuple[list[FloatArray], list[FloatArray]]:

@@ -42,13 +42,7 @@ def hoop_strain(symmetry: Symmetry, u: Any, r: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class ElasticBody:
-    """A body whose elastic system is assembled and factorised.
-
-    Parameters
-    ----------
-    basis : skfem.Basis
-        Basis of the displacement, n functions.
-    """
+    """A body whose elastic system is assembled and factorised; `basis` is that of the displacement, n functions."""
 
     basis: Any
     _free: IndexArray
@@ -56,18 +50,7 @@ class ElasticBody:
     _unknowns: int
 
     def displacements(self, loads: FloatArray) -> FloatArray:
-        """Displacements under nodal loads.
-
-        Parameters
-        ----------
-        loads : ndarray, shape (n, k)
-            load(v) for each of the n basis functions and k load cases.
-
-        Returns
-        -------
-        ndarray, shape (n, k)
-            Coefficients of the displacement; zero where the body is held.
-        """
+        """Displacement's coefficients (n, k) under k cases of nodal loads (n, k); zero where the body is held."""
         right = np.zeros((self._unknowns, loads.shape[1]))
         right[: len(loads)] = loads
         solution = np.zeros_like(right)
@@ -84,25 +67,10 @@ def elastic_body(
     *,
     wide: bool,
 ) -> ElasticBody:
-    """Assemble and factorise the mixed system.
+    """Assemble and factorise the mixed system on rectangles in (r, z), with a boundary named "outer".
 
-    Parameters
-    ----------
-    mesh : skfem.MeshQuad
-        Rectangles in (r, z), with a boundary named "outer".
-    symmetry : {"axial", "plane"}
-        Symmetry of the body: about an axis, or plane strain.
-    shear, squash : ndarray, shape (elements,)
-        μ and 1/K of each element.
-    held : callable
-        Function that returns, for the basis, the displacement's degrees of freedom that are zero.
-    wide : bool
-        The body goes on beyond its outer edge; otherwise nothing pulls at that edge.
-
-    Returns
-    -------
-    ElasticBody
-        Ready to be loaded.
+    `shear` and `squash`, shape (elements,), are μ and 1/K; `held` returns, for the basis, the displacement's degrees of
+    freedom that are zero. A `wide` body goes on beyond its outer edge; otherwise nothing pulls at that edge.
     """
     basis = Basis(mesh, ElementVector(ElementQuad2()), intorder=_QUADRATURE)
     stiffness, divergence, bulk = _blocks(basis, symmetry, shear, squash)
@@ -135,12 +103,7 @@ def _strains(basis: Any, symmetry: Symmetry) -> FloatArray:
     r = basis.global_coordinates()[0]
     return np.stack(
         [
-            [
-                u.grad[0, 0],
-                u.grad[1, 1],
-                hoop_strain(symmetry, u, r),
-                (u.grad[0, 1] + u.grad[1, 0]) / np.sqrt(2),
-            ]
+            [u.grad[0, 0], u.grad[1, 1], hoop_strain(symmetry, u, r), (u.grad[0, 1] + u.grad[1, 0]) / np.sqrt(2)]
             for (u,) in basis.basis
         ]
     )

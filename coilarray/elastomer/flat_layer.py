@@ -51,17 +51,7 @@ _SAME_SHAPE = 1e-12  # of the size; paths that differ by less share a spectrum
 
 @dataclass(frozen=True)
 class Slab:
-    """One magnetic region between two horizontal planes.
-
-    Parameters
-    ----------
-    lower : float
-        Height of its lower face in m.
-    thickness : float
-        Thickness in m.
-    relative_permeability : float
-        Relative permeability, above 1.
-    """
+    """One magnetic region: height of its lower face and thickness in m, and relative permeability, above 1."""
 
     lower: float
     thickness: float
@@ -79,22 +69,10 @@ class Slab:
 
 
 def magnetic_slab(sheets: Sequence[Sheet]) -> Slab | None:
-    """Return the one magnetic region of a stack of sheets.
+    """Return the one magnetic region of a stack of sheets upwards from z = 0; None where no sheet is magnetic.
 
-    Parameters
-    ----------
-    sheets : sequence of Sheet
-        Sheets upwards from z = 0.
-
-    Returns
-    -------
-    Slab or None
-        Neighbouring sheets of one permeability make one slab. None where no sheet is magnetic.
-
-    Raises
-    ------
-    ElastomerError
-        Magnetic sheets of different permeability, or with another sheet between them.
+    Neighbouring sheets of one permeability make one slab. ElastomerError for magnetic sheets of different permeability,
+    or with another sheet between them.
 
     Examples
     --------

@@ -26,40 +26,17 @@ def flat_profile(
     permeabilities: Sequence[float],
     base: Base = "open",
 ) -> FloatArray:
-    """Total potential g(z) in flat sheets for an incident potential e^{−kz}, or for g(0) = 1.
+    """Total potential g(z), shape (n, k), in flat sheets for an incident potential e^{−kz}, or for g(0) = 1.
 
-    Parameters
-    ----------
-    wavenumbers : ndarray, shape (k,)
-        Wavenumbers of the pattern in the plane in 1/m, positive.
-    z : ndarray, shape (n,)
-        Heights in m, from 0, the lower face of the lowest sheet, upwards.
-    thicknesses : sequence of float, length s
-        Thicknesses of the sheets in m, upwards from z = 0. Air lies above.
-    permeabilities : sequence of float, length s
-        Relative permeabilities of the sheets; permittivities for the electric potential.
-    base : {"open", "grounded"}
-        Air below and an incident potential, or electrodes at z = 0 that hold the potential 1.
+    `wavenumbers`, shape (k,), of the pattern in the plane are positive, in 1/m; the heights `z`, shape (n,), in m from
+    0, the lower face of the lowest sheet. Sheets, with thicknesses in m and relative permeabilities (or
+    permittivities), lie upwards from there, and air above. The base is air with an incident potential below ("open"),
+    or electrodes at z = 0 that hold the potential 1 ("grounded").
 
-    Returns
-    -------
-    ndarray, shape (n, k)
-        Dimensionless potential.
-
-    Notes
-    -----
     g and μ ∂g/∂z are continuous. With q = −μ g'/(k g), which is 1 in the air above, each sheet of thickness d changes
     q from its upper to its lower face as a line changes an admittance, q_l = μ (q_u + μ tanh kd)/(μ + q_u tanh kd);
     the incident and the reflected potential below give g(0) = 2/(1 + q). On electrodes of the potential V the energy
     per area is ½ ε0 k q |V|². Written with decaying exponentials only.
-
-    Examples
-    --------
-    A half space of relative permeability 3 halves the potential.
-
-    >>> g = flat_profile(np.array([1000.0]), np.array([0.0]), [1.0], [3.0])
-    >>> round(float(g[0, 0]), 9)
-    0.5
     """
     faces = _face_admittances(wavenumbers, thicknesses, permeabilities)
     edges = np.concatenate(([0.0], np.cumsum(thicknesses)))
@@ -77,15 +54,8 @@ def flat_profile(
 def reflection(wavenumbers: FloatArray, thicknesses: Sequence[float], permeabilities: Sequence[float]) -> FloatArray:
     """Reflected potential at the lower face of flat sheets, R e^{kz} for an incident e^{−kz}.
 
-    Parameters
-    ----------
-    wavenumbers, thicknesses, permeabilities
-        Pattern and sheets, as in `flat_profile`.
-
-    Returns
-    -------
-    ndarray, shape (k,)
-        R = (1 − q)/(1 + q), from −1 to 0: magnetic sheets draw the flux in, which raises the inductance.
+    Pattern and sheets are as in `flat_profile`. R = (1 − q)/(1 + q), shape (k,), from −1 to 0: magnetic sheets draw the
+    flux in, which raises the inductance.
     """
     q = _face_admittances(wavenumbers, thicknesses, permeabilities)[0]
     return np.asarray((1 - q) / (1 + q))

@@ -29,14 +29,8 @@ _FLAT_DECAYS = 20.0  # wavenumbers up to 20/(2 × distance of wires and sheet): 
 class Wires:
     """Infinite straight wires along y that carry one current to and fro.
 
-    Parameters
-    ----------
-    x, z : ndarray, shape (wires,)
-        Positions in m.
-    widths, thicknesses : ndarray, shape (wires,)
-        Cross-sections in m.
-    senses : ndarray, shape (wires,)
-        +1 where the current flows along y, −1 against it; they add up to zero.
+    Positions `x`, `z` and cross-sections `widths`, `thicknesses` are in m, each of shape (wires,); `senses` are +1
+    where the current flows along y, −1 against it, and add up to zero.
     """
 
     x: FloatArray
@@ -47,30 +41,10 @@ class Wires:
 
 
 def cross_section(conductor: Conductor, y: float) -> Wires:
-    """Cut a path with the plane of one y.
+    """Cut a path with the plane of one y in m: one wire for every crossing.
 
-    Parameters
-    ----------
-    conductor : Conductor
-        Winding with a cross-section.
-    y : float
-        Coordinate of the cut in m.
-
-    Returns
-    -------
-    Wires
-        One for every crossing, as wide as the trace (not as its oblique cut).
-
-    Raises
-    ------
-    ElastomerError
-        A path that does not cross the plane, or not as often to as fro.
-
-    Examples
-    --------
-    >>> loop = Conductor([[0, -1, 0], [0, 1, 0], [-1, 1, 0], [-1, -1, 0]], 1e-3, 35e-6)
-    >>> cross_section(loop, 0.0).senses
-    array([ 1., -1.])
+    A wire is as wide as the trace, not as its oblique cut. ElastomerError for a path that does not cross the plane, or
+    not as often to as fro.
     """
     start, stop = conductor.vertices[:-1], conductor.vertices[1:]
     crosses = (start[:, 1] <= y) != (stop[:, 1] <= y)
@@ -86,29 +60,10 @@ def cross_section(conductor: Conductor, y: float) -> Wires:
 
 
 def line_inductance(wires: Wires, sheets: Sequence[Sheet]) -> float:
-    """Self-inductance per length under flat sheets.
+    """Self-inductance per length in H/m of wires at z ≤ 0 under flat sheets, upwards from z = 0.
 
-    Parameters
-    ----------
-    wires : Wires
-        Wires at z ≤ 0.
-    sheets : sequence of Sheet
-        Sheets upwards from z = 0.
-
-    Returns
-    -------
-    float
-        Inductance per length in H/m.
-
-    Raises
-    ------
-    ElastomerError
-        Wires without a cross-section or above z = 0.
-
-    Notes
-    -----
     L' = −μ0/2π Σ s_i s_j mean(ln r_ij), the means over both cross-sections, and of the sheets
-    −2μ0/π ∫ k R(k) |S(k)|² dk with their reflection R.
+    −2μ0/π ∫ k R(k) |S(k)|² dk with their reflection R. ElastomerError for wires without a cross-section or above z = 0.
     """
     if not (wires.widths > 0).all():
         raise ElastomerError("the inductance of wires needs their cross-sections; one has none.")
@@ -128,28 +83,10 @@ def line_inductance(wires: Wires, sheets: Sequence[Sheet]) -> float:
 def line_dent_inductance(
     wires: Wires, dents: Sequence[Dent], positions: npt.ArrayLike, mesh: LayerMesh | None = None
 ) -> FloatArray:
-    """Change of the inductance per length by dents in plane strain, against the flat sheets.
+    """Change of the inductance per length in H/m by dents in plane strain, against the flat sheets.
 
-    Parameters
-    ----------
-    wires : Wires
-        Wires at z ≤ 0.
-    dents : sequence of Dent
-        Dents in plane strain, all in the same sheets.
-    positions : array_like, shape (positions,)
-        x of the indenter's middle in m.
-    mesh : LayerMesh, optional
-        Accuracy.
-
-    Returns
-    -------
-    ndarray, shape (dents, positions)
-        Inductance per length in H/m, dented minus flat.
-
-    Raises
-    ------
-    ElastomerError
-        Dents about an axis, positions that are not finite, or wires above z = 0.
+    All dents are in the same sheets. Shape (dents, positions), for positions (positions,) of the indenter's middle
+    along x in m. ElastomerError for dents about an axis, positions that are not finite, or wires above z = 0.
     """
     x = np.asarray(positions, dtype=np.float64)
     if x.ndim != 1 or not np.isfinite(x).all():

@@ -89,19 +89,10 @@ class Scattering:
     energies: tuple[FloatArray, ...]
 
     def change(self, incident: ComplexArray, factors: FloatArray) -> FloatArray:
-        """Change of the energy between the fields of all coils at every position.
+        """Change of the energy between all coils, (positions, coils, coils), symmetric; times μ0 an inductance.
 
-        Parameters
-        ----------
-        incident : ndarray, shape (k, positions, coils, harmonics)
-            Amplitude of every coil's potential per wavenumber.
-        factors : ndarray, shape (harmonics,)
-            The integral over the angle, 2π and 4π, or the two halves in plane strain.
-
-        Returns
-        -------
-        ndarray, shape (positions, coils, coils)
-            Symmetric; times μ0 an inductance.
+        `incident`, shape (k, positions, coils, harmonics), is the amplitude of every coil's potential per wavenumber;
+        `factors`, shape (harmonics,), is the integral over the angle, 2π and 4π, or the two halves in plane strain.
         """
         _, positions, coils, orders = incident.shape
         total = np.zeros((positions, coils, coils))
@@ -114,26 +105,11 @@ class Scattering:
 
 
 def wavenumber_rule(clearance: float, extent: float, mesh: LayerMesh) -> tuple[FloatArray, FloatArray]:
-    """Gauss–Legendre nodes and weights from 0 to decays/clearance that resolve fields of a lateral extent.
+    """Gauss–Legendre nodes and weights in 1/m from 0 to decays/clearance that resolve fields of a lateral extent.
 
-    Parameters
-    ----------
-    clearance : float
-        Least height in m above the coils of a moved face where the material changes.
-    extent : float
-        Largest distance between a point of a coil and a point of the dent in m.
-    mesh : LayerMesh
-        Accuracy, which decides the highest wavenumber.
-
-    Returns
-    -------
-    wavenumbers, weights : ndarray, shape (k,)
-        Wavenumbers in 1/m and the weights of their integral in 1/m.
-
-    Raises
-    ------
-    ElastomerError
-        Coils so large and so near that the rule would have more than 2000 nodes.
+    `clearance` is the least height in m above the coils of a moved face where the material changes, `extent` the
+    largest distance in m of a point of a coil from a point of the dent. ElastomerError for coils so large and so near
+    that the rule would have more than 2000 nodes.
     """
     highest = mesh.decays / clearance
     count = int(np.ceil(highest * extent / np.pi)) + 20  # two nodes a period of e^{ikx}, and some to converge
@@ -154,31 +130,16 @@ def scatter(
     deepest: float | None = None,
     base: Base = "open",
 ) -> Scattering:
-    """Solve the dented sheets for all incident fields.
+    """Solve the dented sheets for all incident fields of the wavenumbers and weights in 1/m of `wavenumber_rule`.
 
-    Parameters
-    ----------
-    dent : Dent
-        The sheets.
-    wavenumbers, weights : ndarray, shape (k,)
-        Wavenumbers and weights in 1/m, from `wavenumber_rule`.
-    mesh : LayerMesh
-        Accuracy.
-    deepest : float, optional
-        Largest displacement in m of a series of dents that shall share one mesh; that of this dent by default.
-    base : {"open", "grounded"}
-        Air below the sheets, or electrodes at z = 0 that hold the potential.
-
-    Returns
-    -------
-    Scattering
+    `deepest` is the largest displacement in m of a series of dents that shall share one mesh; that of this dent by
+    default. Below the sheets is air ("open"), or electrodes at z = 0 hold the potential ("grounded").
     """
     grid = _grid(dent, mesh, deepest, base)
     basis = Basis(grid, ElementQuad2(), intorder=6)
     r, z = np.asarray(basis.global_coordinates())
-    mu = _permeability(dent, z)
-    map_ = _Mapping(dent, deepest)
-    stretch, shear = map_.gradient(r, z)
+    mu = np.array([1.0, *dent.permeabilities, 1.0])[np.searchsorted(dent.heights, z)]
+    stretch, shear = _gradient(dent, deepest, r, z)
     flat = _Forms(basis, mu, np.ones_like(mu), np.zeros_like(mu), np.ones_like(mu), dent.symmetry)
     change = _Forms(basis, mu, stretch, -shear, (1 + shear**2) / (1 + stretch) - 1, dent.symmetry)
     nodes = basis.doflocs
@@ -212,28 +173,20 @@ def scatter(
     return Scattering(wavenumbers, weights, tuple(p for p, _ in solved), tuple(e for _, e in solved))
 
 
-@dataclass(frozen=True, eq=False)
-class _Mapping:
-    """Heights z = Z + w(r, Z) that move the contrasts with the dent and nothing beyond the anchors."""
-
-    dent: Dent
-    deepest: float | None
-
-    def gradient(self, r: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """∂w/∂Z and ∂w/∂r at points, both dimensionless."""
-        heights, faces = self.dent.anchors(self.deepest)
-        shape = self.dent.faces
-        w, slope = shape(r)[..., list(faces)], shape(r, 1)[..., list(faces)]
-        stretch, shear = np.zeros_like(r), np.zeros_like(r)
-        rigid = np.zeros((*r.shape, 1))
-        low = [rigid] if len(heights) == len(faces) + 2 else []
-        w, slope = (np.concatenate([*low, part, rigid], axis=-1) for part in (w, slope))
-        for k, (lower, upper) in enumerate(pairwise(heights.tolist())):
-            here = (z > lower) & (z < upper)
-            share = (z[here] - lower) / (upper - lower)
-            stretch[here] = (w[here, k + 1] - w[here, k]) / (upper - lower)
-            shear[here] = (1 - share) * slope[here, k] + share * slope[here, k + 1]
-        return stretch, shear
+def _gradient(dent: Dent, deepest: float | None, r: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """∂w/∂Z and ∂w/∂r at points of z = Z + w(r, Z), which moves the contrasts and nothing beyond the anchors."""
+    heights, faces = dent.anchors(deepest)
+    w, slope = dent.faces(r)[..., list(faces)], dent.faces(r, 1)[..., list(faces)]
+    stretch, shear = np.zeros_like(r), np.zeros_like(r)
+    rigid = np.zeros((*r.shape, 1))
+    low = [rigid] if len(heights) == len(faces) + 2 else []
+    w, slope = (np.concatenate([*low, part, rigid], axis=-1) for part in (w, slope))
+    for k, (lower, upper) in enumerate(pairwise(heights.tolist())):
+        here = (z > lower) & (z < upper)
+        share = (z[here] - lower) / (upper - lower)
+        stretch[here] = (w[here, k + 1] - w[here, k]) / (upper - lower)
+        shear[here] = (1 - share) * slope[here, k] + share * slope[here, k + 1]
+    return stretch, shear
 
 
 class _Forms:
@@ -274,11 +227,6 @@ def _by_value(values: FloatArray, function: Callable[[FloatArray], FloatArray]) 
     """Apply a function to the distinct values only: mesh lines share their coordinates."""
     distinct, inverse = np.unique(np.round(values, 12), return_inverse=True)  # to a picometre
     return np.asarray(function(distinct)[inverse])
-
-
-def _permeability(dent: Dent, z: FloatArray) -> FloatArray:
-    mu = np.array([1.0, *dent.permeabilities, 1.0])
-    return np.asarray(mu[np.searchsorted(dent.heights, z)])
 
 
 def _grid(dent: Dent, mesh: LayerMesh, deepest: float | None, base: Base) -> MeshQuad:

@@ -22,25 +22,11 @@ _SLOPE = 1e-6  # step of a difference in heights, over the shortest wavelength
 
 
 def first_order(dent: Dent, wavenumbers: FloatArray, weights: FloatArray, highest: int) -> Scattering:
-    """Change of energy to first order in the displacement of the faces.
+    """Change of energy of a dent about an axis, to first order in the displacement of its faces.
 
-    Parameters
-    ----------
-    dent : Dent
-        Dent about an axis.
-    wavenumbers, weights : ndarray, shape (k,)
-        Wavenumbers and weights in 1/m, from `coilarray.elastomer.scattering.wavenumber_rule`.
-    highest : int
-        Highest harmonic.
-
-    Returns
-    -------
-    Scattering
-
-    Notes
-    -----
     Hadamard's formula: a face with μ1 below and μ2 above that moves up by f changes the energy at constant currents by
-    ∫ f [(μ1 − μ2) H_t² + (1/μ2 − 1/μ1) B_n²] dS with the fields of the flat sheets.
+    ∫ f [(μ1 − μ2) H_t² + (1/μ2 − 1/μ1) B_n²] dS with the fields of the flat sheets. Wavenumbers and weights in 1/m are
+    those of `coilarray.elastomer.scattering.wavenumber_rule`.
     """
     r, rule = _radii(dent, wavenumbers)
     moved = dent.faces(r) * (r * rule)[:, None]
@@ -60,19 +46,8 @@ def first_order(dent: Dent, wavenumbers: FloatArray, weights: FloatArray, highes
 
 
 def born(dent: Dent, wavenumbers: FloatArray, weights: FloatArray, highest: int) -> Scattering:
-    """Change of energy with the sheets magnetised by the incident field alone.
+    """Change of energy as in `first_order`, but with the sheets magnetised by the incident field alone.
 
-    Parameters
-    ----------
-    dent, wavenumbers, weights, highest
-        Dent, integration rule and highest harmonic, as in `first_order`.
-
-    Returns
-    -------
-    Scattering
-
-    Notes
-    -----
     ∫ (μ − 1) H_s·H_s dV of the dented minus the flat sheets, with the field H_s in free space.
     """
     r, rule = _radii(dent, wavenumbers)

@@ -49,8 +49,7 @@ class Alignment:
     at_limit : bool
         True where a shift stands at the end of the range that was searched: the true one is beyond.
     scatter : float
-        Scatter of the residuals in δ: the root of its sum of squares over the degrees of freedom; NaN where there are
-        none.
+        Root of the residuals' sum of squares over the degrees of freedom, in δ; NaN where there are none.
     """
 
     scale: float
@@ -63,19 +62,9 @@ class Alignment:
 
 
 def inside(model: ForwardModel, places: FloatArray, margin: tuple[float, float] = (0.0, 0.0)) -> BoolArray:
-    """Tell which places lie in a model's table, by a margin along x and y; rounding does not put a place outside.
+    """Tell which places (n, 3) lie in a model's table, by a margin along x and y in m; rounding puts no place outside.
 
-    Parameters
-    ----------
-    model : ForwardModel
-    places : ndarray, shape (n, 3)
-        x, y and depth in m; the depth counts where the model has more than one.
-    margin : tuple of float
-        Along x and y in m.
-
-    Returns
-    -------
-    ndarray of bool, shape (n,)
+    Places are x, y and depth in m; the depth counts where the model has more than one.
     """
     free = model.unknowns
     room = np.array([*margin, 0.0])[:free]
@@ -85,15 +74,7 @@ def inside(model: ForwardModel, places: FloatArray, margin: tuple[float, float] 
 
 
 def values_at(model: ForwardModel, places: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """δ of a model of one state, shape (n,), and its slopes along x and y in 1/m, shape (n, 2).
-
-    Parameters
-    ----------
-    model : ForwardModel
-        Model of one state.
-    places : ndarray, shape (n, 3)
-        Places for which `inside` holds.
-    """
+    """δ (n,) of a model of one state and its slopes (n, 2) along x and y in 1/m, at places (n, 3) that are `inside`."""
     delta, jacobian = model.linear(np.clip(places, model.lower, model.upper))
     return delta[:, 0], jacobian[:, 0, :2]
 
@@ -122,10 +103,6 @@ def align(
     noise : array_like, scalar or shape (n,), optional
         Standard deviation of every measured δ; from the scatter of what remains by default.
 
-    Returns
-    -------
-    Alignment
-
     Raises
     ------
     LocalizeError
@@ -135,21 +112,6 @@ def align(
     -----
     All places count the same. The standard deviations are those of that estimate under the given noise,
     (JᵀJ)⁻¹ Jᵀ diag(σ²) J (JᵀJ)⁻¹; what else the maps differ in is no part of them.
-
-    Examples
-    --------
-    >>> import xarray as xr
-    >>> from coilarray.localize.forward import forward_model
-    >>> axis = np.linspace(-10e-3, 10e-3, 21)
-    >>> bell = lambda x, y: 1e-3 * np.exp(-(x**2 + y**2) / 8e-3**2)
-    >>> delta = bell(axis, axis[:, None])[None, :, :, None]
-    >>> coords = {"depth": [1e-3], "y": axis, "x": axis, "state": ["coil1"]}
-    >>> model = forward_model(xr.Dataset({"delta": (("depth", "y", "x", "state"), delta)}, coords))
-    >>> x, y = np.meshgrid(axis[5:-5], axis[5:-5])
-    >>> places = np.column_stack((x.ravel(), y.ravel(), np.full(x.size, 1e-3)))
-    >>> found = align(model, places, 1.25 * bell(places[:, 0] - 0.5e-3, places[:, 1]), largest_shift=(2e-3, 2e-3))
-    >>> round(found.scale, 3), round(found.shift[0] * 1e3, 2)
-    (1.25, 0.5)
     """
     at, values = np.asarray(places, dtype=np.float64), np.asarray(measured, dtype=np.float64)
     sigma = None if noise is None else np.asarray(noise, dtype=np.float64)
@@ -162,31 +124,16 @@ def align(
     if not values_at(model, at)[0].any():
         return Alignment(np.nan, (np.nan, np.nan), np.nan, (np.nan, np.nan), used, False, np.nan)
     each = None if sigma is None else np.broadcast_to(sigma, used.shape)[used]
-    found = _solve(model, at, values, largest_shift, axes, each)
-    while axes and not (found.deviations[1:] <= 1).all():  # NaN is not determined either
-        axes = [axis for axis, known in zip(axes, found.deviations[1:] <= 1, strict=True) if known]
-        found = _solve(model, at, values, largest_shift, axes, each)
+    unknowns, deviations, scatter = _solve(model, at, values, largest_shift, axes, each)
+    while axes and not (deviations[1:] <= 1).all():  # NaN is not determined either
+        axes = [axis for axis, known in zip(axes, deviations[1:] <= 1, strict=True) if known]
+        unknowns, deviations, scatter = _solve(model, at, values, largest_shift, axes, each)
     shift, shift_std = np.full(2, np.nan), np.full(2, np.nan)
     steps = np.asarray(largest_shift)[axes]
-    shift[axes], shift_std[axes] = found.unknowns[1:] * steps, found.deviations[1:] * steps
-    return Alignment(
-        float(found.unknowns[0]),
-        (float(shift[0]), float(shift[1])),
-        float(found.deviations[0]),
-        (float(shift_std[0]), float(shift_std[1])),
-        used,
-        bool((np.abs(found.unknowns[1:]) > 1 - _AT_END).any()),
-        found.scatter,
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class _Solution:
-    """Scale and shifts relative to the largest ones, with standard deviations; the scatter of what remains in δ."""
-
-    unknowns: FloatArray
-    deviations: FloatArray
-    scatter: float
+    shift[axes], shift_std[axes] = unknowns[1:] * steps, deviations[1:] * steps
+    at_limit = bool((np.abs(unknowns[1:]) > 1 - _AT_END).any())
+    (x, y), (x_std, y_std) = shift.tolist(), shift_std.tolist()
+    return Alignment(float(unknowns[0]), (x, y), float(deviations[0]), (x_std, y_std), used, at_limit, scatter)
 
 
 def _solve(
@@ -196,8 +143,8 @@ def _solve(
     largest_shift: tuple[float, float],
     axes: Sequence[int],
     sigma: FloatArray | None,
-) -> _Solution:
-    """Least squares of the scale and of the shifts along some axes."""
+) -> tuple[FloatArray, FloatArray, float]:
+    """Scale and shifts along some axes over the largest ones, standard deviations; the scatter of what remains in δ."""
     steps = np.asarray(largest_shift)[list(axes)]
     size = float(np.sqrt(np.mean(values**2))) or 1.0
 
@@ -224,7 +171,7 @@ def _solve(
     freedom = len(values) - len(solution)
     scatter = float(np.sqrt(remaining @ remaining / freedom)) * size if freedom else np.nan
     noise = np.full(len(values), scatter) if sigma is None else sigma
-    return _Solution(solution, _deviations(slopes(solution), noise / size), scatter)
+    return solution, _deviations(slopes(solution), noise / size), scatter
 
 
 def _deviations(jacobian: FloatArray, sigma: FloatArray) -> FloatArray:

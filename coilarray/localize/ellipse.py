@@ -42,6 +42,9 @@ from coilarray.errors import LocalizeError
 
 FloatArray = npt.NDArray[np.float64]
 
+PARAMETERS = ("x0", "A", "B")
+"""Of an ellipse, in the order of every row of them."""
+
 REFINEMENT = 20
 """Parts of every spacing of the sampled grid: within 0.03 mm of 80 parts on the paper's board, 5 are within 0.12 mm."""
 
@@ -60,19 +63,9 @@ _LONGEST = 10.0  # semi-axis over the extent of the points: beyond it the conic 
 
 @dataclass(frozen=True)
 class Ellipse:
-    """(x − x0)²/A² + y²/B² = 1.
+    """(x − x0)²/A² + y²/B² = 1, all in m.
 
-    Parameters
-    ----------
-    x0 : float
-        Centre in m; it lies on y = 0.
-    A, B : float
-        Semi-axes along x and along y in m.
-
-    Raises
-    ------
-    LocalizeError
-        A centre that is not finite, or a semi-axis that is not positive and finite.
+    LocalizeError for a centre that is not finite, or a semi-axis that is not positive and finite.
     """
 
     x0: float
@@ -94,34 +87,12 @@ class Ellipse:
 
 
 def fit_ellipse(x: npt.ArrayLike, y: npt.ArrayLike) -> Ellipse:
-    """Fit an ellipse with its centre on y = 0 and its axes along x and y.
+    """Fit an ellipse with its centre on y = 0 and its axes along x and y to at least three points (n,) in m.
 
-    Parameters
-    ----------
-    x, y : array_like, shape (n,)
-        Points in m, at least three.
-
-    Returns
-    -------
-    Ellipse
-
-    Raises
-    ------
-    LocalizeError
-        Points that are too few or not finite, or whose conic is no ellipse.
-
-    Notes
-    -----
     Least squares of a u² + c y² + d u = 1 with u = x − mean(x), as O. Gal's fit_ellipse (MATLAB Central File Exchange
     3215, 2003) without its terms in xy and y. The mean matters: an equation whose constant is set to 1 gives another
-    fit about another origin where the points are on no ellipse.
-
-    Examples
-    --------
-    >>> angle = np.linspace(0, 2, 9)
-    >>> ellipse = fit_ellipse(1e-3 + 5e-3 * np.cos(angle), 4e-3 * np.sin(angle))
-    >>> round(ellipse.x0, 12), round(ellipse.A, 12), round(ellipse.B, 12)
-    (0.001, 0.005, 0.004)
+    fit about another origin where the points are on no ellipse. LocalizeError for points that are too few or not
+    finite, or whose conic is no ellipse.
     """
     if np.shape(x) != np.shape(y):
         raise LocalizeError(f"x and y must be of one shape; got {np.shape(x)} and {np.shape(y)}.")
@@ -145,25 +116,10 @@ def fit_ellipse(x: npt.ArrayLike, y: npt.ArrayLike) -> Ellipse:
 
 
 def refined_map(delta: xr.DataArray, refinement: int = REFINEMENT) -> xr.DataArray:
-    """Refine a sampled map by a bicubic spline.
+    """Refine a map (y, x) by a bicubic spline: `refinement` parts of every spacing, 1 leaves it as it is.
 
-    Parameters
-    ----------
-    delta : xarray.DataArray
-        Dimensions ``y`` and ``x`` with coordinates in m that rise.
-    refinement : int
-        Parts of every spacing; 1 leaves the map as it is.
-
-    Returns
-    -------
-    xarray.DataArray
-        Dimensions ``y`` and ``x``. At the sampled positions it has the sampled values.
-
-    Raises
-    ------
-    LocalizeError
-        Fewer than four positions along x or y, coordinates that do not rise, values that are not finite, a refinement
-        that is not positive.
+    At the sampled positions, in m, it has the sampled values. LocalizeError for fewer than four positions along x or y,
+    coordinates that do not rise, values that are not finite, a refinement that is not positive.
 
     Examples
     --------

@@ -32,10 +32,10 @@ import numpy.typing as npt
 import xarray as xr
 
 from coilarray.errors import LocalizeError
-from coilarray.localize.ellipse import Ellipse
+from coilarray.localize.ellipse import PARAMETERS, Ellipse
 
 FloatArray = npt.NDArray[np.float64]
-Coefficients = tuple[float, float, float, float, float]
+Coefficients = tuple[float, ...]
 """p4, p3, p2, p1, p0 of a polynomial of δ, in m."""
 
 Case = Literal["two points", "touching", "adjacent coils"]
@@ -61,23 +61,11 @@ _FLAT = 1e-6  # 1/x of a root beyond every ellipse, in units of their largest se
 
 @dataclass(frozen=True)
 class CoilEllipses:
-    """The ellipses of one coil as polynomials of δ.
+    """The ellipses of one coil, named as the state in which it is measured, as polynomials of δ.
 
-    Parameters
-    ----------
-    name : str
-        Name of the coil and of the state in which it is measured.
-    x0, A, B : tuple of float
-        Coefficients p4 … p0 in m.
-    lowest, highest : float
-        Range of δ.
-    centre : float
-        δ from which the indentation counts as near the coil's centre.
-
-    Raises
-    ------
-    LocalizeError
-        Coefficients that are not five finite numbers, or a range that is none.
+    `x0`, `A` and `B` are coefficients p4 … p0 in m, for δ from `lowest` to `highest`; from `centre` on the indentation
+    counts as near the coil's centre. LocalizeError for coefficients that are not five finite numbers, or a range that
+    is none.
     """
 
     name: str
@@ -89,7 +77,7 @@ class CoilEllipses:
     centre: float
 
     def __post_init__(self) -> None:
-        for key in ("x0", "A", "B"):
+        for key in PARAMETERS:
             p = getattr(self, key)
             if len(p) != DEGREE + 1 or not np.isfinite(p).all():
                 raise LocalizeError(f"{key} of {self.name} must be {DEGREE + 1} finite coefficients; got {p}.")
@@ -116,13 +104,7 @@ class CoilEllipses:
             )
 
     def ellipse(self, delta: float) -> Ellipse:
-        """Return the ellipse of a reading.
-
-        Raises
-        ------
-        LocalizeError
-            A reading beyond the range, or one at which a semi-axis is not positive.
-        """
+        """Return the ellipse of a reading; LocalizeError beyond the range, or where a semi-axis is not positive."""
         self.check(delta)
         x0, A, B = (float(value) for value in self.curves(delta))
         if min(A, B) <= 0:
@@ -134,17 +116,9 @@ class CoilEllipses:
 
 @dataclass(frozen=True)
 class EllipseModel:
-    """Coils in a row and their ellipses.
+    """Coils in the order of their row, where neighbours overlap, and their ellipses.
 
-    Parameters
-    ----------
-    coils : tuple of CoilEllipses
-        Coils in the order of the row; neighbours overlap.
-
-    Raises
-    ------
-    LocalizeError
-        No coils, or two of one name.
+    LocalizeError for no coils, or two of one name.
 
     Examples
     --------
@@ -181,18 +155,9 @@ class EllipseModel:
 
 @dataclass(frozen=True)
 class EllipsePosition:
-    """Where two coils' ellipses meet.
+    """Where two coils' ellipses meet: x along the row and the distance y from it in m, by the paper's case.
 
-    Parameters
-    ----------
-    x : float
-        Coordinate along the row in m.
-    y : float
-        Distance from the row in m, not negative: the indentation is at y or at −y.
-    case : {"two points", "touching", "adjacent coils"}
-        The paper's case.
-    coils : tuple of str
-        The two coils whose ellipses were used.
+    y is not negative: the indentation is at y or at −y.
     """
 
     x: float
@@ -202,47 +167,19 @@ class EllipsePosition:
 
 
 def ellipse_model(fits: xr.Dataset) -> EllipseModel:
-    """Fit the polynomials of an ellipse model.
+    """Fit the polynomials of an ellipse model to fits of `coilarray.localize.ellipse.fit_ellipses`.
 
-    Parameters
-    ----------
-    fits : xarray.Dataset
-        Fitted ellipses, from `coilarray.localize.ellipse.fit_ellipses`.
-
-    Returns
-    -------
-    EllipseModel
-        Its coils in the order of their centres.
-
-    Raises
-    ------
-    LocalizeError
-        Fewer steps with an ellipse than a polynomial has coefficients.
-
-    Notes
-    -----
-    Every step counts the same, as in the paper.
+    The coils come in the order of their centres. Every step counts the same, as in the paper. LocalizeError for fewer
+    steps with an ellipse than a polynomial has coefficients.
     """
     kept = [_kept(fits.sel(state=state)) for state in fits.state.values.tolist()]
-    kept.sort(
-        key=lambda fit: float(fit.x0[np.argmax(fit.delta.values)])
-    )  # the smallest ellipse determines the centre best
+    # the smallest ellipse determines the centre best
+    kept.sort(key=lambda fit: float(fit.x0[np.argmax(fit.delta.values)]))
     return EllipseModel(tuple(_polynomials(fit) for fit in kept))
 
 
 def model_to_json(model: EllipseModel, source: str = "") -> str:
-    """Write a model as JSON, in SI units and full precision.
-
-    Parameters
-    ----------
-    model : EllipseModel
-    source : str
-        Free text on the origin of the model.
-
-    Returns
-    -------
-    str
-        Read back by `model_from_json`.
+    """Write a model and a free text on its origin as JSON, in SI units and full precision.
 
     Examples
     --------
@@ -253,7 +190,7 @@ def model_to_json(model: EllipseModel, source: str = "") -> str:
     coils = [
         {
             "name": coil.name,
-            **{f"{key}_m": list(getattr(coil, key)) for key in ("x0", "A", "B")},
+            **{f"{key}_m": list(getattr(coil, key)) for key in PARAMETERS},
             **{key: getattr(coil, key) for key in _RANGE},
         }
         for coil in model.coils
@@ -264,20 +201,8 @@ def model_to_json(model: EllipseModel, source: str = "") -> str:
 def model_from_json(text: str) -> EllipseModel:
     """Read a model that `model_to_json` wrote.
 
-    Parameters
-    ----------
-    text : str
-        Text of the file.
-
-    Returns
-    -------
-    EllipseModel
-
-    Raises
-    ------
-    LocalizeError
-        Text that is no JSON, of another kind or schema, or with keys that are missing or no numbers; what
-        `EllipseModel` and `CoilEllipses` refuse.
+    LocalizeError for text that is no JSON, of another kind or schema, or with keys that are missing or no numbers, and
+    for what `EllipseModel` and `CoilEllipses` refuse.
     """
     try:
         data = json.loads(text)
@@ -294,33 +219,11 @@ def model_from_json(text: str) -> EllipseModel:
 
 
 def crossing(first: Ellipse, second: Ellipse) -> tuple[float, float]:
-    """Return where two ellipses meet.
+    """Return x and |y| in m of where two ellipses with centres on y = 0 meet; y is 0 where they touch on the axis.
 
-    Parameters
-    ----------
-    first, second : Ellipse
-        Centres on y = 0.
-
-    Returns
-    -------
-    tuple of float
-        x and |y| in m; 0 where they touch on y = 0.
-
-    Raises
-    ------
-    LocalizeError
-        Ellipses that do not meet, and those that meet at two values of x of which not just one is between the centres.
-
-    Notes
-    -----
-    With y² = B²(1 − (x − x0)²/A²) of both, (k1 − k2) x² − 2 (k1 x1 − k2 x2) x + k1 x1² − k2 x2² − B1² + B2² = 0 where
-    k = B²/A². Solved about the middle of the centres.
-
-    Examples
-    --------
-    >>> x, y = crossing(Ellipse(-3e-3, 5e-3, 5e-3), Ellipse(3e-3, 5e-3, 5e-3))
-    >>> round(x, 12), round(y, 12)
-    (0.0, 0.004)
+    With y² = B²(1 − (x − x0)²/A²) of both, (k1 − k2) x² − 2 (k1 x1 − k2 x2) x + k1 x1² − k2 x2² − B1² + B2² = 0 where k
+    = B²/A². Solved about the middle of the centres. LocalizeError for ellipses that do not meet, and those that meet at
+    two values of x of which not just one is between the centres.
     """
     middle = (first.x0 + second.x0) / 2
     length = max(first.A, second.A, first.B, second.B)
@@ -329,7 +232,9 @@ def crossing(first: Ellipse, second: Ellipse) -> tuple[float, float]:
     if len(met) > 1:
         met = [(x, square) for x, square in met if abs(x) <= abs(one.x0)] or met
     if not met:
-        raise LocalizeError(f"the ellipses do not meet: {_why_apart(first, second)}.")
+        gap = abs(first.x0 - second.x0) - first.A - second.A
+        why = f"{gap * 1e3:.4g} mm lie between them" if gap > 0 else "one lies within the other"
+        raise LocalizeError(f"the ellipses do not meet: {why}.")
     if len(met) > 1:
         places = " and ".join(f"{(middle + x * length) * 1e3:.4g}" for x, _ in met)
         raise LocalizeError(f"the ellipses meet at more than one x: {places} mm.")
@@ -338,33 +243,10 @@ def crossing(first: Ellipse, second: Ellipse) -> tuple[float, float]:
 
 
 def intersect(model: EllipseModel, deltas: Mapping[str, float], first: str, second: str) -> EllipsePosition:
-    """Intersect the ellipses of two given coils.
+    """Intersect the ellipses of two given coils by their readings δ.
 
-    Parameters
-    ----------
-    model : EllipseModel
-    deltas : mapping of str to float
-        Readings by the coils' names.
-    first, second : str
-        The two coils.
-
-    Returns
-    -------
-    EllipsePosition
-        Position of the case "adjacent coils" where a coil lies between the two, else "two points" or "touching".
-
-    Raises
-    ------
-    LocalizeError
-        A coil that the model lacks, a reading that is missing, not finite or beyond the model, ellipses that do not
-        meet.
-
-    Examples
-    --------
-    >>> from coilarray.localize.published import published_model
-    >>> place = intersect(published_model(), {"coil1": 8.0895e-4, "coil2": 6.4684e-4}, "coil1", "coil2")
-    >>> round(place.x * 1e3, 3), round(place.y * 1e3, 3), place.case
-    (-8.75, 3.6, 'two points')
+    The case is "adjacent coils" where a coil lies between the two, else "two points" or "touching". LocalizeError for a
+    coil that the model lacks, a reading that is missing, not finite or beyond the model, ellipses that do not meet.
     """
     if first == second:
         raise LocalizeError(f"two coils must be given; got {first} twice.")
@@ -379,23 +261,10 @@ def intersect(model: EllipseModel, deltas: Mapping[str, float], first: str, seco
 
 
 def locate_x(model: EllipseModel, deltas: Mapping[str, float]) -> EllipsePosition:
-    """Locate an indentation by the readings of all coils of a model.
+    """Locate an indentation by the readings δ of all coils of a model; those of other coils are not used.
 
-    Parameters
-    ----------
-    model : EllipseModel
-        Model of at least two coils.
-    deltas : mapping of str to float
-        Readings by the coils' names; those of coils that the model does not have are not used.
-
-    Returns
-    -------
-    EllipsePosition
-
-    Raises
-    ------
-    LocalizeError
-        A reading that is missing, not finite, or beyond the model, ellipses that do not meet, a model of one coil.
+    LocalizeError for a reading that is missing, not finite, or beyond the model, ellipses that do not meet, a model of
+    one coil.
 
     Examples
     --------
@@ -432,7 +301,7 @@ def _reading(deltas: Mapping[str, float], name: str) -> float:
 
 def _coil_from(data: object) -> CoilEllipses:
     """One coil of a JSON file."""
-    keys = ("x0_m", "A_m", "B_m", *_RANGE)
+    keys = (*(f"{key}_m" for key in PARAMETERS), *_RANGE)
     if not isinstance(data, dict) or not isinstance(data.get("name"), str):
         raise LocalizeError("a coil of an ellipse model must have a name.")
     name = data["name"]
@@ -440,15 +309,14 @@ def _coil_from(data: object) -> CoilEllipses:
     if missing:
         raise LocalizeError(f"{name} of an ellipse model must have {', '.join(keys)}; {missing[0]} is missing.")
     try:
-        p4, p3, p2, p1, p0 = (np.array([data[key] for key in keys[:3]], dtype=np.float64).T).tolist()
+        x0, A, B = np.array([data[key] for key in keys[:3]], dtype=np.float64).reshape(3, DEGREE + 1).tolist()
         lowest, highest, centre = (float(data[key]) for key in _RANGE)
     except (TypeError, ValueError, OverflowError):
         raise LocalizeError(
             f"{name} of an ellipse model must have {DEGREE + 1} numbers in x0_m, A_m and B_m and one in each of "
             f"{', '.join(_RANGE)}."
         ) from None
-    x0, A, B = zip(p4, p3, p2, p1, p0, strict=True)
-    return CoilEllipses(name, x0, A, B, lowest, highest, centre)
+    return CoilEllipses(name, tuple(x0), tuple(A), tuple(B), lowest, highest, centre)
 
 
 def _kept(fit: xr.Dataset) -> xr.Dataset:
@@ -466,9 +334,7 @@ def _polynomials(fit: xr.Dataset) -> CoilEllipses:
     """Polynomials through the steps of one state."""
     name, peak, delta = str(fit.state.item()), float(fit.peak), fit.delta.values
     powers = peak ** np.arange(DEGREE, -1, -1)  # δ over its peak, or the equations are ill-conditioned
-    x0, A, B = (
-        tuple((np.polyfit(delta / peak, fit[key].values, DEGREE) / powers).tolist()) for key in ("x0", "A", "B")
-    )
+    x0, A, B = (tuple((np.polyfit(delta / peak, fit[key].values, DEGREE) / powers).tolist()) for key in PARAMETERS)
     threshold = float(fit.attrs["threshold"])
     return CoilEllipses(name, x0, A, B, float(delta.min()) - threshold, peak + threshold, CENTRE_SHARE * peak)
 
@@ -493,8 +359,3 @@ def _square(first: Ellipse, second: Ellipse, x: float) -> float | None:
     if min(squares) < -rounding:
         return None
     return 0.0 if min(squares) <= rounding else sum(squares) / 2
-
-
-def _why_apart(first: Ellipse, second: Ellipse) -> str:
-    gap = abs(first.x0 - second.x0) - first.A - second.A
-    return f"{gap * 1e3:.4g} mm lie between them" if gap > 0 else "one lies within the other"

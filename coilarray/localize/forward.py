@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -24,7 +23,7 @@ from coilarray.response.interpolation import (
     even_row,
     response_spline,
 )
-from coilarray.response.map import Reach, response_map
+from coilarray.response.map import response_map
 from coilarray.response.setup import indentation_of
 
 FloatArray = npt.NDArray[np.float64]
@@ -52,10 +51,7 @@ class ForwardModel(ResponseSpline):
     def select(self, states: Sequence[str]) -> ForwardModel:
         """Return the model of some of the states, in the given order; for example without a broken coil.
 
-        Raises
-        ------
-        LocalizeError
-            A name that the model does not have, or one that is given twice.
+        LocalizeError for a name that the model does not have, or one that is given twice.
         """
         for name in states:
             if name not in self.states:
@@ -67,43 +63,14 @@ class ForwardModel(ResponseSpline):
         return replace(self, states=tuple(states), spline=NdBSpline(self.spline.t, coefficients, self.spline.k))
 
     def delta(self, points: npt.ArrayLike) -> FloatArray:
-        """Return the relative change of inductance of every state.
+        """Return δ of every state, shape (…, states), at points (…, 3): x, y and depth in m.
 
-        Parameters
-        ----------
-        points : array_like, shape (…, 3)
-            x, y and depth in m.
-
-        Returns
-        -------
-        ndarray, shape (…, states)
-            δ, without unit.
-
-        Raises
-        ------
-        LocalizeError
-            Another shape, or a point that is not in the table.
+        LocalizeError for another shape, or a point that is not in the table.
         """
         return self.values_at(self._checked(points))
 
     def jacobian(self, points: npt.ArrayLike) -> FloatArray:
-        """Differentiate δ of every state by x, y and depth.
-
-        Parameters
-        ----------
-        points : array_like, shape (…, 3)
-            x, y and depth in m.
-
-        Returns
-        -------
-        ndarray, shape (…, states, unknowns)
-            Slopes in 1/m; by x and y alone where the depth is known.
-
-        Raises
-        ------
-        LocalizeError
-            Another shape, or a point that is not in the table.
-        """
+        """Slopes of `delta` by x, y and, where it is unknown, depth in 1/m, shape (…, states, unknowns)."""
         return self.linear(self._checked(points))[1]
 
     def linear(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -128,10 +95,7 @@ class ForwardModel(ResponseSpline):
 def checked_noise(model: ForwardModel, noise: npt.ArrayLike) -> FloatArray:
     """Return the standard deviation of δ of every state, shape (states,).
 
-    Raises
-    ------
-    LocalizeError
-        Values that are not positive and finite, or neither one number nor one for each state.
+    LocalizeError for values that are not positive and finite, or neither one number nor one for each state.
     """
     values = np.asarray(noise, dtype=np.float64)
     if values.shape not in ((), (len(model.states),)):
@@ -178,8 +142,6 @@ def forward_model(response: xr.Dataset, *, zero_plane: bool = True) -> ForwardMo
     """
     delta, (x, y, depth) = _table(response)
     names = tuple(str(name) for name in response["state"].values)
-    if len(set(names)) < len(names):
-        raise LocalizeError(f"states of a response must have different names; got {', '.join(names)}.")
     table = response_spline(x, y, depth, delta, zero_plane=zero_plane)
     return ForwardModel(states=names, x=table.x, y=table.y, depth=table.depth, spline=table.spline)
 
@@ -195,15 +157,24 @@ def _table(response: xr.Dataset) -> tuple[FloatArray, tuple[FloatArray, FloatArr
     delta = np.asarray(response["delta"].transpose("x", "y", "depth", "state").values, dtype=np.float64)
     if not delta.size or not np.isfinite(delta).all():
         raise LocalizeError("delta of a response must be finite everywhere.")
-    x, y, depth = (np.asarray(response[name].values, dtype=np.float64) for name in PARAMETERS)
-    for name, axis, least in (("x", x, LEAST_POSITIONS), ("y", y, LEAST_POSITIONS), ("depth", depth, 1)):
-        if len(axis) < least:
-            raise LocalizeError(f"a response must have at least {least} positions along {name}; got {len(axis)}.")
-        if not np.isfinite(axis).all() or (np.diff(axis) <= 0).any():
-            raise LocalizeError(f"{name} of a response must be finite and rise; got {axis}.")
+    x, y, depth = checked_axes(response, "a response", LEAST_POSITIONS)
     if depth[0] < 0:
         raise LocalizeError(f"depth of a response must not be negative; got {depth[0]:.4g} m.")
     return delta, (x, y, depth)
+
+
+def checked_axes(response: xr.Dataset, what: str, least: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """x, y and depth of a response in m; LocalizeError where they do not rise, or x or y has fewer than `least`."""
+    names = [str(name) for name in response["state"].values]
+    if len(set(names)) < len(names):
+        raise LocalizeError(f"states of a response must have different names; got {', '.join(names)}.")
+    x, y, depth = (np.asarray(response[name].values, dtype=np.float64) for name in PARAMETERS)
+    for name, axis, count in (("x", x, least), ("y", y, least), ("depth", depth, 1)):
+        if len(axis) < count:
+            raise LocalizeError(f"{what} must have at least {count} positions along {name}; got {len(axis)}.")
+        if not np.isfinite(axis).all() or (np.diff(axis) <= 0).any():
+            raise LocalizeError(f"{name} of {what} must be finite and rise; got {axis}.")
+    return x, y, depth
 
 
 def table_grid(
@@ -232,13 +203,6 @@ def table_grid(
         A design without an indentation.
     LocalizeError
         A spacing or depth that is not positive.
-
-    Examples
-    --------
-    >>> from coilarray import load_design
-    >>> depths, x, y = table_grid(load_design("gast2020"))
-    >>> len(depths), len(x), len(y)
-    (6, 55, 16)
     """
     setup = indentation_of(design)
     step = sum(sheet.thickness for sheet in design.sheets) / _STEPS if spacing is None else spacing
@@ -250,46 +214,11 @@ def table_grid(
     return end * np.array(_DEPTHS), even_row(x_min, x_max, step), even_row(y_min, y_max, step)
 
 
-def table_for(
-    design: Design,
-    *,
-    spacing: float | None = None,
-    deepest: float | None = None,
-    reach: Reach = "auto",
-    network: Network | None = None,
-    parts: Path | None = None,
-    progress: Progress | None = None,
-) -> xr.Dataset:
-    """Compute the response at the positions of `table_grid`, for `forward_model`.
+def table_for(design: Design, *, network: Network | None = None, progress: Progress | None = None) -> xr.Dataset:
+    """Compute the response at the positions of `table_grid`, for `forward_model`: 10 s for the six coils of gast2020.
 
-    Parameters
-    ----------
-    design : Design
-        Design with an indentation.
-    spacing : float, optional
-        Largest distance of positions in m; a fifth of the thickness of all sheets by default.
-    deepest : float, optional
-        Greatest depth in m; 1.7 times that of the design by default.
-    reach : float, "auto" or None
-        Selection of the coils that count at a position, see `coilarray.response.map.response_map`.
-    network : Network, optional
-        Coils, switches and strays; those of `response_map` by default.
-    parts : Path, optional
-        Folder where finished parts of the table are kept.
-    progress : callable, optional
-        Called with (done, total) as the work goes on.
-
-    Returns
-    -------
-    xarray.Dataset
-        The response over all coils; 10 s for the six of gast2020.
-
-    Raises
-    ------
-    LocalizeError
-        What `table_grid` refuses.
-    ElastomerError
-        What `response_map` refuses, for example positions at which the indenter leaves a small sample.
+    The network of coils, switches and strays is that of `response_map` by default. ElastomerError for what
+    `response_map` refuses, for example positions at which the indenter leaves a small sample.
     """
-    depths, x, y = table_grid(design, spacing=spacing, deepest=deepest)
-    return response_map(design, depths=depths, x=x, y=y, reach=reach, network=network, parts=parts, progress=progress)
+    depths, x, y = table_grid(design)
+    return response_map(design, depths=depths, x=x, y=y, reach="auto", network=network, progress=progress)

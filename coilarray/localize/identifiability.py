@@ -24,44 +24,19 @@ _SINGULAR = 1e-13  # least eigenvalue of a scaled information; its entries are r
 
 
 def fisher_information(model: ForwardModel, points: npt.ArrayLike, noise: npt.ArrayLike) -> FloatArray:
-    """Information of one reading of all states about x, y and, where it is unknown, the depth.
+    """Information of one reading of all states about x, y and, where it is unknown, the depth, in 1/m².
 
-    Parameters
-    ----------
-    model : ForwardModel
-        Model of the board.
-    points : array_like, shape (…, 3)
-        x, y and depth in m.
-    noise : array_like, scalar or shape (states,)
-        Standard deviation of δ.
-
-    Returns
-    -------
-    ndarray, shape (…, unknowns, unknowns)
-        Fisher information in 1/m².
-
-    Raises
-    ------
-    LocalizeError
-        What `ForwardModel.jacobian` and `checked_noise` refuse.
+    Shape (…, unknowns, unknowns), for points (…, 3) and the standard deviation of δ, one or one for each state.
+    LocalizeError for what `ForwardModel.jacobian` and `checked_noise` refuse.
     """
     scaled = model.jacobian(points) / checked_noise(model, noise)[:, None]
     return np.asarray(scaled.swapaxes(-1, -2) @ scaled)
 
 
 def covariance_of(information: FloatArray) -> FloatArray:
-    """Invert Fisher information.
+    """Invert Fisher information (…, n, n) in 1/m² about x, y and, with n = 3, the depth, to covariances in m².
 
-    Parameters
-    ----------
-    information : ndarray, shape (…, n, n)
-        Fisher information about x, y and, with n = 3, the depth, in 1/m².
-
-    Returns
-    -------
-    ndarray, shape (…, n, n)
-        Covariance in m². Where the information is singular to rounding all variances are infinite and the covariances
-        0.
+    Where the information is singular to rounding all variances are infinite and the covariances 0.
 
     Examples
     --------
@@ -111,23 +86,10 @@ def identifiability(
     ------
     LocalizeError
         Positions or a depth outside the table, noise that is not positive.
-
-    Examples
-    --------
-    >>> from coilarray.localize.forward import forward_model
-    >>> axis, h = np.linspace(-10e-3, 10e-3, 11), np.linspace(0.5e-3, 1.5e-3, 3)
-    >>> bell = lambda x, y: np.exp(-((axis - x) ** 2 + (axis[:, None] - y) ** 2) / (8e-3) ** 2)
-    >>> coils = np.stack([bell(-6e-3, -3e-3), bell(6e-3, -3e-3), bell(0, 5e-3)], axis=-1)
-    >>> coords = {"depth": h, "y": axis, "x": axis, "state": ["a", "b", "c"]}
-    >>> delta = h[:, None, None, None] * coils
-    >>> model = forward_model(xr.Dataset({"delta": (("depth", "y", "x", "state"), delta)}, coords))
-    >>> board = identifiability(model, 1e-3, x=[0.0], y=[0.0])
-    >>> round(board.sigma_x.item() * 1e3, 3), round(board.condition.item(), 1)
-    (0.076, 1.6)
     """
     along, across = (
-        np.atleast_1d(np.asarray(axis if given is None else given, dtype=np.float64))
-        for given, axis in ((x, model.x), (y, model.y))
+        np.atleast_1d(np.asarray(axis, dtype=np.float64))
+        for axis in (model.x if x is None else x, model.y if y is None else y)
     )
     if along.ndim != 1 or across.ndim != 1:
         raise LocalizeError(f"x and y must be rows of positions; got shapes {along.shape} and {across.shape}.")

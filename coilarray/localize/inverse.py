@@ -92,19 +92,9 @@ class Mode:
         return tuple(value if value < UNKNOWN_DEVIATION else None for value in self.deviations.tolist())
 
     def contains(self, points: npt.ArrayLike, confidence: float = CONFIDENCE) -> BoolArray:
-        """Test which points are in the ellipsoid around the mode that holds the truth with a probability.
+        """Test which points (…, 3) in m are in the ellipsoid around the mode that holds the truth with a probability.
 
-        Parameters
-        ----------
-        points : array_like, shape (…, 3)
-            x, y and depth in m.
-        confidence : float
-            The probability.
-
-        Returns
-        -------
-        ndarray of bool, shape (…,)
-            True where (θ − θ̂)ᵀ F (θ − θ̂) is at most the quantile of χ².
+        True where (θ − θ̂)ᵀ F (θ − θ̂) is at most the quantile of χ².
         """
         free = len(self.information)
         away = (np.asarray(points, dtype=np.float64) - [self.x, self.y, self.depth])[..., :free]
@@ -141,13 +131,7 @@ class Location:
 
     @property
     def best(self) -> Mode:
-        """The most likely mode.
-
-        Raises
-        ------
-        LocalizeError
-            There is none.
-        """
+        """The most likely mode; LocalizeError where there is none."""
         if not self.modes:
             raise LocalizeError(f"there is no position: {self.reason}")
         return self.modes[0]
@@ -220,25 +204,8 @@ def locate_all(
 ) -> list[Location]:
     """Find the indentations of many readings, as `locate` does one; a bad reading is marked and spoils no other.
 
-    Parameters
-    ----------
-    model : ForwardModel
-        Model of the board.
-    readings : iterable of readings, or array_like, shape (n, states)
-        Readings as `locate` takes them.
-    noise, confidence, alarm
-        Noise, confidence and alarm rate, as in `locate`.
-
-    Returns
-    -------
-    list of Location
-        In the order of the readings; where `locate` would raise because of the reading, the verdict is
-        ``"refused"`` and the reason says why.
-
-    Raises
-    ------
-    LocalizeError
-        Noise, confidence, alarm or a model that `locate` refuses.
+    The locations come in the order of the readings, which may be an array (n, states). Where `locate` would raise
+    because of the reading, the verdict is ``"refused"`` and the reason says why.
     """
     results: list[Location | None] = []
     good = []

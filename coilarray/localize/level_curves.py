@@ -9,27 +9,20 @@ import numpy.typing as npt
 import xarray as xr
 
 from coilarray.errors import LocalizeError
-from coilarray.localize.ellipse import STEP, fit_ellipses
+from coilarray.localize.ellipse import PARAMETERS, STEP, fit_ellipses
 
 FloatArray = npt.NDArray[np.float64]
-
-PARAMETERS = ("x0", "A", "B")
-"""In the order of the rows of `LevelCurves`."""
 
 _LEAST_SHARE = 0.5  # of the noisy maps: where fewer have a level, its scatter is NaN
 
 
 @dataclass(frozen=True, eq=False)
 class LevelCurves:
-    """Ellipses of the levels of δ of one state at one depth.
+    """Ellipses of the levels STEP, 2·STEP, … of δ of one state at one depth.
 
-    Parameters
-    ----------
-    values, deviations : ndarray, shape (3, levels)
-        x0, A and B in m of the levels STEP, 2·STEP, …, and their standard deviations; NaN where a level has no ellipse,
-        deviations NaN too where no noise is known.
-    problem : str
-        Why there is no ellipse at all; empty where there are some.
+    `values` and `deviations`, shape (3, levels), are x0, A and B in m and their standard deviations; NaN where a level
+    has no ellipse, deviations NaN too where no noise is known. `problem` says why there is no ellipse at all; empty
+    where there are some.
     """
 
     values: FloatArray
@@ -40,41 +33,18 @@ class LevelCurves:
 def level_curves(
     response: xr.Dataset, noise: npt.ArrayLike | None = None, *, replicates: int = 16, seed: int = 0
 ) -> LevelCurves:
-    """Fit the ellipses of a map, and of copies with noise for their standard deviations.
+    """Fit the ellipses of a map of one depth and state, and of copies with noise for their standard deviations.
 
-    Parameters
-    ----------
-    response : xarray.Dataset
-        ``delta`` (depth, y, x, state) of one depth and one state.
-    noise : array_like, shape (y, x), optional
-        Standard deviation of δ.
-    replicates : int
-        Noisy copies; fewer than 2 give no standard deviations.
-    seed : int
-        Seed of the noise.
-
-    Returns
-    -------
-    LevelCurves
-
-    Notes
-    -----
-    `fit_ellipses` with its own settings. The copies add noise to a map that may have it already; its scatter is given
-    all the same as long as noise is small beside the width of a level.
-
-    Examples
-    --------
-    >>> from coilarray.localize.published import published_map
-    >>> curves = level_curves(published_map().sel(state=["coil2"]))
-    >>> curves.values.shape, curves.problem
-    ((3, 62), '')
+    `fit_ellipses` with its own settings. `noise`, shape (y, x), is the standard deviation of δ; fewer than 2
+    `replicates` give no standard deviations. The copies add noise to a map that may have it already; its scatter is
+    given all the same as long as noise is small beside the width of a level.
     """
-    if not np.isfinite(response.delta.values).all():
-        return _none("the map has gaps.")
     try:
+        if not np.isfinite(response.delta.values).all():
+            raise LocalizeError("the map has gaps.")
         values = _fitted(response)
     except LocalizeError as error:
-        return _none(str(error))
+        return LevelCurves(np.empty((3, 0)), np.empty((3, 0)), str(error))
     unknown = np.full_like(values, np.nan)
     if noise is None or replicates < 2:
         return LevelCurves(values, unknown)
@@ -101,9 +71,4 @@ def level_axis(count: int) -> FloatArray:
 
 def _fitted(response: xr.Dataset) -> FloatArray:
     """x0, A and B, shape (3, levels)."""
-    fits = fit_ellipses(response)
-    return np.array([fits[name].values[0] for name in PARAMETERS])
-
-
-def _none(problem: str) -> LevelCurves:
-    return LevelCurves(np.empty((3, 0)), np.empty((3, 0)), problem)
+    return fit_ellipses(response)[[*PARAMETERS]].isel(state=0).to_dataarray().values

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from coilarray.localize.ellipse import PARAMETERS
 from coilarray.localize.ellipse_model import CoilEllipses, EllipseModel
 
 CENTRE_DELTA = 1e-3
@@ -33,20 +34,12 @@ def published_rows(name: str) -> list[dict[str, str]]:
 
 
 def table_a1(*, as_printed: bool = False) -> dict[tuple[str, str], tuple[float, ...]]:
-    """Return the coefficients of Table A1 in mm.
-
-    Parameters
-    ----------
-    as_printed : bool
-        Whether to keep the misprint of A3's p3.
-
-    Returns
-    -------
-    dict
-        Coefficients p4 … p0 by "A", "B" or "x0" and the name of the coil.
+    """Return the coefficients p4 … p0 of Table A1 in mm, by "A", "B" or "x0" and the name of the coil.
 
     Examples
     --------
+    The misprint of A3's p3 is kept where it is asked for.
+
     >>> table_a1()["A", "coil3"][1], table_a1(as_printed=True)["A", "coil3"][1]
     (-8811000000.0, -8811000000000.0)
     """
@@ -58,45 +51,24 @@ def table_a1(*, as_printed: bool = False) -> dict[tuple[str, str], tuple[float, 
 
 
 def published_model() -> EllipseModel:
-    """Return the model of Table A1, without the misprint and without the added 0.2 mm.
+    """Return the model of Table A1, of coils 1 to 3, without the misprint and without the added 0.2 mm.
 
-    Returns
-    -------
-    EllipseModel
-        Model of coils 1 to 3. The range of δ is not printed: it is taken from 0 to where A or B vanishes, 1.23e-3,
-        1.87e-3 and 1.24e-3.
-
-    Examples
-    --------
-    >>> [round(coil.highest * 1e3, 2) for coil in published_model().coils]
-    [1.23, 1.87, 1.24]
+    The range of δ is not printed: it is taken from 0 to where A or B vanishes, 1.23e-3, 1.87e-3 and 1.24e-3.
     """
     table = {key: tuple(p * 1e-3 for p in values) for key, values in table_a1().items()}
     coils = []
     for name in _COILS:
-        x0, A, B = (_five(table[key, name]) for key in ("x0", "A", "B"))
+        x0, A, B = (table[key, name] for key in PARAMETERS)
         coils.append(CoilEllipses(name, x0, A, B, 0.0, min(_vanishes(A), _vanishes(B)), CENTRE_DELTA))
     return EllipseModel(tuple(coils))
 
 
 def published_map(x: npt.ArrayLike | None = None, y: npt.ArrayLike | None = None) -> xr.Dataset:
-    """Return the response whose curves of equal δ are the ellipses of Table A1.
+    """Return the response of coils 1 to 3 whose curves of equal δ are the ellipses of Table A1.
 
-    Parameters
-    ----------
-    x, y : array_like, shape (n,), optional
-        Positions in m; by default the paper's grid, 2 mm apart over x ±26 and y ±6 mm.
-
-    Returns
-    -------
-    xarray.Dataset
-        ``delta`` (depth, y, x, state) of coils 1 to 3, as a measured or simulated response has it. Not what was
-        measured: what the paper's model says of it.
-
-    Notes
-    -----
-    Each δ is found by bisection. Beyond the ellipse of δ = 0 the polynomials are continued down to δ = -2e-4, so that
-    the map runs smoothly through zero; further out it is flat.
+    Not what was measured: what the paper's model says of it. Positions along x and y are in m; by default the paper's
+    grid, 2 mm apart over x ±26 and y ±6 mm. Each δ is found by bisection. Beyond the ellipse of δ = 0 the polynomials
+    are continued down to δ = -2e-4, so that the map runs smoothly through zero; further out it is flat.
 
     Examples
     --------
@@ -130,11 +102,6 @@ def _delta_at(coil: CoilEllipses, x: npt.NDArray[np.float64], y: npt.NDArray[np.
         outside = ((x - x0) / A) ** 2 + (y / B) ** 2 > 1
         low, high = np.where(outside, low, middle), np.where(outside, middle, high)
     return (low + high) / 2
-
-
-def _five(p: tuple[float, ...]) -> tuple[float, float, float, float, float]:
-    p4, p3, p2, p1, p0 = p
-    return p4, p3, p2, p1, p0
 
 
 def _vanishes(p: tuple[float, ...]) -> float:

@@ -44,20 +44,10 @@ _LEAST_DAMPING = 1e-10  # of the trace of the normal matrix, which a state witho
 class Scan:
     """Cells of the table, with the linear model around each.
 
-    Parameters
-    ----------
-    shape : tuple of int
-        Cells along x, y and depth.
-    size : ndarray, shape (unknowns,)
-        Size of a cell in m.
-    centres : ndarray, shape (cells, 3)
-        x, y and depth in m.
-    scaled : ndarray, shape (cells, states)
-        Model at the centre over the noise.
-    slopes : ndarray, shape (cells, states, unknowns)
-        Its change over a cell over the noise, J.
-    forms : ndarray, shape (1 + unknowns, states, cells)
-        `scaled` and the columns of Q.
+    `shape` counts the cells along x, y and depth; `size`, shape (unknowns,), is that of one in m, and `centres`, shape
+    (cells, 3), are in m. `scaled` (cells, states) is the model at the centre over the noise, `slopes` (cells, states,
+    unknowns) its change over a cell over the noise, J, and `forms` (1 + unknowns, states, cells) `scaled` and the
+    columns of Q.
     """
 
     shape: tuple[int, int, int]
@@ -104,19 +94,8 @@ def _even(count: int) -> int:
 def starts(scan: Scan, readings: FloatArray) -> tuple[IntArray, FloatArray]:
     """Positions to refine: the best of the cells that are better than their neighbours in x and y.
 
-    Parameters
-    ----------
-    scan : Scan
-        Scan of the model.
-    readings : ndarray, shape (n, states)
-        δ relative to the noise.
-
-    Returns
-    -------
-    owner : ndarray of int, shape (m,)
-        Number of the reading that a start belongs to, rising; every reading has one at least.
-    points : ndarray, shape (m, 3)
-        x, y and depth in m; not yet inside the bounds.
+    For readings (n, states) relative to the noise it returns points (m, 3) in m, not yet inside the bounds, and their
+    owner (m,): the number of the reading that a start belongs to, rising; every reading has one at least.
     """
     found = [_starts(scan, readings[first:last]) for first, last in ranges(len(readings), _BLOCK)]
     owner = np.concatenate([part[0] + k * _BLOCK for k, part in enumerate(found)])
@@ -145,25 +124,9 @@ def _starts(scan: Scan, readings: FloatArray) -> tuple[IntArray, FloatArray]:
 def refine(
     model: ForwardModel, readings: FloatArray, points: FloatArray, noise: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Go down to the least χ² near every start.
+    """Go down to the least χ² near every start, one row of points (m, 3) in m and of readings (m, states) for each.
 
-    Parameters
-    ----------
-    model : ForwardModel
-        Model of the board.
-    readings : ndarray, shape (m, states)
-        δ, one row for each start.
-    points : ndarray, shape (m, 3)
-        x, y and depth of the starts in m; those outside the table begin on its border.
-    noise : ndarray, shape (states,)
-        Standard deviation of δ.
-
-    Returns
-    -------
-    points : ndarray, shape (m, 3)
-        Points in m, inside the table or on its border.
-    chi_square : ndarray, shape (m,)
-        χ² at these points.
+    Starts outside the table begin on its border. Returns the points, inside the table or on its border, and their χ².
     """
     free = model.unknowns
     unit, low, high = _units(model), model.lower[:free], model.upper[:free]

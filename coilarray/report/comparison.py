@@ -17,7 +17,7 @@ import xarray as xr
 
 from coilarray.compute.display_units import PER_MILLION, DisplayUnit
 from coilarray.compute.files import write_text
-from coilarray.localize.level_curves import PARAMETERS
+from coilarray.localize.ellipse import PARAMETERS
 from coilarray.report import figures
 from coilarray.report.page import now, render_page
 from coilarray.report.tables import Column, Table, Value, cell, dataset_table, root_mean_square

@@ -36,15 +36,9 @@ _DEGREE = 3
 class ResponseSpline:
     """Values over position and depth, with derivatives.
 
-    Parameters
-    ----------
-    x, y, depth : ndarray, shape (n,)
-        Coordinates in m at which the response is known. A single depth is taken as known: then only the position is
-        unknown, and the depth of a point has no effect.
-    spline : NdBSpline
-        Spline over x, y and, where there is more than one, the depth or its root.
-    in_root : bool
-        Whether the spline takes the root of the depth.
+    `x`, `y` and `depth` are the coordinates in m, shape (n,) each, at which the response is known. A single depth is
+    taken as known: then only the position is unknown, and the depth of a point has no effect. `spline` is over x, y
+    and, where there is more than one, the depth, or its root where `in_root` is set.
     """
 
     x: FloatArray
@@ -90,27 +84,12 @@ class ResponseSpline:
 def response_spline(
     x: FloatArray, y: FloatArray, depth: FloatArray, values: FloatArray, *, zero_plane: bool, in_root: bool = False
 ) -> ResponseSpline:
-    """Interpolate values along one axis after the other.
+    """Interpolate values (x, y, depth, …) along one axis after the other, at rising coordinates in m, shape (n,) each.
 
-    Parameters
-    ----------
-    x, y, depth : ndarray, shape (n,)
-        Coordinates in m, rising; at least 4 positions along x and y.
-    values : ndarray, shape (x, y, depth, …)
-        Values to interpolate.
-    zero_plane : bool
-        Add values of 0 at the depth 0 to a table of more than one depth that has no depth 0.
-    in_root : bool
-        Interpolate over the root of the depth, with no slope at the first one, which must be 0.
-
-    Returns
-    -------
-    ResponseSpline
-
-    Notes
-    -----
-    Cubic in x and y with C. de Boor's not-a-knot ends (A Practical Guide to Splines, ch. IV); in depth cubic from four
-    planes on, with fewer the polynomial through them.
+    Cubic in x and y, of at least 4 positions each, with C. de Boor's not-a-knot ends (A Practical Guide to Splines, ch.
+    IV); in depth cubic from four planes on, with fewer the polynomial through them. `zero_plane` adds values of 0 at
+    the depth 0 to a table of more than one depth that has no depth 0. `in_root` interpolates over the root of the
+    depth, with no slope at the first one, which must be 0.
     """
     if zero_plane and len(depth) > 1 and depth[0] > 0:
         depth = np.concatenate(([0.0], depth))

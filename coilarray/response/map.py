@@ -224,16 +224,6 @@ def respond(
         A response without inductance changes.
     NetworkError
         A state without a resonance, or one that names a coil that is not there.
-
-    Examples
-    --------
-    >>> from coilarray import load_design
-    >>> from coilarray.design.scan_states import ScanState
-    >>> design = load_design("gast2020")
-    >>> response = response_map(design, x=[0.0], y=[0.0])
-    >>> alone = respond(design, response, plan=[ScanState("coil2", (("coil2", 1),), others="open")])
-    >>> alone.delta.shape
-    (1, 1, 1, 1)
     """
     if "inductance_change" not in response:
         raise ElastomerError("a response of near coils alone has no inductance changes; compute it with reach=None.")
@@ -261,28 +251,8 @@ def inductance_changes(
 ) -> FloatArray:
     """Compute the inductance changes of coils or other paths at every depth and position of a map.
 
-    Parameters
-    ----------
-    design : Design
-        Design with an indentation.
-    axes : MapAxes
-        Depths and positions, from `coilarray.response.setup.map_axes`.
-    paths : sequence of Conductor, optional
-        Paths on the board; the design's coils by default.
-    imperfections : Imperfections, optional
-        Deviations of the experiment from the design; none by default.
-    progress : callable, optional
-        Called with (done, total) as the work goes on.
-
-    Returns
-    -------
-    ndarray, shape (depth, y, x, paths, paths)
-        Inductance in H, dented minus flat.
-
-    Raises
-    ------
-    ElastomerError
-        A design, axes or a contact that `response_map` refuses.
+    In H, dented minus flat, shape (depth, y, x, paths, paths); the paths are the design's coils by default.
+    ElastomerError for a design, axes or a contact that `response_map` refuses.
     """
     source = design.array.conductors() if paths is None else paths
     pressed = experiment(design, axes, imperfections)
@@ -389,12 +359,15 @@ def _changes(
     design, levels, points = pressed.design, pressed.levels, pressed.points
     depths, coils = len(pressed.axes.depth), len(design.array.names)
     change, capacitance_change = np.zeros((depths, len(points), coils, coils)), np.zeros((depths, len(points), coils))
+    paths = [conductor.vertices for conductor in design.array.conductors()]
     steps = _Steps(progress, depths * len(ranges(len(points), _POSITIONS)) * len(levels))
     for k in range(depths):
         for start, stop in ranges(len(points), _POSITIONS):
             block = [replace(level, dents=level.dents[k : k + 1], shares=level.shares[start:stop]) for level in levels]
             on_board = points[start:stop]
-            key = _key(design, block, on_board, permittivity, mesh)
+            # everything that decides the numbers of a part
+            shares, dented = [level.shares for level in block], [level.dents[0] for level in block]
+            key = content_key(permittivity, mesh, on_board, shares, dented, paths)
             part = None if parts is None else Store(parts).get_dataset(key)
             if part is not None:
                 for _ in levels:
@@ -445,19 +418,6 @@ def _noisy(delta: FloatArray, imperfections: Imperfections) -> FloatArray:
     random = np.random.default_rng(imperfections.seed)
     peak, base = (1 + imperfections.noise * random.standard_normal(delta.shape) for _ in range(2))
     return (1 + delta) * peak / base - 1
-
-
-def _key(
-    design: Design,
-    levels: Sequence[Level],
-    points: FloatArray,
-    permittivity: float | None,
-    mesh: LayerMesh,
-) -> str:
-    """Return the key of a part: everything that decides its numbers."""
-    paths = [conductor.vertices for conductor in design.array.conductors()]
-    shares = [level.shares for level in levels]
-    return content_key(permittivity, mesh, points, shares, [level.dents[0] for level in levels], paths)
 
 
 def _compute_part(

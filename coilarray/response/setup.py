@@ -94,14 +94,8 @@ class MapAxes:
 class Level:
     """One of the level samples whose weighted sum is a tilted one.
 
-    Parameters
-    ----------
-    contact : xarray.Dataset
-        Contact of the indenter at all depths, from `coilarray.elastomer.contact.indent`.
-    dents : tuple of Dent
-        Dented sheets at all depths.
-    shares : ndarray, shape (places,)
-        Weight of this sample at every position.
+    `contact` and `dents` are those of the indenter at all depths; `shares`, shape (places,), is the weight of this
+    sample at every position.
     """
 
     contact: xr.Dataset
@@ -113,18 +107,9 @@ class Level:
 class Experiment:
     """Everything that is pressed in a map.
 
-    Parameters
-    ----------
-    design : Design
-        The design with the true thicknesses of its sheets.
-    axes : MapAxes
-        Assumed depths and positions.
-    points : ndarray, shape (n, 2)
-        True positions of the indenter on the board in m, x fastest.
-    contact : xarray.Dataset
-        Contact at the map's origin, at all depths.
-    levels : tuple of Level
-        The sample; several level ones for a tilted sample.
+    The `design` has the true thicknesses of its sheets, `axes` the assumed depths and positions; `points` (n, 2) are
+    the true positions of the indenter on the board in m, x fastest. `contact` is that at the map's origin, at all
+    depths. `levels` is the sample; several level ones for a tilted sample.
     """
 
     design: Design
@@ -142,17 +127,11 @@ def indentation_of(design: Design) -> Indentation:
 
 
 def map_axes(
-    design: Design,
-    depths: npt.ArrayLike | None = None,
-    x: npt.ArrayLike | None = None,
-    y: npt.ArrayLike | None = None,
+    design: Design, depths: npt.ArrayLike | None = None, x: npt.ArrayLike | None = None, y: npt.ArrayLike | None = None
 ) -> MapAxes:
     """Return the axes of a map; those of the design where None is given.
 
-    Raises
-    ------
-    ElastomerError
-        A design without an indentation, or values that are not finite and rising, or beyond 1 m.
+    ElastomerError for a design without an indentation, or values that are not finite and rising, or beyond 1 m.
     """
     setup = indentation_of(design)
     given = (("depths", depths, setup.depths), ("x", x, setup.x), ("y", y, setup.y))
@@ -171,24 +150,8 @@ def _axis(name: str, values: npt.ArrayLike) -> FloatArray:
 def experiment(design: Design, axes: MapAxes, imperfections: Imperfections | None = None) -> Experiment:
     """Solve the contacts of a map and the dents that they make.
 
-    Parameters
-    ----------
-    design : Design
-        Design with an indentation.
-    axes : MapAxes
-        Depths and positions, from `map_axes`.
-    imperfections : Imperfections, optional
-        How the experiment differs from the design; not at all by default.
-
-    Returns
-    -------
-    Experiment
-
-    Raises
-    ------
-    ElastomerError
-        Sheets with more than one magnetic region, a contact that is outside the sample or lost on a tilted one, and
-        what `coilarray.elastomer.contact.indent` refuses.
+    ElastomerError for sheets with more than one magnetic region, a contact that is outside the sample or lost on a
+    tilted one, and what `coilarray.elastomer.contact.indent` refuses.
     """
     setup, true = indentation_of(design), imperfections or Imperfections()
     sheets = _true_sheets(design.sheets, true.thickness_errors)
