@@ -152,23 +152,11 @@ def comparison_notes(comparison: xr.Dataset) -> list[str]:
 def write_comparison_page(
     comparison: xr.Dataset, path: Path, names: tuple[str, str], outlines: Sequence[FloatArray] = ()
 ) -> None:
-    """Write a comparison as an HTML page that needs no other file.
+    """Write a comparison of two responses as an HTML page that needs no other file, in a folder that exists.
 
-    Parameters
-    ----------
-    comparison : xarray.Dataset
-        Comparison of the two responses.
-    path : Path
-        File of the page, in a folder that exists.
-    names : tuple of str
-        Names of the measured and of the simulated response on the page.
-    outlines : sequence of ndarray, each of shape (m, 2)
-        Corners of the coils in m from the map's origin.
-
-    Raises
-    ------
-    OutputError
-        The file cannot be written; an earlier page is left as it was.
+    `names` are those of the measured and of the simulated response on the page; `outlines` the corners of the coils in
+    m from the map's origin, each of shape (m, 2). OutputError where it cannot be written; an earlier page stays as it
+    was.
     """
     page = render_page(
         "comparison.html.j2",

@@ -56,17 +56,7 @@ _DENT_SIZE = (1280, 720)  # pixels; the page is 1100 wide
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture on the page.
-
-    Parameters
-    ----------
-    name : str
-        Name of the picture, unique on the page.
-    caption : str
-        Description of what it shows, with units.
-    uri : str
-        The picture as ``data:image/png;base64,…``.
-    """
+    """A picture on the page: its unique name, a caption with units, and ``data:image/png;base64,…``."""
 
     name: str
     caption: str

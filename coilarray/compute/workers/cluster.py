@@ -37,22 +37,9 @@ def cluster_pool(address: str) -> Iterator[ClusterPool]:
 def connect(address: str) -> Client:
     """Connect to a Dask scheduler with at least one worker, all with this version of coilarray.
 
-    Parameters
-    ----------
-    address : str
-        ``tcp://host:port``, or ``tls://host:port`` with the certificates of Dask's configuration.
-
-    Returns
-    -------
-    distributed.Client
-
-    Raises
-    ------
-    MissingDependencyError
-        No package ``distributed``.
-    ClusterError
-        An address of another form, no scheduler that answers within `ANSWER_WITHIN`, no worker, or another version of
-        coilarray, or none, on a worker.
+    The address is ``tcp://host:port``, or ``tls://host:port`` with the certificates of Dask's configuration.
+    ClusterError for one of another form, no scheduler that answers within `ANSWER_WITHIN`, no worker, or another
+    version of coilarray, or none, on a worker; MissingDependencyError without the package ``distributed``.
     """
     dask = _distributed()
     scheme, _, host = address.partition("://")
@@ -88,10 +75,7 @@ def connect(address: str) -> Client:
 class ClusterPool(Pool):
     """The workers of a Dask scheduler; what a lost one was computing is computed again by others.
 
-    Parameters
-    ----------
-    client : distributed.Client
-        Connection made by `connect`; `close` closes it and leaves the cluster as it is.
+    `close` closes the `client`, which `connect` makes, and leaves the cluster as it is.
     """
 
     def __init__(self, client: Client) -> None:

@@ -54,12 +54,9 @@ class _Worker:
 
 
 class LocalPool(Pool):
-    """Processes of this machine, started when there is work; one that ends is replaced, and its tasks sent again.
+    """Up to `count` processes of this machine, started when there is work.
 
-    Parameters
-    ----------
-    count : int
-        Largest number of processes.
+    One that ends is replaced, and its tasks are sent again.
     """
 
     def __init__(self, count: int) -> None:

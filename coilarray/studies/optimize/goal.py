@@ -249,10 +249,6 @@ def load_goal(name_or_path: str | Path) -> Goal:
     name_or_path : str or Path
         A TOML file, or the name of a bundled goal.
 
-    Returns
-    -------
-    Goal
-
     Raises
     ------
     GoalError

@@ -52,27 +52,10 @@ def polish(
     evaluate: Evaluate,
     report: Callable[[Trial], None],
 ) -> None:
-    """Improve a point; trials in the study are not evaluated again, new ones are added to it.
+    """Improve the `best` point of a search for one objective, over its continuous variables.
 
-    Parameters
-    ----------
-    goal : Goal
-        Goal with one objective.
-    axes : sequence of Axis
-        Variables of the goal, from `axes_of`, at least one of them continuous.
-    best : Trial
-        Point to start from.
-    store : StudyFile
-        Study that keeps every trial, at most as many as the goal says.
-    evaluate : callable
-        See `coilarray.studies.optimize.search.Evaluate`.
-    report : callable
-        Called with each trial once it is known.
-
-    Raises
-    ------
-    OutputError
-        The study cannot be written.
+    New trials are added to the study. Trials in the study are not evaluated again, and at most as many as the goal says
+    are tried. `report` is called with each. OutputError where the study cannot be written.
     """
     from scipy.optimize import Bounds, NonlinearConstraint, minimize
 

@@ -80,21 +80,9 @@ def design_names(result: Optimization) -> tuple[str, ...]:
 
 
 def trial_text(file: DesignFile, trial: Trial, label: str) -> str:
-    """Return the design file of a trial.
+    """Return the design file of a trial as TOML, named after the design and `label`.
 
-    Parameters
-    ----------
-    design : Design
-        Design that the search started from.
-    trial : Trial
-        Point with the changed entries.
-    label : str
-        Text to append to the name of the design.
-
-    Returns
-    -------
-    str
-        TOML that `coilarray.load_design` reads. Entries that were chosen are no longer marked as assumed.
+    Entries that were chosen are no longer marked as assumed.
     """
     design = file.design
     document = vary_document(file.document, trial.changes)

@@ -173,14 +173,6 @@ def check_analysis(
         with a spread.
     LocalizeError
         A position outside the table that is to be computed, or fewer states than unknowns.
-    ValueError
-        A design that differs from its document.
-
-    Examples
-    --------
-    >>> from coilarray import load_design
-    >>> from coilarray.studies.tolerance import load_tolerances
-    >>> check_analysis(load_design("starter"), load_tolerances(), samples=8)
     """
     design = as_file(design).design
     asked = _asked(design, tolerances, quantities, samples, seed, sampling, accuracy)
