@@ -44,6 +44,21 @@ class Table(BaseModel):
         return table
 
 
+class Bounds(Table):
+    """Bounds of what a table names: at least one, and the lower one not above the upper one."""
+
+    at_least: float | None = None
+    at_most: float | None = None
+
+    @model_validator(mode="after")
+    def _some_room(self) -> Bounds:
+        if self.at_least is None and self.at_most is None:
+            raise ValueError("needs at_least, at_most or both")
+        if self.at_least is not None and self.at_most is not None and not self.at_least <= self.at_most:
+            raise ValueError(f"needs at_least up to at_most; got {self.at_least:g} and {self.at_most:g}")
+        return self
+
+
 def in_si(table: Table, *without: str) -> dict[str, Any]:
     """Return the values of a table in SI by their keys without the unit; lists as tuples, `without` names left out."""
     values = {}

@@ -22,12 +22,9 @@ _PARAMETERS = ("A", "B", "x0")
 _POWERS = ("p4", "p3", "p2", "p1", "p0")
 _COMPARED = np.linspace(1e-4, 1e-3, 37)  # δ, where the paper's polynomials were fitted
 _STATUS = {
-    "found": "located",
-    "border": "on the border",
-    "outside": "outside",
-    "no fit": "no position fits",
+    "found": "located", "border": "on the border", "outside": "outside", "no fit": "no position fits",
     "nothing pressed": "nothing pressed",
-}
+}  # fmt: skip
 
 
 def polynomial_table(model: EllipseModel, *, compare: bool = True) -> Table:
@@ -77,14 +74,10 @@ def fit_table(fits: xr.Dataset, model: EllipseModel, *, compare: bool = True) ->
         apart: list[Value] = ["", "", ""] if compare else []
         if coil.name in published:
             other = published[coil.name]
-            apart = [
-                root_mean_square(np.polyval(getattr(coil, k), at) - np.polyval(getattr(other, k), at))
-                for k in _PARAMETERS
-            ]
-        steps, refused = kept.sizes["step"], len(below)
-        rows.append(
-            (coil.name, steps, refused, coil.lowest, coil.highest, root_mean_square(kept.rms.values), *off, *apart)
-        )
+            both = ((np.polyval(getattr(one, key), at) for one in (coil, other)) for key in _PARAMETERS)
+            apart = [root_mean_square(mine - theirs) for mine, theirs in both]
+        counts, misfit = (kept.sizes["step"], len(below)), root_mean_square(kept.rms.values)
+        rows.append((coil.name, *counts, coil.lowest, coil.highest, misfit, *off, *apart))
     return Table("fits", "Ellipses", columns, tuple(rows))
 
 
@@ -124,17 +117,9 @@ def residual_table(distortion: xr.Dataset) -> Table:
             predicted = x0.sel(state=state).values
             both = np.isfinite(predicted) & np.isfinite(published)
             apart = (predicted - published)[both]
-            rows.append(
-                (
-                    state,
-                    name,
-                    root_mean_square((published - centre)[both]),
-                    root_mean_square((predicted - centre)[np.isfinite(predicted)]),
-                    root_mean_square(apart),
-                    cell(apart.mean()) if len(apart) else "",
-                    int(both.sum()),
-                )
-            )
+            moved = ((published - centre)[both], (predicted - centre)[np.isfinite(predicted)], apart)
+            mean = cell(apart.mean()) if len(apart) else ""
+            rows.append((state, name, *map(root_mean_square, moved), mean, int(both.sum())))
     return Table("residuals", "What remains", columns, tuple(rows))
 
 

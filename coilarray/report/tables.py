@@ -65,7 +65,7 @@ _TRUTH = {True: "yes", False: "no"}
 
 @dataclass(frozen=True)
 class Table:
-    """A table with a name for files and JSON and a title for people; its rows have numbers in SI, "" where there is none.
+    """A table with a name for files and JSON and a title for people; its rows have numbers in SI, "" for none.
 
     Where rows have units of their own, `row_units` are shown in the column "unit", and count for the columns of pure
     numbers before it.

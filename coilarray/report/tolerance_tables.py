@@ -20,16 +20,10 @@ _PERCENT, _MICROMETRES, _MILLIMETRES, _MILLIRADIANS = (
 )
 # units of a tolerance file by its tables
 _FILE_UNITS = {
-    "etch": _MICROMETRES,
-    "registration": _MICROMETRES,
-    "rotation": _MILLIRADIANS,
-    "dielectric": _PERCENT,
-    "copper": _PERCENT,
-    "placement": _MILLIMETRES,
-    "permeability": _PERCENT,
-    "elastomer": _MILLIMETRES,
+    "etch": _MICROMETRES, "registration": _MICROMETRES, "rotation": _MILLIRADIANS, "dielectric": _PERCENT,
+    "copper": _PERCENT, "placement": _MILLIMETRES, "permeability": _PERCENT, "elastomer": _MILLIMETRES,
     "capacitance": _PERCENT,
-}
+}  # fmt: skip
 
 
 def _significant(digits: int) -> DisplayUnit:

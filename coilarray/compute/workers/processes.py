@@ -9,16 +9,15 @@ import traceback
 from collections.abc import Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from multiprocessing import get_context, parent_process, resource_tracker
 from threading import Thread
 from typing import Any
 
-from coilarray.compute.workers.pool import IN_FLIGHT, Pool, Task, one_thread, outcome_of
+from coilarray.compute.workers.pool import IN_FLIGHT, Pool, Task, one_thread_for_good, outcome_of
 from coilarray.errors import ClusterError
 
 _TRIES = 3  # of a task whose process ends
-_LIMITS = ExitStack()  # keeps a worker's limit of threads for as long as its process lives
 
 
 class _Worker:
@@ -132,7 +131,7 @@ def _no_interrupt() -> Iterator[None]:
 def _begin() -> None:
     """Prepare a worker process: it computes with one thread, and ends with the process that started it."""
     Thread(target=_end_with_parent, daemon=True).start()
-    _LIMITS.enter_context(one_thread())
+    one_thread_for_good()
 
 
 def _end_with_parent() -> None:

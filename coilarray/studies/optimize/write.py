@@ -109,19 +109,10 @@ def trials_csv(result: Optimization) -> str:
     writer = csv.writer(buffer, lineterminator="\n")
     writer.writerow(["kind", "place", "accuracy", "feasible", "front", *entries, *quantities, "reason"])
     for trial in (result.start, *result.trials):
-        values = result.values(trial)
-        writer.writerow(
-            [
-                trial.kind,
-                trial.place,
-                trial.accuracy,
-                trial.feasible,
-                (trial.kind, trial.place) in best,
-                *(_cell(values[entry]) for entry in entries),
-                *(trial.quantities.get(key, "") for key in quantities),
-                trial.reason,
-            ]
-        )
+        about = (trial.kind, trial.place, trial.accuracy, trial.feasible, (trial.kind, trial.place) in best)
+        values = (result.values(trial)[entry] for entry in entries)
+        cells = (json.dumps(value) if isinstance(value, list) else value for value in values)
+        writer.writerow([*about, *cells, *(trial.quantities.get(key, "") for key in quantities), trial.reason])
     return buffer.getvalue()
 
 
@@ -159,7 +150,3 @@ def _record(trial: Trial, values: Mapping[str, Any]) -> dict[str, Any]:
         "violations": dict(trial.violations),
         "reason": trial.reason,
     }
-
-
-def _cell(value: Any) -> Any:
-    return json.dumps(value) if isinstance(value, list) else value

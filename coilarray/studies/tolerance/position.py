@@ -99,12 +99,15 @@ def shifts_at(model: ForwardModel, positions: Positions, largest: float) -> Shif
     unknowns.
     """
     points = np.array([(x, y, positions.depth) for y, x in product(positions.y, positions.x)])
-    if len(model.states) < model.unknowns:
-        raise LocalizeError(
-            f"{model.unknowns} unknowns need at least as many states; the scan has {', '.join(model.states)}."
-        )
+    require_states(model.states, model.unknowns)
     information = fisher_information(model, points, positions.noise)
     return Shifts(model, points, positions.noise, tuple(_determined(one, largest) for one in information))
+
+
+def require_states(states: Sequence[str], unknowns: int) -> None:
+    """Refuse fewer states than unknowns: LocalizeError."""
+    if len(states) < unknowns:
+        raise LocalizeError(f"{unknowns} unknowns need at least as many states; the scan has {', '.join(states)}.")
 
 
 def _determined(information: FloatArray, largest: float) -> tuple[int, ...]:
