@@ -13,13 +13,9 @@ Format = Literal["kicad", "gerber", "dxf", "svg", "step", "stl", "glb"]
 """Format of an exported board."""
 
 SUFFIXES: dict[str, tuple[str, ...]] = {
-    "gerber": (".zip",),
-    "dxf": (".dxf",),
-    "svg": (".svg",),
-    "step": (".step", ".stp"),
-    "stl": (".stl",),
+    "gerber": (".zip",), "dxf": (".dxf",), "svg": (".svg",), "step": (".step", ".stp"), "stl": (".stl",),
     "glb": (".glb",),
-}
+}  # fmt: skip
 """Suffixes of the files of each format; KiCad's files lie in a folder."""
 
 _SHOWN_FAULTS = 3

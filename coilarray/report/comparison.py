@@ -49,15 +49,10 @@ def remains_table(comparison: xr.Dataset) -> Table:
 def ellipse_table(comparison: xr.Dataset) -> Table:
     """Return one row for each depth, state and ellipse parameter: measured less simulated over the levels of both."""
     columns = (
-        Column("depth", unit="m"),
-        Column("state"),
-        Column("parameter"),
-        Column("levels", "levels of both", "1"),
-        Column("mean_difference", "measured − simulated, mean", "m"),
-        Column("rms_difference", "rms", "m"),
-        Column("rms_noise", "rms of the noise in it", "m"),
-        Column("problem", "why there is none"),
-    )
+        Column("depth", unit="m"), Column("state"), Column("parameter"), Column("levels", "levels of both", "1"),
+        Column("mean_difference", "measured − simulated, mean", "m"), Column("rms_difference", "rms", "m"),
+        Column("rms_noise", "rms of the noise in it", "m"), Column("problem", "why there is none"),
+    )  # fmt: skip
     rows: list[tuple[Value, ...]] = []
     for depth, state, at in _each(comparison):
         problems = _problems(at)

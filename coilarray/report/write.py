@@ -202,14 +202,9 @@ def write_report(design: Design | DesignFile, where: str | Path = ".", *, progre
     for name, text in texts.items():
         write_text(data_folder / name, text)
     datasets = {
-        "coupling": coupling,
-        "field": _both(plane),
-        "scan": scan,
-        "impedance": sweep,
-        "indentation": indentation,
-        "response": response,
-        "ellipses": None if positions is None else positions.fits,
-    }
+        "coupling": coupling, "field": _both(plane), "scan": scan, "impedance": sweep, "indentation": indentation,
+        "response": response, "ellipses": None if positions is None else positions.fits,
+    }  # fmt: skip
     for name, dataset in datasets.items():
         if dataset is not None:
             save_dataset(dataset, data_folder / f"{name}.nc")

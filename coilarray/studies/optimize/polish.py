@@ -46,12 +46,7 @@ def polish_problem(goal: Goal, axes: Sequence[Axis], best: Trial | None) -> str:
 
 
 def polish(
-    goal: Goal,
-    axes: Sequence[Axis],
-    best: Trial,
-    store: StudyFile,
-    evaluate: Evaluate,
-    report: Callable[[Trial], None],
+    goal: Goal, axes: Sequence[Axis], best: Trial, store: StudyFile, evaluate: Evaluate, report: Callable[[Trial], None]
 ) -> None:
     """Improve the `best` point of a search for one objective, over its continuous variables.
 

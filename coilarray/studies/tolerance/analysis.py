@@ -284,11 +284,7 @@ def _with_shifts(
 
 
 def _linear_part(
-    names: Sequence[str],
-    found: Sequence[Contributor],
-    tolerances: Tolerances,
-    nominal: FloatArray,
-    linear: Sensitivity,
+    names: Sequence[str], found: Sequence[Contributor], tolerances: Tolerances, nominal: FloatArray, linear: Sensitivity
 ) -> xr.Dataset:
     both, single, of_error = ("contributor", "output"), ("output",), ("contributor",)
     return xr.Dataset(

@@ -65,10 +65,7 @@ class Outputs:
 
 
 def wanted_outputs(
-    design: Design,
-    quantities: Sequence[str],
-    positions: Positions | None,
-    accuracy: Accuracy = "screen",
+    design: Design, quantities: Sequence[str], positions: Positions | None, accuracy: Accuracy = "screen"
 ) -> Outputs:
     """Check what is asked for; repeated quantities count once.
 
