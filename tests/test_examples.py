@@ -69,8 +69,7 @@ def test_readme_report(tmp_path, monkeypatch, capsys):
     from coilarray.cli.main import main
 
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("coilarray.report.write.rendering_problem", lambda: "not here")
-    monkeypatch.setattr("coilarray.report.figures.rendering_problem", lambda: "not here")
+    monkeypatch.setattr("coilarray.viz.rendering_problem", lambda: "not here")
     with no_terminal():
         assert main(["report"]) == 0
     assert capsys.readouterr().out == _blocks("text")[0]

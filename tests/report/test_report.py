@@ -34,8 +34,7 @@ pytestmark = pytest.mark.slow
 def drawn_report(design, folder, *, circuit=True, **options):
     """Write a report without 3-D rendering, without the circuit's part where that is not wanted."""
     with pytest.MonkeyPatch.context() as patch:
-        for module in ("write", "figures"):
-            patch.setattr(f"coilarray.report.{module}.rendering_problem", lambda: "no rendering in this test")
+        patch.setattr("coilarray.viz.rendering_problem", lambda: "no rendering in this test")
         if not circuit:
             patch.setattr("coilarray.report.write._circuit", lambda *_: (None, None, "left out of this test"))
         return write_report(design, folder, **options)
@@ -284,9 +283,9 @@ def test_the_dent_is_rendered_over_the_middle_of_a_coil(monkeypatch):
         centres.append(centre)
         path.write_bytes(b"a picture")
 
-    monkeypatch.setattr(figures, "rendering_problem", lambda: None)
-    monkeypatch.setattr(figures, "save_dent_picture", render)
-    pictures = figures.indentation_pictures(design, design.indentation.indenter, pressed, "coil2")
+    monkeypatch.setattr("coilarray.viz.rendering_problem", lambda: None)
+    monkeypatch.setattr("coilarray.viz.save_dent_picture", render)
+    pictures = list(figures.indentation_pictures(design, design.indentation.indenter, pressed, "coil2"))
     assert [picture.name for picture in pictures] == ["force_depth", "dent_section", "dent"]
     assert pictures[-1].uri.endswith(base64.b64encode(b"a picture").decode())
     # the leads of the coil reach beyond its outline, which is symmetric

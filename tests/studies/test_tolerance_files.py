@@ -169,7 +169,7 @@ HEAD = "schema = 1\n"
             "positions.noise must be greater than 0",
         ),
         (HEAD + '[[limit]]\nquantity = "rms_k"', "limit.0 needs at_least, at_most or both"),
-        (HEAD + '[[limit]]\nquantity = "rms_k"\nat_least = 2\nat_most = 1', "limit.0 needs at_least below at_most"),
+        (HEAD + '[[limit]]\nquantity = "rms_k"\nat_least = 2\nat_most = 1', "limit.0 needs at_least up to at_most"),
         (HEAD + "[[limit]]\nat_most = 1", "limit.0.quantity is missing"),
         (HEAD + '[assumed]\netch = "x"', "assumed.etch names no table of errors of the file"),
     ],
