@@ -9,14 +9,13 @@ import re
 import signal
 import subprocess
 import sys
-import time
 
 import numpy as np
 import pytest
 from support import recorded_boards
 from support.command_line import runner
 from support.firmware_host import FirmwareHost, needs_compiler
-from support.patience import PATIENCE
+from support.patience import PATIENCE, until
 from support.recorded_boards import dent, quick_board
 
 from coilarray.cli import campaign as campaign_command
@@ -145,33 +144,15 @@ def test_a_microcontroller_that_restarts_in_a_campaign(board, tmp_path, capsys, 
 
 
 def started(board, *arguments):
-    return subprocess.Popen(
-        [
-            sys.executable,
-            "-c",
-            "from coilarray.cli.main import run; run()",
-            "campaign",
-            *map(str, (*board, *arguments)),
-        ],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
-    )
+    program = [sys.executable, "-c", "from coilarray.cli.main import run; run()", "campaign"]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    return subprocess.Popen([*program, *map(str, (*board, *arguments))], **pipes)
 
 
-def wait_for_scans(path, scans, process):
-    """Return when the recording has some scans."""
-    deadline = time.monotonic() + 5 * PATIENCE  # it computes the physics of the board first
-    while time.monotonic() < deadline and process.poll() is None:
-        try:
-            with open_recording(path) as recording:
-                if recording.count() >= scans:
-                    return
-        except HardwareError:
-            pass
-        time.sleep(0.01)
-    raise AssertionError(f"no scans came: {process.communicate()}")
+def has_scans(path, count):
+    """Whether a recording, which may not be there yet, has some scans."""
+    with contextlib.suppress(HardwareError), open_recording(path) as recording:
+        return recording.count() >= count
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals are for POSIX systems")
@@ -181,7 +162,8 @@ def test_broken_off_and_resumed(board, tmp_path, capsys, number):
     # so long that it is not over before the signal, however late this process is to send it
     grid = ("--x-mm", "-6:6:200", "--y-mm", "-4:4:100", "--depth-mm", "0.5", "--out", path)
     with started(board, *grid, "--emulate", "noise=0") as process:
-        wait_for_scans(path, 20, process)
+        # it computes the physics of the board first
+        until(lambda: process.poll() is not None or has_scans(path, 20), within=5 * PATIENCE)
         process.send_signal(number)
         _, err = process.communicate(timeout=PATIENCE)
     assert process.returncode == {signal.SIGKILL: -9, signal.SIGTERM: 143, signal.SIGINT: 130}[number]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import tomli_w
 import xarray as xr
-from support.command_line import runner
+from support.command_line import runner, successes
 from support.tolerance_boards import loops
 
 from coilarray import load_design
@@ -22,6 +22,7 @@ from coilarray.studies.tolerance import analyse, load_tolerances
 pytestmark = pytest.mark.slow
 
 run, refused = runner("tolerance")
+good, answer = successes("tolerance")
 
 K, L = "k[upper,lower]", "inductance_uH[upper]"
 FILE = """
@@ -45,9 +46,7 @@ def _files(own_folder):
 
 def computed(capsys, *arguments):
     """Run on the loops in this process and return what is printed."""
-    code, out, err = run(capsys, "loops.toml", "fab.toml", "--workers", "1", "--allow-violations", *arguments)
-    assert (code, err) == (0, "")
-    return out
+    return good(capsys, "loops.toml", "fab.toml", "--workers", "1", "--allow-violations", *arguments)
 
 
 def expected(samples=8, **options):
@@ -55,17 +54,17 @@ def expected(samples=8, **options):
 
 
 def test_the_numbers_are_those_of_the_library(capsys):
-    answer = json.loads(computed(capsys, "--samples", "8", "--seed", "3", "--json"))
+    data = json.loads(computed(capsys, "--samples", "8", "--seed", "3", "--json"))
     result = expected(seed=3)
-    assert answer["design_hash"] == load_design("loops.toml").digest
-    assert (answer["seed"], answer["accuracy"], answer["sampling"]) == (3, "screen", "sobol")
-    assert [row["output"] for row in answer["spread"]] == result.output.values.tolist()
+    assert data["design_hash"] == load_design("loops.toml").digest
+    assert (data["seed"], data["accuracy"], data["sampling"]) == (3, "screen", "sobol")
+    assert [row["output"] for row in data["spread"]] == result.output.values.tolist()
     for key in ("nominal", "linear_deviation", "sample_deviation", "ratio"):
         # the same computation once more
-        np.testing.assert_allclose([row[key] for row in answer["spread"]], result[key], rtol=1e-9)
-    assert [row["limit"] for row in answer["yield"]] == [f"{K} ≤ 0.256", "all limits"]
-    assert [row["contributor"] for row in answer["errors"]] == result.contributor.values.tolist()
-    assert len(answer["shares"]) == result.sizes["output"] * result.sizes["contributor"]
+        np.testing.assert_allclose([row[key] for row in data["spread"]], result[key], rtol=1e-9)
+    assert [row["limit"] for row in data["yield"]] == [f"{K} ≤ 0.256", "all limits"]
+    assert [row["contributor"] for row in data["errors"]] == result.contributor.values.tolist()
+    assert len(data["shares"]) == result.sizes["output"] * result.sizes["contributor"]
 
 
 def test_the_tables_name_errors_outputs_and_limits(capsys):
@@ -90,24 +89,20 @@ def test_without_samples_nothing_is_said_of_them(capsys):
 
 
 def test_typical_values_are_shown_as_assumed(capsys):
-    code, out, _ = run(capsys, "loops.toml", "--workers", "1", "--allow-violations", "--samples", "0", "-q", K)
-    assert code == 0
+    out = good(capsys, "loops.toml", "--workers", "1", "--allow-violations", "--samples", "0", "-q", K)
     assert "houses state ±20 % of the width" in out
 
 
 def test_the_template_is_the_typical_file(capsys):
-    code, out, _ = run(capsys, "--template", "own.toml")
-    assert (code, out) == (0, "wrote own.toml\n")
+    assert good(capsys, "--template", "own.toml") == "wrote own.toml\n"
     assert load_tolerances("own.toml").spreads == load_tolerances().spreads
-    assert "must end in .toml" in refused(capsys, "--template", "own.txt")
 
 
 def test_what_is_not_linear_is_reported(capsys):
     """k falls about as −ln h: from differences of ±45 % and ±22 % of h, artanh(σ)/σ = 1.08 and 1.02."""
     Path("fab.toml").write_text('schema = 1\nothers = "none"\n[dielectric]\nboard_percent = 45', encoding="utf-8")
-    assert f"not linear over these errors, so that the drawn boards are right: {K}" in computed(
-        capsys, "--samples", "16", "-q", K, "-q", L
-    )
+    out = computed(capsys, "--samples", "16", "-q", K, "-q", L)
+    assert f"not linear over these errors, so that the drawn boards are right: {K}" in out
 
 
 def test_files_hold_every_number(capsys):
@@ -149,8 +144,7 @@ def test_positions_are_located_with_a_kept_table(capsys, table):
     Path("fab.toml").write_text('schema = 1\nothers = "none"\n[placement]\nboard_mm = 0.05', encoding="utf-8")
     options = ("--x-mm", "3", "--y-mm", "3", "--depth-mm", "0.3", "--noise", "1e-7", "--table", str(table))
     small = ("--workers", "1", "--samples", "0", "-q", "span_mm")
-    code, out, _ = run(capsys, "starter", "fab.toml", *small, *options, "--json")
-    assert code == 0
+    out = good(capsys, "starter", "fab.toml", *small, *options, "--json")
     rows = {row["output"]: row for row in json.loads(out)["spread"]}
     assert {name for name in rows if name.startswith("shift")} == {
         f"shift_{axis}_mm[x_mm=3,y_mm=3,depth_mm=0.3]" for axis in ("x", "y", "depth")
@@ -183,9 +177,8 @@ def test_mistakes_show_before_the_table_is_computed(capsys, monkeypatch, argumen
 
 
 def test_a_table_of_another_design_is_refused(capsys, table):
-    assert "is the table of another design than gast2020" in refused(
-        capsys, "gast2020", "--x-mm", "3", "--table", str(table)
-    )
+    line = refused(capsys, "gast2020", "--x-mm", "3", "--table", table)
+    assert "is the table of another design than gast2020" in line
 
 
 @pytest.mark.parametrize(
@@ -198,10 +191,6 @@ def test_a_table_of_another_design_is_refused(capsys, table):
         (("loops.toml", "--sampling", "halton"), "'halton' is not one of"),
         (("loops.toml", "--accuracy", "best"), "'best' is not one of"),
         (("loops.toml", "--workers", "2", "--cluster", "tcp://a:1"), "--workers is for processes of this machine"),
-        (("loops.toml", "--out", "spread.txt"), "--out must end in .nc, .json or .csv"),
-        (("loops.toml", "--out", "missing/spread.csv"), "there is no folder missing"),
-        (("loops.toml", "--plot", "spread.gif"), "--plot must end in"),
-        (("loops.toml", "--table", "table.csv"), "--table must end in .nc"),
         (("loops.toml", "--table", "table.nc"), "--table is for located positions"),
         (("loops.toml", "--x-mm", "0"), "positions need [indenter] and [indentation]"),
         (("loops.toml", "--y-mm", "0"), "--y-mm needs --x-mm"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -41,3 +42,20 @@ def runner(*first):
         return line
 
     return run, refused
+
+
+def successes(*first):
+    """Return `good` and `answer` for command lines that begin with the given arguments and succeed in silence."""
+    run, _ = runner(*first)
+
+    def good(capsys, *arguments):
+        """Run and return standard output."""
+        code, out, err = run(capsys, *arguments)
+        assert (code, err) == (0, "")
+        return out
+
+    def answer(capsys, *arguments):
+        """Run and return what is printed as JSON."""
+        return json.loads(good(capsys, *arguments, "--json"))
+
+    return good, answer
