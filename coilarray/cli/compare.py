@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -24,8 +23,8 @@ if TYPE_CHECKING:
     from coilarray.design.model import Design
 
     FloatArray = npt.NDArray[np.float64]
+    _Source = tuple[xr.Dataset, Sequence[FloatArray]]  # a response, and the outlines of its coils where they are known
 
-_PUBLISHED = "published"
 _PAGE = ".html"
 _LACKING = ("only_measured", "only_simulated")
 _ALONE = 2e-3  # m; spacing of a simulated map along an axis on which there is a single measured position
@@ -82,17 +81,15 @@ def compare(
     elif out is not None:
         make_folder(out)  # a folder that cannot be written is known before the work begins
     largest_shift = None if largest_shift_mm is None else largest_shift_mm * 1e-3
-    first = _response(measured, None, largest_shift, calibration, allow_violations)
-    second = _response(simulated, first.response, largest_shift, None, allow_violations)
+    first, outlines = _response(measured, None, largest_shift, calibration, allow_violations)
+    second, others = _response(simulated, first, largest_shift, None, allow_violations)
+    outlines = outlines or others
     with shared.progress_bar("comparison") as progress:
-        result = compare_responses(
-            first.response, second.response, largest_shift=largest_shift, replicates=replicates, progress=progress
-        )
-    outlines = first.outlines or second.outlines
+        result = compare_responses(first, second, largest_shift=largest_shift, replicates=replicates, progress=progress)
     written = [] if out is None else _write(result, out, (measured, simulated), outlines)
     shared.draw(picture, lambda: viz.comparison_figure(result, -1, outlines))
     files = [str(path) for path in (*written, picture) if path is not None]
-    emulated = first.emulated or second.emulated
+    emulated = any(bool(one.attrs.get("emulated", 0)) for one in (first, second))
     tables, notes = comparison_tables(result), comparison_notes(result)
     if as_json:
         said = {key: result.attrs[key] for key in ("noise_from", "points_left_out", "points_missing")}
@@ -110,18 +107,6 @@ def _is_page(out: Path) -> bool:
     return out.suffix.lower() == _PAGE
 
 
-@dataclass(frozen=True, eq=False)
-class _Source:
-    """A response, and the outlines of its coils where they are known."""
-
-    response: xr.Dataset
-    outlines: Sequence[FloatArray] = ()
-
-    @property
-    def emulated(self) -> bool:
-        return bool(self.response.attrs.get("emulated", 0))
-
-
 def _response(
     name: str, beside: xr.Dataset | None, largest_shift: float | None, calibration: Path | None, allow_violations: bool
 ) -> _Source:
@@ -129,12 +114,12 @@ def _response(
     if is_recording(name):
         return _recorded(Path(name), calibration)
     if is_map(name):
-        return _Source(read_response(Path(name)))
-    if name == _PUBLISHED:
+        return read_response(Path(name)), ()
+    if name == "published":
         from coilarray.localize.published import published_map
 
         x, y = (None, None) if beside is None else _around(beside, largest_shift)
-        return _Source(published_map(x, y))
+        return published_map(x, y), ()
     return _computed(shared.open_design(name, allow_violations=allow_violations), beside, largest_shift)
 
 
@@ -153,7 +138,7 @@ def _recorded(path: Path, calibration: Path | None) -> _Source:
         else:
             response = calibrated_response(recording, known, partial=True)
         design = build_design(recording.sessions[0].design_document, str(path))
-    return _Source(response, map_outlines(design, response))
+    return response, map_outlines(design, response)
 
 
 def _computed(design: Design, beside: xr.Dataset | None, largest_shift: float | None) -> _Source:
@@ -179,14 +164,14 @@ def _computed(design: Design, beside: xr.Dataset | None, largest_shift: float | 
 
         if beside is None:
             response = at(None, None, None)
-            return _Source(response, map_outlines(design, response))
+            return response, map_outlines(design, response)
         try:
             response = at(beside.depth.values, *_around(beside, largest_shift))
         except ElastomerError:  # a sample may end where the measured positions do
             response = at(beside.depth.values, beside.x.values, beside.y.values)
     if "capacitance_from" in beside.attrs:
         response = response.assign(base_inductance=respond(design, response, ideal=True).base_inductance)
-    return _Source(response, map_outlines(design, response))
+    return response, map_outlines(design, response)
 
 
 def _around(response: xr.Dataset, largest_shift: float | None) -> tuple[FloatArray, FloatArray]:

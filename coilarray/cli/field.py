@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -78,12 +77,12 @@ def field(
     if active not in names:
         raise GeometryError(f"--coil must be one of {', '.join(names)}; got {active}.")
     axes = _axes(opened, heights, spacing_mm, large=large)
-    setting = _Setting(active, current_mA * 1e-3, terminated=not others_open)
+    setting = {"current": current_mA * 1e-3, "terminated": not others_open}
     coupling = couple_design(opened)
     if large:
-        peak = _write_large(opened, coupling, setting, axes, out, (workers, cluster))
+        peak = _write_large(opened, coupling, active, axes, out, (workers, cluster), **setting)
     else:
-        peak = _write(opened, coupling, setting, axes, out)
+        peak = _write(opened, coupling, active, axes, out, **setting)
     shape = [len(axis) for axis in axes]
     data = {
         **shared.design_record(opened), "file": str(out), "coil": active,
@@ -93,15 +92,6 @@ def field(
     points = " × ".join(map(str, shape))
     line = f"wrote {out}: {points} points, {active} active, largest |B_z| {peak * 1e6:.4g} µT"
     shared.print_result(data, as_json=as_json, lines=[line])
-
-
-@dataclass(frozen=True)
-class _Setting:
-    """Which coil carries how much current in A, and whether the others are closed as terminated."""
-
-    active: str
-    current: float
-    terminated: bool
 
 
 def _axes(design: Design, heights: tuple[float, float] | None, spacing_mm: float, *, large: bool) -> Axes:
@@ -121,18 +111,15 @@ def _axes(design: Design, heights: tuple[float, float] | None, spacing_mm: float
     return x, y, z
 
 
-def _write(design: Design, coupling: xr.Dataset, setting: _Setting, axes: Axes, out: Path) -> float:
-    """Compute the field in memory and write it; return the largest |B_z| in T."""
+def _write(design: Design, coupling: xr.Dataset, active: str, axes: Axes, out: Path, **setting: Any) -> float:
+    """Compute the field in memory for a current in A and write it; return the largest |B_z| in T."""
     from coilarray.circuit.operating_field import operating_field
     from coilarray.compute.files import write_atomically
     from coilarray.compute.netcdf import save_dataset
     from coilarray.viz import field_grid
 
     with shared.progress_bar(f"field at {math.prod(map(len, axes))} points") as progress:
-        result = operating_field(
-            design, coupling, setting.active, *axes,
-            current=setting.current, terminated=setting.terminated, progress=progress,
-        )  # fmt: skip
+        result = operating_field(design, coupling, active, *axes, **setting, progress=progress)
     if out.suffix.lower() == ".nc":
         save_dataset(result, out)
     else:
@@ -141,7 +128,7 @@ def _write(design: Design, coupling: xr.Dataset, setting: _Setting, axes: Axes, 
 
 
 def _write_large(
-    design: Design, coupling: xr.Dataset, setting: _Setting, axes: Axes, out: Path, processes: _Processes
+    design: Design, coupling: xr.Dataset, active: str, axes: Axes, out: Path, processes: _Processes, **setting: Any
 ) -> float:
     """Write the field block by block; return the largest |B_z| in T."""
     from coilarray.circuit.field_volume import block_count, bytes_needed, write_field_volume
@@ -155,10 +142,7 @@ def _write_large(
         on_disk, in_memory = (size / 1e9 for size in bytes_needed(design, axes, pool))
         text = f"{blocks} blocks, {on_disk:.3g} GB on the disk, {in_memory:.2g} GB of memory"
         with shared.progress_bar(text) as show:
-            return write_field_volume(
-                out, design, coupling, setting.active, *axes, pool,
-                current=setting.current, terminated=setting.terminated, progress=counting(show),
-            )  # fmt: skip
+            return write_field_volume(out, design, coupling, active, *axes, pool, **setting, progress=counting(show))
 
 
 def _heights(text: str) -> tuple[float, float]:
