@@ -32,8 +32,7 @@ def field(
     design: shared.DesignArgument = None,
     coil: Annotated[str | None, typer.Option(help="Coil that carries the current; the middle one by default.")] = None,
     z_mm: Annotated[
-        str | None,
-        typer.Option(help="Height above the board, or FROM:TO for a volume; the design's plane by default."),
+        str | None, typer.Option(help="Height above the board, or FROM:TO for a volume; the design's plane by default.")
     ] = None,
     spacing_mm: Annotated[float, _SPACING] = 0.5,
     current_mA: Annotated[float, typer.Option("--current-mA", help="Current in the coil.")] = 1.0,

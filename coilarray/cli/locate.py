@@ -42,7 +42,7 @@ def locate(
         str | None,
         typer.Option(
             help="Response as netCDF (.nc) or a design; gast2020 by default. With --ellipse also a model of "
-            "`coilarray fit` (.json), or `published` for Table A1.",
+            "`coilarray fit` (.json), or `published` for Table A1."
         ),
     ] = None,
     table: shared.TableFile = None,

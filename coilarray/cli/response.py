@@ -48,7 +48,7 @@ def response(
         str,
         typer.Option(
             help="Coils that count at a position: all; a number from 0.0001 to 0.1: those near the indenter, for this "
-            "error of δ relative to its peak; auto: all, on large boards those for 0.001.",
+            "error of δ relative to its peak; auto: all, on large boards those for 0.001."
         ),
     ] = "auto",
     out: shared.NumbersFile = Path("response.nc"),

@@ -32,14 +32,12 @@ _TOUR, _PERIOD, _STEP = 3600.0, 40.0, 1.0  # s: duration of the emulated finger'
 def studio(
     design: DesignArgument = None,
     host: Annotated[
-        str | None,
-        typer.Option(help="Host to listen on; every browser then needs the token of the address."),
+        str | None, typer.Option(help="Host to listen on; every browser then needs the token of the address.")
     ] = None,
     port: Annotated[int, typer.Option(help="TCP port of the page; 0 takes a free one.")] = 8070,
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")] = True,
     folder: Annotated[
-        Path | None,
-        typer.Option(help="Folder of designs, reports and runs; by default that of DESIGN."),
+        Path | None, typer.Option(help="Folder of designs, reports and runs; by default that of DESIGN.")
     ] = None,
     board: Annotated[str, typer.Option(help="Board of the tab of that name, as --port of coilarray live.")] = EMULATOR,
     wiring: WiringName = None,

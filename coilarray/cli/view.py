@@ -44,7 +44,7 @@ def view(
         str,
         typer.Option(
             help="Items to show, separated by commas: board, elastomer, dent, field (B on planes with arrows), lines "
-            "(of B), surfaces (of equal B), currents (of the passive coils), coupling, response, location.",
+            "(of B), surfaces (of equal B), currents (of the passive coils), coupling, response, location."
         ),
     ] = _SHOWN,
     screenshot: Annotated[Path | None, _file("screenshot", "Write a picture: .png.", ".png")] = None,
@@ -86,8 +86,7 @@ def view(
     noise: shared.Noise = 1e-5,
     table: shared.TableFile = None,
     path_mm: Annotated[
-        str | None,
-        typer.Option(help='Path of the film, as "X,Y X,Y ..." from the map\'s origin; along x by default.'),
+        str | None, typer.Option(help='Path of the film, as "X,Y X,Y ..." from the map\'s origin; along x by default.')
     ] = None,
     frames: Annotated[int, shared.number_option(("--frames",), 2, 1000, "Number of pictures of the film.")] = 48,
     rate: Annotated[float, typer.Option(help="Pictures of the film per second.")] = 12.0,

@@ -6,7 +6,7 @@ import json
 import sys
 
 import pytest
-from support.command_line import runner, successes
+from support.command_line import mistakes, runner, successes
 
 from coilarray.cli import board as command
 from coilarray.hardware.board import connect as boards
@@ -107,19 +107,15 @@ def test_a_converter_that_does_not_answer_is_reported(capsys, broken):
     assert "error: the converter did not acknowledge" in refused(capsys, "--self-test")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("--port", "nowhere"), "port 'nowhere' is not valid: it must be emulator, a serial port"),
-        (("--port", "/dev/ttyACM99"), "port /dev/ttyACM99 does not exist."),
-        (("--port", "i2c:99"), "there is no /dev/i2c-99"),
-        (("--drive", "32", "--self-test"), "--drive must be 0 to 31"),
-        (("--emulate", "seed=1", "--port", "/dev/ttyACM99"), "--emulate is for the emulator"),
-        (("--external-clock", "--self-test"), "--external-clock needs --clock-MHz"),
-    ],
+test_wrong_arguments_are_one_line = mistakes(
+    refused,
+    (("--port", "nowhere"), "port 'nowhere' is not valid: it must be emulator, a serial port"),
+    (("--port", "/dev/ttyACM99"), "port /dev/ttyACM99 does not exist."),
+    (("--port", "i2c:99"), "there is no /dev/i2c-99"),
+    (("--drive", "32", "--self-test"), "--drive must be 0 to 31"),
+    (("--emulate", "seed=1", "--port", "/dev/ttyACM99"), "--emulate is for the emulator"),
+    (("--external-clock", "--self-test"), "--external-clock needs --clock-MHz"),
 )
-def test_wrong_arguments_are_one_line(capsys, arguments, message):
-    assert message in refused(capsys, *arguments)
 
 
 def test_a_missing_library_is_one_line_that_names_the_extra(capsys, monkeypatch):

@@ -9,7 +9,7 @@ import re
 from pathlib import Path
 
 import pytest
-from support.command_line import runner, successes
+from support.command_line import mistakes, runner, successes
 
 from coilarray import load_design
 from coilarray.design import fabs
@@ -150,14 +150,9 @@ def test_list_fabs(capsys):
         assert profile.read.isoformat() in line
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("starter", "--fab", "x"), f"--fab must be one of {', '.join(fabs.names())}; got 'x'."),
-        (("starter", "--fab", ""), "--fab must be one of "),
-        (("starter", "--out", "a" * 300 + ".csv"), "a.csv: File name too long."),
-    ],
+test_mistakes_are_one_line_and_leave_no_file = mistakes(
+    refused,
+    (("starter", "--fab", "x"), f"--fab must be one of {', '.join(fabs.names())}; got 'x'."),
+    (("starter", "--fab", ""), "--fab must be one of "),
+    (("starter", "--out", "a" * 300 + ".csv"), "a.csv: File name too long."),
 )
-def test_mistakes_are_one_line_and_leave_no_file(capsys, arguments, message):
-    assert message in refused(capsys, *arguments)
-    assert list(Path().iterdir()) == []

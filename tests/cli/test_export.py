@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import importlib
-import os
 import sys
 import zipfile
 from importlib.util import find_spec
@@ -15,7 +14,7 @@ import ezdxf
 import pytest
 import trimesh
 from support.boards import LEADS, VIA, many_layers
-from support.command_line import runner, successes
+from support.command_line import mistakes, runner, successes
 
 from coilarray import Design, export, load_design
 from coilarray.geometry import CoilArray, Placement, Spiral, spiral_coil
@@ -144,23 +143,18 @@ def test_kicad_writes_into_a_folder(capsys):
     assert Path("taken/notes.txt").read_text(encoding="utf-8") == "mine"
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("starter",), "Missing option '--to'"),
-        (("starter", "--to", "pdf"), "'pdf' is not one of 'kicad', 'gerber', 'dxf'"),
-        (("starter", "--to", "dxf", "--out", "a.dwg"), "--out must end in .dxf; got a.dwg"),
-        (("starter", "--to", "step", "--out", "a.stl"), "--out must end in .step or .stp; got a.stl"),
-        (("starter", "--to", "gerber", "--out", "gerbers"), "--out must end in .zip; got gerbers"),
-        (("starter", "--to", "svg", "--out", "no/a.svg"), "cannot write no/a.svg: there is no folder no"),
-        (("starter", "--to", "kicad", "--out", "no/board"), "cannot write no/board: there is no folder no"),
-        (("starter", "--to", "kicad", "--out", "a.kicad_pcb"), "--out must be a folder, in which kicad has several"),
-        (("starter", "--to", "svg", "--out", "a" * 300 + ".svg"), "File name too long"),
-    ],
+test_mistakes_are_one_line = mistakes(
+    refused,
+    (("starter",), "Missing option '--to'"),
+    (("starter", "--to", "pdf"), "'pdf' is not one of 'kicad', 'gerber', 'dxf'"),
+    (("starter", "--to", "dxf", "--out", "a.dwg"), "--out must end in .dxf; got a.dwg"),
+    (("starter", "--to", "step", "--out", "a.stl"), "--out must end in .step or .stp; got a.stl"),
+    (("starter", "--to", "gerber", "--out", "gerbers"), "--out must end in .zip; got gerbers"),
+    (("starter", "--to", "svg", "--out", "no/a.svg"), "cannot write no/a.svg: there is no folder no"),
+    (("starter", "--to", "kicad", "--out", "no/board"), "cannot write no/board: there is no folder no"),
+    (("starter", "--to", "kicad", "--out", "a.kicad_pcb"), "--out must be a folder, in which kicad has several"),
+    (("starter", "--to", "svg", "--out", "a" * 300 + ".svg"), "File name too long"),
 )
-def test_mistakes_are_one_line(capsys, arguments, message):
-    assert message in refused(capsys, *arguments)
-    assert list(Path().iterdir()) == []
 
 
 def test_names_that_are_taken_by_the_wrong_kind(capsys):
@@ -186,18 +180,4 @@ def test_a_folder_without_permission(capsys, monkeypatch):
     for to, name in (("svg", "starter.svg"), ("kicad", "starter-kicad")):
         line = refused(capsys, "starter", "--to", to)
         assert f"cannot write {name}: nothing may be written in the folder ." in line
-    assert list(Path().iterdir()) == []
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("to", ["kicad", "gerber", "svg", "stl"])  # a folder, an archive, text, bytes
-def test_a_full_disk_leaves_nothing(capsys, monkeypatch, to):
-    def full(path, target):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(Path, "replace", full)
-    monkeypatch.setattr(Path, "rename", full)
-    monkeypatch.setattr(os, "replace", full)
-    monkeypatch.setattr(os, "rename", full)
-    assert "No space left on device" in refused(capsys, "starter", "--to", to)
     assert list(Path().iterdir()) == []

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
-from support.command_line import runner, successes
+from support.command_line import mistakes, runner, successes
 
 from coilarray import load_design
 from coilarray.design.bundled import read
@@ -101,20 +101,15 @@ def test_a_cylinder_has_force_a_metre(capsys):
     assert Path("d.csv").read_text(encoding="utf-8").startswith("depth_m,force_N_per_m,")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("--depth-mm", "0"), "--depth-mm must be above zero; got '0'"),
-        (("--depth-mm", "-1"), "--depth-mm must be above zero; got '-1'"),
-        (("--depth-mm", "1,0.5"), "--depth-mm must be rising numbers of mm, as 0.5,1 or START:STOP:COUNT"),
-        (("--depth-mm", "40"), "thickness of all sheets"),
-        (("--base", "glued"), "'glued' is not one of 'bonded', 'frictionless'"),
-        (("--base", ""), "'' is not one of 'bonded', 'frictionless'"),
-    ],
+test_mistakes_are_one_line_and_leave_nothing = mistakes(
+    runner("indent", "starter")[1],
+    (("--depth-mm", "0"), "--depth-mm must be above zero; got '0'"),
+    (("--depth-mm", "-1"), "--depth-mm must be above zero; got '-1'"),
+    (("--depth-mm", "1,0.5"), "--depth-mm must be rising numbers of mm, as 0.5,1 or START:STOP:COUNT"),
+    (("--depth-mm", "40"), "thickness of all sheets"),
+    (("--base", "glued"), "'glued' is not one of 'bonded', 'frictionless'"),
+    (("--base", ""), "'' is not one of 'bonded', 'frictionless'"),
 )
-def test_mistakes_are_one_line_and_leave_nothing(capsys, arguments, message):
-    assert message in refused(capsys, "starter", *arguments)
-    assert list(Path().iterdir()) == []
 
 
 def test_a_design_without_an_indenter(capsys):

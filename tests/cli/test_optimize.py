@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 
 import pytest
-from support.command_line import runner, successes
+from support.command_line import mistakes, runner, successes
 
 from coilarray import load_design
 from coilarray.report.optimization import write_optimization_report
@@ -51,6 +51,7 @@ def _cheap_goal(own_folder, monkeypatch):
     # the page takes longer than the search; one test here writes it
     monkeypatch.setattr("coilarray.report.optimization.write_optimization_report", lambda _, out: out / "report.html")
     Path("goal.toml").write_text(GOAL, encoding="utf-8")
+    Path("wrong.toml").write_text(GOAL.replace("pitch_mm", "pich_mm"), encoding="utf-8")
 
 
 def found(capsys, *arguments, goal=GOAL):
@@ -175,22 +176,15 @@ def test_list_of_quantities(capsys):
     assert {row["quantity"] for row in answer(capsys, "--list-quantities")} == set(QUANTITIES)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ((), "a design and a goal must be given"),
-        (("starter",), "a design and a goal must be given"),
-        (("starter", "nothing.toml"), "there is no goal file"),
-        (("starter", "goal.toml", "--trials", "0"), "--trials must be 1 to 1000000; got 0"),
-        (("starter", "goal.toml", "--trials", "x"), "'--trials'"),
-        (("starter", "goal.toml", "--workers", "2", "--cluster", "tcp://a:1"), "cannot be given with --cluster"),
-        (("starter", "goal.toml", "--cluster", "nowhere"), "cluster"),
-        (("starter", "wrong.toml"), "variable.0.low: array has no key 'pich_mm'; did you mean pitch_mm?"),
-        (("starter", "goal.toml", "--out", "goal.toml"), "cannot make the folder goal.toml: a file has that name"),
-        (("starter", "goal.toml", "--cache", "goal.toml"), "cannot make the folder goal.toml: a file has that name"),
-    ],
-)  # fmt: skip
-def test_mistakes(capsys, arguments, message):
-    Path("wrong.toml").write_text(GOAL.replace("pitch_mm", "pich_mm"), encoding="utf-8")
-    assert message in refused(capsys, *arguments)
-    assert not list(Path().rglob("study.*"))
+test_mistakes = mistakes(
+    refused,
+    ((), "a design and a goal must be given"),
+    (("starter", "nothing.toml"), "there is no goal file"),
+    (("starter", "goal.toml", "--trials", "0"), "--trials must be 1 to 1000000; got 0"),
+    (("starter", "goal.toml", "--trials", "x"), "'--trials'"),
+    (("starter", "goal.toml", "--workers", "2", "--cluster", "tcp://a:1"), "cannot be given with --cluster"),
+    (("starter", "goal.toml", "--cluster", "nowhere"), "cluster"),
+    (("starter", "wrong.toml"), "variable.0.low: array has no key 'pich_mm'; did you mean pitch_mm?"),
+    (("starter", "goal.toml", "--out", "goal.toml"), "cannot make the folder goal.toml: a file has that name"),
+    (("starter", "goal.toml", "--cache", "goal.toml"), "cannot make the folder goal.toml: a file has that name"),
+)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
-from support.command_line import runner, successes
+from support.command_line import mistakes, runner, successes
 
 import coilarray.response.map
 from coilarray import load_design
@@ -139,30 +139,24 @@ def test_large_boards_count_the_coils_near_the_indenter(capsys, monkeypatch, sta
     assert sorted(path.name for path in Path().iterdir()) == ["all.csv", "r.csv"]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("--depth-mm", "1,0.5"), "--depth-mm must be rising numbers of mm, as 0.5,1 or START:STOP:COUNT"),
-        (("--depth-mm", "-0.1"), "depth of an indentation must be from 0"),
-        (("--x-mm", "east"), "--x-mm must be rising numbers of mm"),
-        (("--y-mm", "1e9"), "--y-mm must be rising numbers of mm"),
-        (("--tilt", "nan", "0"), "tilt, offset, errors and noise must be finite"),
-        (("--tilt", "0.1"), "'--tilt'"),
-        (("--tilt", "1", "0"), "tilt must be at most 0.1"),
-        (("--thickness-error-mm", "base"), "--thickness-error-mm must be SHEET=VALUE; got 'base'"),
-        (("--thickness-error-mm", "base=thin"), "--thickness-error-mm must be SHEET=VALUE; got 'base=thin'"),
-        (("--thickness-error-mm", "foam=1"), "thickness_errors names the sheet 'foam'; there are base, magnetic"),
-        (("--thickness-error-mm", "base=1", "--thickness-error-mm", "base=2"), "name a sheet once; got 'base' again"),
-        (("--reach", "near"), "--reach must be all, auto or an error of δ; got 'near'"),
-        (("--reach", "1e-5"), "0.0001 to 0.1 of the peak; got 1e-05"),
-        (("--seed", "-1"), "'--seed'"),
-        (("--seed", "x"), "'--seed'"),
-    ],
+# the first position lies half a millimetre west of the origin, so that a tilt lowers the sample there
+test_mistakes_are_one_line_and_leave_nothing = mistakes(
+    runner("response", "starter", "--x-mm", "-0.5,5", *GRID[2:])[1],
+    (("--depth-mm", "1,0.5"), "--depth-mm must be rising numbers of mm, as 0.5,1 or START:STOP:COUNT"),
+    (("--depth-mm", "-0.1"), "depth of an indentation must be from 0"),
+    (("--x-mm", "east"), "--x-mm must be rising numbers of mm"),
+    (("--y-mm", "1e9"), "--y-mm must be rising numbers of mm"),
+    (("--tilt", "nan", "0"), "tilt, offset, errors and noise must be finite"),
+    (("--tilt", "0.1"), "'--tilt'"),
+    (("--tilt", "1", "0"), "tilt must be at most 0.1"),
+    (("--thickness-error-mm", "base"), "--thickness-error-mm must be SHEET=VALUE; got 'base'"),
+    (("--thickness-error-mm", "base=thin"), "--thickness-error-mm must be SHEET=VALUE; got 'base=thin'"),
+    (("--thickness-error-mm", "foam=1"), "thickness_errors names the sheet 'foam'; there are base, magnetic"),
+    (("--thickness-error-mm", "base=1", "--thickness-error-mm", "base=2"), "name a sheet once; got 'base' again"),
+    (("--reach", "near"), "--reach must be all, auto or an error of δ; got 'near'"),
+    (("--reach", "1e-5"), "0.0001 to 0.1 of the peak; got 1e-05"),
+    (("--seed", "-1"), "'--seed'"),
 )
-def test_mistakes_are_one_line_and_leave_nothing(capsys, arguments, message):
-    # the first position lies half a millimetre west of the origin, so that a tilt lowers the sample there
-    assert message in refused(capsys, "starter", "--x-mm", "-0.5,5", *GRID[2:], *arguments)
-    assert list(Path().iterdir()) == []
 
 
 def test_a_file_in_the_way_of_the_parts(capsys):

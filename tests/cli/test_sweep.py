@@ -147,11 +147,6 @@ def test_a_mistake_is_one_line_before_any_work(capsys, monkeypatch, arguments, m
     assert not list(Path().glob("s*.*"))
 
 
-def test_an_unknown_design_is_one_line(capsys):
-    assert main(["sweep", "nowhere", *VARY, *SPAN]) == 2
-    assert capsys.readouterr().err.startswith("coilarray: error: there is no design file nowhere")
-
-
 START = """
 import sys, time
 from contextlib import contextmanager

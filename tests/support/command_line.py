@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 
@@ -59,3 +60,16 @@ def successes(*first):
         return json.loads(good(capsys, *arguments, "--json"))
 
     return good, answer
+
+
+def mistakes(refused, *cases):
+    """Return a test that each of (arguments, words of the error) is refused in one line and leaves no file."""
+
+    @pytest.mark.usefixtures("own_folder")
+    @pytest.mark.parametrize(("arguments", "words"), cases)
+    def test(capsys, arguments, words):
+        before = sorted(Path().rglob("*"))
+        assert words in refused(capsys, *arguments)
+        assert sorted(Path().rglob("*")) == before
+
+    return test
