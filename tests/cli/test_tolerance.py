@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,15 +15,15 @@ from support.command_line import runner, successes
 from support.tolerance_boards import loops
 
 from coilarray import load_design
-from coilarray.compute.netcdf import save_dataset
+from coilarray.compute.netcdf import load_part, save_dataset
 from coilarray.design.write import design_document
 from coilarray.response.map import response_map
-from coilarray.studies.tolerance import analyse, load_tolerances
+from coilarray.studies.tolerance import Positions, analyse, load_tolerances
 
 pytestmark = pytest.mark.slow
 
 _, refused = runner("tolerance")
-good, answer = successes("tolerance")
+good, _ = successes("tolerance")
 
 K, L = "k[upper,lower]", "inductance_uH[upper]"
 FILE = """
@@ -126,21 +127,27 @@ def table(tmp_path_factory):
     """A table of the starter, much coarser than a right one."""
     path = tmp_path_factory.mktemp("table") / "table.nc"
     axis = np.linspace(2e-3, 5e-3, 4)
-    save_dataset(response_map(load_design("starter"), depths=[0.2e-3, 0.4e-3], x=axis, y=axis), path)
+    save_dataset(response_map(load_design("starter"), depths=[0.2e-3, 0.4e-3], x=axis, y=axis, ideal=True), path)
     return path
 
 
-def test_positions_are_located_with_a_kept_table(capsys, table):
+def test_positions_go_to_the_analysis_with_the_kept_table(capsys, monkeypatch, table):
+    """What it makes of them is in tests/studies/test_tolerance_position.py."""
+    seen = {}
+
+    def without_positions(design, wanted, *, table, **settings):
+        seen.update(positions=wanted.positions, table=table)
+        result = analyse(design, replace(wanted, positions=None), **settings)
+        return result.assign_attrs(found="7 of 8", untold="dielectric")
+
+    monkeypatch.setattr("coilarray.studies.tolerance.analyse", without_positions)
     Path("fab.toml").write_text('schema = 1\nothers = "none"\n[placement]\nboard_mm = 0.05', encoding="utf-8")
-    options = ("--x-mm", "3", "--y-mm", "3", "--depth-mm", "0.3", "--noise", "1e-7", "--table", str(table))
-    small = ("--workers", "1", "--samples", "0", "-q", "span_mm")
-    rows = {row["output"]: row for row in answer(capsys, "starter", "fab.toml", *small, *options)["spread"]}
-    assert {name for name in rows if name.startswith("shift")} == {
-        f"shift_{axis}_mm[x_mm=3,y_mm=3,depth_mm=0.3]" for axis in ("x", "y", "depth")
-    }
-    # as in tests/studies/test_tolerance_position.py, with a table of 1 mm steps
-    assert rows["shift_x_mm[x_mm=3,y_mm=3,depth_mm=0.3]"]["linear_deviation"] == pytest.approx(0.05, rel=0.1)
-    assert "delta[coil1,x_mm=3,y_mm=3,depth_mm=0.3]" in rows
+    options = ("--x-mm", "3", "--y-mm", "1,3", "--depth-mm", "0.3", "--noise", "1e-7", "--table", table)
+    out = good(capsys, "starter", "fab.toml", *options, "--workers", "1", "--samples", "8", "-q", "span_mm")
+    assert seen["positions"] == Positions((3e-3,), (1e-3, 3e-3), 0.3 * 1e-3, 1e-7)
+    np.testing.assert_array_equal(seen["table"].delta, load_part(table).delta)
+    assert "found without doubt in 7 of 8; the others on the border or beyond noise" in out
+    assert "taken as known, because a reading contains almost no information about it: dielectric" in out
 
 
 @pytest.mark.parametrize(
