@@ -62,14 +62,18 @@ def successes(*first):
     return good, answer
 
 
+def _files():
+    return sorted(path for path in Path().rglob("*") if path.is_file())
+
+
 def mistakes(refused, *cases):
     """Return a test that each of (arguments, words of the error) is refused in one line and leaves no file."""
 
     @pytest.mark.usefixtures("own_folder")
     @pytest.mark.parametrize(("arguments", "words"), cases)
     def test(capsys, arguments, words):
-        before = sorted(Path().rglob("*"))
+        before = _files()
         assert words in refused(capsys, *arguments)
-        assert sorted(Path().rglob("*")) == before
+        assert _files() == before
 
     return test
