@@ -91,16 +91,6 @@ def test_the_table_and_every_value_as_csv(capsys, expected):
     assert [path.name for path in Path().iterdir()] == ["r.csv"]
 
 
-def test_noise_is_repeatable_by_its_seed(capsys, ideal):
-    for name, seed in (("a", "3"), ("b", "3"), ("c", "4")):
-        good(capsys, *IDEAL, "--noise", "1e-5", "--seed", seed, "--out", f"{name}.csv")
-    a, b, c = (delta_of(f"{name}.csv") for name in "abc")
-    np.testing.assert_allclose(a, b, rtol=1e-9)  # apart from the order of sums in parallel kernels
-    assert (np.abs(a - c) > 1e-8).all()
-    # √2 · 1e-5 is the standard deviation; six values are within five of it
-    assert 0 < np.abs(a - ideal).max() < 5 * np.sqrt(2) * 1e-5
-
-
 def test_imperfections_of_the_experiment(capsys, monkeypatch):
     """They reach the library in m; tests/response has what they do."""
     seen = []

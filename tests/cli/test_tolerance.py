@@ -115,13 +115,6 @@ def test_what_is_not_linear_is_reported(capsys):
     assert f"not linear over these errors, so that the drawn boards are right: {K}" in out
 
 
-def test_two_workers_say_the_same(capsys):
-    one = computed(capsys, "--samples", "8", "-q", K, "--json", "--cache", "one")
-    arguments = ("--allow-violations", "--samples", "8", "-q", K, "--json", "--cache", "two")
-    assert good(capsys, "loops.toml", "fab.toml", "--workers", "2", *arguments) == one
-    assert len(list(Path("two").rglob("*.json"))) == len(list(Path("one").rglob("*.json"))) == 21
-
-
 @pytest.fixture(scope="module")
 def table(tmp_path_factory):
     """A table of the starter, much coarser than a right one."""
