@@ -8,10 +8,7 @@ from support.patience import PATIENCE
 
 # Under CI the parent is hypothesis' own profile for it, which tries the same examples every time.
 hypothesis.settings.register_profile(
-    "shared machine",
-    hypothesis.settings(),
-    deadline=None,
-    suppress_health_check=[hypothesis.HealthCheck.too_slow],
+    "shared machine", hypothesis.settings(), deadline=None, suppress_health_check=[hypothesis.HealthCheck.too_slow]
 )
 hypothesis.settings.load_profile("shared machine")
 
