@@ -171,7 +171,7 @@ class Ldc1614:
         """Write a register as the bus does."""
         self._look()
         register = self.table.get(address)
-        if register is None or not register.writable:
+        if register is None or not register.writable_mask:
             what = "is read-only" if register else "is not documented"
             self._note(f"{value:#06x} was written to register {address:#04x}, which {what}.")
             return

@@ -30,7 +30,7 @@ ADDRESSES = {
     "CLOCK_DIVIDERS3": 0x17, "STATUS": 0x18, "ERROR_CONFIG": 0x19, "CONFIG": 0x1A, "MUX_CONFIG": 0x1B,
     "RESET_DEV": 0x1C, "DRIVE_CURRENT0": 0x1E, "DRIVE_CURRENT3": 0x21, "MANUFACTURER_ID": 0x7E, "DEVICE_ID": 0x7F,
 }  # fmt: skip
-WRITABLE = [name for name, entry in registers().items() if entry.writable]
+WRITABLE = [name for name, entry in registers().items() if entry.writable_mask]
 
 
 def test_resets():
