@@ -16,7 +16,7 @@ import random
 from contextlib import suppress
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.scripted_board import crc16
 
@@ -25,21 +25,10 @@ from coilarray.hardware.scan.settings import scan_settings
 from coilarray.hardware.scan.wiring import load_wiring
 from coilarray.hardware.wire.faults import BoardRestarted
 from coilarray.hardware.wire.protocol.lines import MAX_LINE, LineParser, command_line, draft_commands, seal
-from coilarray.hardware.wire.protocol.messages import (
-    Answer,
-    Greeting,
-    Heartbeat,
-    MessageError,
-    Mode,
-    Pong,
-    Refusal,
-    ScanMessage,
-    StreamEnd,
-    StreamEndReason,
-    parse_message,
-    read_greeting,
-    read_pong,
-    read_scan,
+
+from coilarray.hardware.wire.protocol.messages import (  # isort: skip
+    Answer, Greeting, Heartbeat, MessageError, Mode, Pong, Refusal, ScanMessage, StreamEnd, StreamEndReason,
+    parse_message, read_greeting, read_pong, read_scan,
 )  # fmt: skip
 from coilarray.hardware.wire.protocol.scan_stream import BoardTime, GateCounts, ScanGate
 
@@ -80,6 +69,7 @@ def test_lines_come_out_however_the_bytes_are_cut(texts, cuts, carriage_return):
     assert (parser.counts.good, parser.counts.dropped) == (len(texts), 0)
 
 
+@settings(max_examples=40)
 @given(st.binary(max_size=4000), st.integers(1, 700))
 def test_any_bytes_are_counted_line_by_line_and_never_raise(data, size):
     parser = LineParser()
@@ -137,46 +127,30 @@ def test_a_scan_with_a_byte_dropped_repeated_or_swapped_is_no_scan():
 
 
 def test_a_scan_is_read():
-    scan = parse_message(SCAN)
-    assert scan == ScanMessage(
-        sequence=7,
-        time=1_000_000,
-        configuration=0xD9A4,
-        boot=0x1234ABCD,
-        samples=(
-            RawSample(0x0179, 0x8210, 0x0048),
-            RawSample(0x0179, 0x8211, 0x1048),
-            RawSample(0, 0, 0, SampleFault.NO_RESULT),
-            RawSample(0x0179, 0xFFFF, 0x0048),
-            RawSample(0x0179, 0x0000, 0x0048),
-            RawSample(0x0ABC, 0xDEF0, 0x0048),
-        ),
-    )
+    samples = (
+        RawSample(0x0179, 0x8210, 0x0048), RawSample(0x0179, 0x8211, 0x1048), RawSample(0, 0, 0, SampleFault.NO_RESULT),
+        RawSample(0x0179, 0xFFFF, 0x0048), RawSample(0x0179, 0x0000, 0x0048), RawSample(0x0ABC, 0xDEF0, 0x0048),
+    )  # fmt: skip
+    assert parse_message(SCAN) == ScanMessage(7, 1_000_000, 0xD9A4, 0x1234ABCD, samples)
 
 
 @pytest.mark.slow
+@settings(max_examples=30)
 @given(
-    st.integers(0, 2**32 - 1),
-    st.integers(0, 2**32 - 1),
-    st.integers(0, 2**16 - 1),
-    st.integers(0, 2**32 - 1),
+    st.tuples(*(st.integers(0, 2**bits - 1) for bits in (32, 32, 16, 32))),
     st.lists(
-        st.one_of(
-            st.builds(RawSample, *[st.integers(0, 2**16 - 1)] * 3),
-            st.sampled_from(list(SampleFault)[1:]).map(lambda fault: RawSample(0, 0, 0, fault)),
-        ),
-        min_size=1,
-        max_size=30,
+        st.builds(RawSample, *[st.integers(0, 2**16 - 1)] * 3)
+        | st.sampled_from(list(SampleFault)[1:]).map(lambda fault: RawSample(0, 0, 0, fault)),
+        min_size=1, max_size=30,
     ),
-)
-def test_any_scan_comes_back(sequence, time, configuration, boot, samples):
+)  # fmt: skip
+def test_any_scan_comes_back(numbers, samples):
     words = [
         f"!{s.fault:X}" if s.fault else f"{s.msb:04X}{s.lsb:04X}" + ("" if s.status == 0x0048 else f".{s.status:04X}")
         for s in samples
     ]
-    text = f"S{sequence:08X},{time:08X},{configuration:04X},{boot:08X}," + ",".join(words)
-    assert parse_message(text) == ScanMessage(sequence, time, configuration, boot, tuple(samples))
-    assert read_scan(text[1:].split(",")) == parse_message(text)
+    text = "S{:08X},{:08X},{:04X},{:08X},".format(*numbers) + ",".join(words)
+    assert parse_message(text) == read_scan(text[1:].split(",")) == ScanMessage(*numbers, tuple(samples))
 
 
 @pytest.mark.parametrize(
@@ -197,35 +171,14 @@ def test_other_messages_are_read(text, message):
 @pytest.mark.parametrize(
     "text",
     [
-        "",
-        "X00",
-        ">00,STOP",
-        "S",
-        SCAN.lower(),
-        SCAN.replace("S0", "S"),
-        SCAN[:33],
-        SCAN + ",",
-        SCAN.replace("!3", "!0"),
-        SCAN.replace("!3", "!6"),
-        SCAN.replace("!3", "!"),
-        SCAN.replace(".1048", "."),
-        SCAN.replace("0179FFFF", "0179FFF"),
-        SCAN.replace("0179FFFF", "0179 FFF"),
-        SCAN.replace("0179FFFF", "+179FFFF"),
-        "H1234ABCD,000F4240,0000,x",
-        "H1234ABCD,000F4240,0000",
-        "H1234ABCD,000F4240,0000,u,1",
-        "E0,D9A4,1234ABCD,",
-        "E5,D9A4,1234ABCD,",
-        "E2,D9A4,1234ABCD",
-        "<00",
-        "<0,OK",
-        "<00,ok",
-        "<00,ERR,4",
-        "<00,ERR,4,a,b",
-        "<00,ERR,44,a",
+        "", "X00", ">00,STOP", "S", SCAN.lower(), SCAN.replace("S0", "S"), SCAN[:33], SCAN + ",",
+        *(SCAN.replace("!3", fault) for fault in ("!0", "!6", "!")), SCAN.replace(".1048", "."),
+        *(SCAN.replace("0179FFFF", word) for word in ("0179FFF", "0179 FFF", "+179FFFF")),
+        "H1234ABCD,000F4240,0000,x", "H1234ABCD,000F4240,0000", "H1234ABCD,000F4240,0000,u,1",
+        "E0,D9A4,1234ABCD,", "E5,D9A4,1234ABCD,", "E2,D9A4,1234ABCD",
+        "<00", "<0,OK", "<00,ok", "<00,ERR,4", "<00,ERR,4,a,b", "<00,ERR,44,a",
     ],
-)
+)  # fmt: skip
 def test_another_form_is_refused(text):
     with pytest.raises(MessageError):
         parse_message(text)
@@ -281,19 +234,10 @@ def told(settings):
     assert [c[0] for c in (commands[0], commands[-1])] == ["BEGIN", "COMMIT"]
     assert [int(index, 16) for index, _ in of["WIRE"]] == list(range(int(devices, 16)))
     assert [int(index, 16) for index, _, _ in of["STATE"]] == list(range(int(states, 16)))
-    text = "".join(
-        (
-            b"coilarray1".hex(),
-            devices,
-            *(digits for _, digits in of["WIRE"]),
-            of["SAFE"][0][0],
-            *(address + value for address, value in of["REG"]),
-            *of["WAIT"][0],
-            states,
-            *(words + drive for _, words, drive in of["STATE"]),
-        )
-    )
-    return bytes.fromhex(text), of["COMMIT"][0][0]
+    parts = [b"coilarray1".hex(), devices, *(digits for _, digits in of["WIRE"]), of["SAFE"][0][0]]
+    parts += [*(address + value for address, value in of["REG"]), *of["WAIT"][0], states]
+    parts += [words + drive for _, words, drive in of["STATE"]]
+    return bytes.fromhex("".join(parts)), of["COMMIT"][0][0]
 
 
 @pytest.mark.parametrize("wiring", ["six_coils", "six_coils_4"])
@@ -313,11 +257,9 @@ def test_every_command_fits_its_line_and_goes_through_the_parser():
 
 
 @pytest.mark.slow
-@given(
-    st.integers(0, 2**33),
-    st.lists(st.tuples(st.floats(0, 2e5), st.booleans()), min_size=1, max_size=20),
-    st.floats(-0.01, 0.01),
-)
+@settings(max_examples=30)
+@given(st.integers(0, 2**33), st.lists(st.tuples(st.floats(0, 2e5), st.booleans()), min_size=1, max_size=20),
+       st.floats(-0.01, 0.01))  # fmt: skip
 def test_time_is_unwrapped_over_pauses_of_any_length(start, steps, skew):
     """Pauses to 55 hours: 1 % of that is the 33 minutes by which the clocks may part."""
     clock, board, now = BoardTime(), start, 0.0
@@ -343,8 +285,12 @@ def scan_of(sequence, *, configuration=0xD9A4, states=2):
     return ScanMessage(sequence, 0, configuration, 1, (RawSample(1, 2, 0x48),) * states)
 
 
-def test_scans_pass_once_and_in_order():
-    gate = ScanGate(configuration=0xD9A4, states=2, start=100)
+@pytest.fixture
+def gate():
+    return ScanGate(configuration=0xD9A4, states=2, start=100)
+
+
+def test_scans_pass_once_and_in_order(gate):
     passed = [
         gate.passes(scan_of(s), t) for s, t in [(0, 100), (1, 200), (1, 200), (0, 100), (4, 500), (3, 600), (5, 700)]
     ]
@@ -352,22 +298,16 @@ def test_scans_pass_once_and_in_order():
     assert gate.counts == GateCounts(passed=4, lost=2, repeated=2, stale=1)
 
 
-def test_scans_from_before_the_stream_do_not_pass():
-    gate = ScanGate(configuration=0xD9A4, states=2, start=100)
+def test_scans_from_before_the_stream_and_of_another_number_of_states_do_not_pass(gate):
     assert not gate.passes(scan_of(17, configuration=0x1111), 99)
     assert gate.counts == GateCounts(stale=1)
+    assert not gate.passes(scan_of(0, states=3), 101)
+    assert gate.counts == GateCounts(stale=1, misfit=1)
 
 
-def test_scans_of_another_number_of_states_do_not_pass():
-    gate = ScanGate(configuration=0xD9A4, states=2, start=0)
-    assert not gate.passes(scan_of(0, states=3), 1)
-    assert gate.counts == GateCounts(misfit=1)
-
-
-def test_scans_of_other_settings_end_it():
-    gate = ScanGate(configuration=0xD9A4, states=2, start=0)
+def test_scans_of_other_settings_end_it(gate):
     with pytest.raises(BoardRestarted, match="measures with the settings 1111, not with D9A4"):
-        gate.passes(scan_of(0, configuration=0x1111), 1)
+        gate.passes(scan_of(0, configuration=0x1111), 101)
 
 
 def test_counts_add_up():

@@ -1,7 +1,9 @@
-"""Lines of the protocol for the tests of the firmware, written from `hardware/firmware/PROTOCOL.md` alone."""
+"""Lines of the protocol for the tests of the firmware."""
 
 import binascii
 import re
+
+from coilarray.hardware.wire.protocol.lines import draft_commands
 
 
 def seal(text):
@@ -18,17 +20,5 @@ def intact(line):
 
 
 def draft(settings):
-    """Commands from BEGIN to COMMIT that tell a board its settings."""
-    wiring, devices = settings.wiring, len(settings.safe_words)
-    return [
-        f"BEGIN,{devices:02X},{len(settings.states):02X}",
-        *(f"WIRE,{device:02X},{wiring[8 * device : 8 * device + 8].hex().upper()}" for device in range(devices)),
-        f"SAFE,{settings.safe_words.hex().upper()}",
-        *(f"REG,{address:02X},{value:04X}" for address, value in settings.registers),
-        f"WAIT,{settings.wait_us:08X},{settings.timeout_us:08X}",
-        *(
-            f"STATE,{index:02X},{state.words.hex().upper()},{settings.drive_register(state):04X}"
-            for index, state in enumerate(settings.states)
-        ),
-        f"COMMIT,{settings.hash:04X}",
-    ]
+    """Commands from BEGIN to COMMIT that tell a board its settings; test_protocol.py holds them against the hash."""
+    return [",".join(command) for command in draft_commands(settings)]
