@@ -23,6 +23,7 @@ import time
 import tty
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -89,28 +90,17 @@ _boots = itertools.count(1)
 
 
 class Firmware:
-    """The firmware on chips that are Python objects. A `BusTimeout` is the guard of its bus, any other `BusFault` a
-    missing acknowledgement; any other exception of a chip is raised again out of the call that ran the firmware.
+    """The firmware on chips that are Python objects, with the time of all of them: it waits by `clock.sleep`.
 
-    Parameters
-    ----------
-    bus, switches, clock
-        The chips, and the time of all of them: the firmware waits by `clock.sleep`.
-    safe_words : bytes
-        Compiled in, for the switches at start-up.
-    byte_time : float
-        In s, of each byte it sends.
+    A `BusTimeout` is the guard of its bus, any other `BusFault` a missing acknowledgement; another exception of a chip
+    is raised again out of the call that ran the firmware. `safe_words` are compiled in, for the switches at start-up;
+    each byte that it sends takes `byte_time` in s.
     """
 
     def __init__(
-        self,
-        bus: RegisterBus,
-        switches: SwitchChain,
-        clock: Clock,
-        *,
-        safe_words: bytes = SAFE_WORDS,
-        byte_time: float = BYTE_TIME,
-    ) -> None:
+        self, bus: RegisterBus, switches: SwitchChain, clock: Clock, *,
+        safe_words: bytes = SAFE_WORDS, byte_time: float = BYTE_TIME,
+    ) -> None:  # fmt: skip
         self.bus, self.switches, self.clock = bus, switches, clock
         self.safe_words, self.byte_time = safe_words, byte_time
         self.boot = 0
@@ -225,51 +215,24 @@ class Firmware:
 
 
 class FirmwareHost:
-    """The firmware in a thread, behind a pseudo-terminal.
+    """The firmware in a thread, behind a pseudo-terminal: `port`, for pyserial; another one after `replug`.
 
     Its time is that of `clock`. A virtual one jumps to the firmware's next moment while a scan or a stream is under
-    way, but never runs ahead of the computer by more than `unread` bytes that nobody has read yet, and passes as real
-    time does while the firmware is idle. A `ComputerClock` is real time throughout.
+    way, but never runs ahead of the computer by more than `unread` bytes that nobody has read yet, nor by more than
+    `pace` seconds in one real one, and passes as real time does while the firmware is idle. A `ComputerClock` is real
+    time throughout. The other `options` are those of `Firmware`.
 
-    Parameters
-    ----------
-    bus, switches, clock, safe_words, byte_time
-        As for `Firmware`.
-    unread : int
-        Bytes that may wait at the computer's end before time stands still.
-    pace : float, optional
-        Seconds of a virtual clock that pass at most in one real second while a stream is under way; no limit by
-        default.
-
-    Attributes
-    ----------
-    port : str
-        Name of the pseudo-terminal, for pyserial; another one after `replug`.
-    to_computer, to_board : callable
-        From bytes to bytes, for faults on the line. `to_computer` gets one whole line with its line feed at a time
-        (less only when the board is reset within it), `to_board` whatever piece the computer wrote. Called in the
-        thread.
-
-    Examples
-    --------
-    >>> with FirmwareHost(bus, switches, clock) as host:        # doctest: +SKIP
-    ...     serial.Serial(host.port, 115200)
+    `to_computer` and `to_board` are for faults on the line, from bytes to bytes, called in the thread. The first gets a
+    whole line with its line feed at a time (less only when the board is reset within it), the second whatever piece the
+    computer wrote.
     """
 
     def __init__(
-        self,
-        bus: RegisterBus,
-        switches: SwitchChain,
-        clock: Clock,
-        *,
-        safe_words: bytes = SAFE_WORDS,
-        byte_time: float = BYTE_TIME,
-        unread: int = 256,
-        pace: float | None = None,
-    ) -> None:
-        self.firmware = Firmware(bus, switches, clock, safe_words=safe_words, byte_time=byte_time)
-        self.clock = clock
-        self.unread, self.pace = unread, pace
+        self, bus: RegisterBus, switches: SwitchChain, clock: Clock, *, unread: int = 256, pace: float | None = None,
+        **options: Any,
+    ) -> None:  # fmt: skip
+        self.firmware = Firmware(bus, switches, clock, **options)
+        self.clock, self.unread, self.pace = clock, unread, pace
         self.to_computer: Callable[[bytes], bytes] = lambda line: line
         self.to_board: Callable[[bytes], bytes] = lambda data: data
         self.port = ""
