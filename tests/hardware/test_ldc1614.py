@@ -19,14 +19,7 @@ from coilarray.hardware import (
     inductance_from_frequency,
     settle_count,
 )
-from coilarray.hardware.chips.ldc1614 import (
-    bus_time,
-    conversion_time,
-    rcount_for,
-    settle_time,
-    state_time,
-    wake_time,
-)
+from coilarray.hardware.chips.ldc1614 import bus_time, conversion_time, rcount_for, settle_time, state_time, wake_time
 from coilarray.hardware.chips.ldc1614_limits import (
     AMPLITUDE,
     DRIVE_WINDOW,
@@ -56,11 +49,6 @@ def test_offset():
     assert code_to_frequency(5000, 20e6, offset=3) == pytest.approx(code_to_frequency(5000 + 3 * 4096, 20e6), rel=1e-15)
 
 
-def test_inductance():
-    # 120 pF and 2 MHz: 52.77 µH
-    assert inductance_from_frequency(2e6, 120e-12) == pytest.approx(52.77e-6, rel=1e-4)
-
-
 @pytest.mark.parametrize(("quality", "shift"), [(10, -0.81), (20, -0.28), (40, -0.11)])
 def test_losses_lower_the_frequency(quality, shift):
     # facts: shift in percent for 52.8 µH and 120 pF, printed to a hundredth
@@ -83,11 +71,9 @@ def test_lossy_inductance_there_and_back(frequency, capacitance, quality):
 
 
 def test_no_losses_is_the_limit_of_few():
-    assert inductance_from_frequency(2e6, 120e-12, 1e12) == pytest.approx(
-        inductance_from_frequency(2e6, 120e-12),
-        rel=1e-13,  # first order in 1/Q: 5 ns·ω/Q = 6e-14
-    )
-    assert oscillation_frequency(inductance_from_frequency(2e6, 120e-12), 120e-12) == pytest.approx(2e6, rel=1e-14)
+    L = inductance_from_frequency(2e6, 120e-12)
+    assert inductance_from_frequency(2e6, 120e-12, 1e12) == pytest.approx(L, rel=1e-13)  # first order: 5 ns·ω/Q = 6e-14
+    assert oscillation_frequency(L, 120e-12) == pytest.approx(2e6, rel=1e-14)
 
 
 @given(st.floats(600, 88e3))  # above, the smallest current passes 1.8 V
@@ -98,15 +84,6 @@ def test_every_resistance_of_the_table_has_a_drive(R):
     assert drive.amplitude == pytest.approx(4 * R * drive.current / math.pi)
     # rows of the table are rounded to three digits: the lower end may be missed by that
     assert AMPLITUDE[0] * 0.99 <= drive.amplitude <= AMPLITUDE[1]
-
-
-def test_drive_prefers_the_larger_current():
-    # 33 kΩ fits the rows of 32 µA and 40 µA
-    drive = drive_for(33e3)
-    assert (drive.code, drive.current) == (6, pytest.approx(40e-6))
-    assert drive.amplitude == pytest.approx(4 * 33e3 * 40e-6 / math.pi)
-    assert drive_for(91e3) is None
-    assert drive_for(math.inf) is None
 
 
 # data sheet, table 42: IDRIVE, current in µA, smallest and largest R_p in kΩ
@@ -130,15 +107,9 @@ def test_drive_table():
         wanted = max((unclamped or rows), default=None)
         drive = drive_for(R)
         assert (None if drive is None else drive.code) == (None if wanted is None else wanted[0]), R
-
-
-def test_amplitude():
+    assert drive_for(math.inf) is None
     # equation 12: I = π V/(4 R_p)
-    drive = drive_of(18, 5.7e3)
-    assert math.pi * drive.amplitude / (4 * 5.7e3) == pytest.approx(212e-6, rel=1e-12)
-
-
-def test_drive_window_has_a_name():
+    assert math.pi * drive_of(18, 5.7e3).amplitude / (4 * 5.7e3) == pytest.approx(212e-6, rel=1e-12)
     (window,) = (limit for limit in check_channel(1.93e6, 33e3, 48) if limit.name == DRIVE_WINDOW)
     assert (window.value, window.low, window.high) == (33e3, 600, 90e3)
 
@@ -290,12 +261,6 @@ def test_settling(count, clocks):
     assert settle_time(count, REFERENCE) == pytest.approx(clocks / REFERENCE, rel=1e-12)
 
 
-@pytest.mark.slow
-@given(st.integers(5, 0xFFFF), references)
-def test_rcount_there_and_back(rcount, reference):
-    assert rcount_for(conversion_time(rcount, reference), reference) == rcount
-
-
 @given(st.floats(5e-6, 1.0), references)
 def test_the_largest_that_fits(duration, reference):
     if duration * reference < 84:
@@ -309,7 +274,8 @@ def test_the_largest_that_fits(duration, reference):
 
 
 @given(st.integers(5, 0xFFFF), st.integers(0, 0xFFFF), references)
-def test_state_is_its_parts(rcount, settle_count, reference):
+def test_state_is_its_parts_and_rcount_there_and_back(rcount, settle_count, reference):
+    assert rcount_for(conversion_time(rcount, reference), reference) == rcount
     parts = state_time(rcount, settle_count, reference)
     assert parts.total == pytest.approx(
         parts.wake + parts.settle + parts.conversion + parts.result + parts.control, rel=1e-12
