@@ -13,10 +13,6 @@ from coilarray.hardware.scan.readings import Reason, read_scan
 from coilarray.hardware.scan.settings import scan_settings
 
 
-def test_a_right_driver_has_no_findings():
-    assert findings(RightDriver) == []
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("wrong", BROKEN)
 def test_every_broken_driver_is_found(wrong):
@@ -57,5 +53,6 @@ class PackagesDriver:
         }
 
 
-def test_the_package_s_driver_has_no_findings():
-    assert findings(PackagesDriver) == []
+@pytest.mark.parametrize("driver", [RightDriver, PackagesDriver])
+def test_a_right_driver_has_no_findings(driver):
+    assert findings(driver) == []
