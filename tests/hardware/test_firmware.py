@@ -447,8 +447,7 @@ def test_another_hash_chip_or_no_draft(board):
 def test_register_that_reads_back_otherwise(fresh, address):
     read = fresh.converter.read
     fresh.converter.read = lambda register: read(register) ^ (register == address)
-    reply = fresh.configure()[-1]
-    assert reply.startswith(f"ERR,7,register {address:02X} is ")
+    assert fresh.configure()[-1].startswith(f"ERR,7,register {address:02X} is ")
     assert fresh.mode == "u"
 
 

@@ -115,41 +115,6 @@ def test_reset_within_a_stream():
             assert board.chip.asleep
 
 
-def read_on(port):
-    for _ in range(100):
-        port.write(b"\n")
-        port.read(100)
-
-
-def test_unplug_and_replug():
-    with hosted() as (board, host, computer):
-        computer.configure()
-        computer.ask("START,00000000")
-        host.unplug()
-        with pytest.raises((serial.SerialException, OSError)):
-            read_on(computer.port)
-        port = host.replug()
-        again = Computer(port)
-        assert again.ask("HELLO").startswith("OK,1.0,")
-        assert ",u," in again.ask("PING")
-        again.port.close()
-        with host.paused():
-            assert at_rest(board)
-
-
-def test_stall():
-    with hosted() as (_, host, computer):
-        computer.ask("HELLO")
-        host.stall()
-        sent_before = computer.port.in_waiting  # a heartbeat, where a second has gone by
-        computer.port.write(seal(">77,PING"))
-        time.sleep(0.05)
-        assert computer.port.in_waiting == sent_before
-        host.stall(False)
-        while not computer.next_line().startswith("<77,OK"):
-            pass
-
-
 def test_hooks_get_whole_lines_out_and_all_bytes_in():
     out, into = [], []
     with hosted() as (_, host, computer):
@@ -184,19 +149,6 @@ def test_dropped_lines_do_not_hold_time():
     assert dropped[end][1] < started + 10.1  # the lease, and the scan that was under way
     assert {kind[:1] for kind, _ in dropped[:end]} == {b"S"}
     assert {kind[:1] for kind, _ in dropped[end + 1 :]} == {b"H"}
-
-
-@pytest.mark.slow
-def test_pace():
-    with hosted(pace=20.0) as (board, host, computer):
-        computer.configure()
-        computer.ask("START,00000000")
-        real = time.monotonic()  # before the pause: what passes within it is made up for
-        with host.paused():
-            virtual = board.clock.now()
-        for _ in range(100):
-            computer.next_line()
-        assert board.clock.now() - virtual < 20.0 * (time.monotonic() - real) + 0.2  # a step and the unread bytes
 
 
 @pytest.mark.slow

@@ -38,6 +38,7 @@ COMPILER = shutil.which("g++")
 needs_compiler = pytest.mark.skipif(COMPILER is None, reason="g++ is not installed")
 BYTE_TIME = 10 / 115200  # s; a start bit, eight bits and a stop bit
 SAFE_WORDS = b"\x11" * 6
+_UNREAD = 256  # bytes that may wait at the computer's end before time stands still
 
 
 def logic_sources() -> list[Path]:
@@ -218,21 +219,17 @@ class FirmwareHost:
     """The firmware in a thread, behind a pseudo-terminal: `port`, for pyserial; another one after `replug`.
 
     Its time is that of `clock`. A virtual one jumps to the firmware's next moment while a scan or a stream is under
-    way, but never runs ahead of the computer by more than `unread` bytes that nobody has read yet, nor by more than
-    `pace` seconds in one real one, and passes as real time does while the firmware is idle. A `ComputerClock` is real
-    time throughout. The other `options` are those of `Firmware`.
+    way, but never runs ahead of the computer by more than 256 bytes that nobody has read yet, and passes as real time
+    does while the firmware is idle. A `ComputerClock` is real time throughout. The `options` are those of `Firmware`.
 
     `to_computer` and `to_board` are for faults on the line, from bytes to bytes, called in the thread. The first gets a
     whole line with its line feed at a time (less only when the board is reset within it), the second whatever piece the
     computer wrote.
     """
 
-    def __init__(
-        self, bus: RegisterBus, switches: SwitchChain, clock: Clock, *, unread: int = 256, pace: float | None = None,
-        **options: Any,
-    ) -> None:  # fmt: skip
+    def __init__(self, bus: RegisterBus, switches: SwitchChain, clock: Clock, **options: Any) -> None:
         self.firmware = Firmware(bus, switches, clock, **options)
-        self.clock, self.unread, self.pace = clock, unread, pace
+        self.clock = clock
         self.to_computer: Callable[[bytes], bytes] = lambda line: line
         self.to_board: Callable[[bytes], bytes] = lambda data: data
         self.port = ""
@@ -245,7 +242,6 @@ class FirmwareHost:
         self._condition = threading.Condition()
         self._pauses, self._resting, self._ended = 0, False, False
         self._error: BaseException | None = None
-        self._started = (time.monotonic(), clock.now())
         self._plug()
         self._thread = threading.Thread(target=self._main, name="firmware", daemon=True)
         self._thread.start()
@@ -364,7 +360,7 @@ class FirmwareHost:
             self._wait(None, port=False)
             return
         self._flush()
-        if self._waiting() > self.unread:
+        if self._waiting() > _UNREAD:
             self._wait(0.5e-3, port=False)
             return
         busy = self.firmware.busy
@@ -374,23 +370,12 @@ class FirmwareHost:
             self._receive()
             if idle > 0:
                 self.clock.sleep(idle)
-            self._keep_pace()
             return
         before = time.monotonic()
         self._wait(idle)
         self._receive()
         if self._virtual:
             self.clock.sleep(min(time.monotonic() - before, idle))
-
-    def _keep_pace(self) -> None:
-        if self.pace is None:
-            return
-        real, virtual = self._started
-        ahead = (self.clock.now() - virtual) / self.pace - (time.monotonic() - real)
-        if ahead > 0:
-            self._wait(ahead)
-        else:
-            self._started = (time.monotonic(), self.clock.now())  # time that was lost is not caught up
 
     def _wait(self, seconds: float | None, *, port: bool = True) -> None:
         """Until the computer writes, something is wanted of the thread, or the time is over."""
