@@ -58,9 +58,6 @@ def board():
     return plain_board(load_wiring())
 
 
-# --------------------------------------------------------------------------------------- shifting
-
-
 def test_all_switches_are_open_after_power_up(chain):
     assert (chain.words, chain.closed()) == (bytes(6), ())
     chain.transfer(b"\x11" * 6)
@@ -143,9 +140,6 @@ def test_callbacks_before_and_after_switches_move():
     assert calls[2:] == [b"\x11" * 6, 0] * 3
 
 
-# ------------------------------------------------------------------------------------ stuck switches
-
-
 def test_a_stuck_switch_is_found_by_what_it_joins(chain):
     assert chain.find(5, 0, "ground") == (0, GROUND_A)
     assert chain.find(0, 1, "INB") == (5, INB_B)
@@ -176,9 +170,6 @@ def test_what_a_stuck_switch_does(chain, case):
         assert found.state.exceptions["coil3"] == "ground"
     chain.heal()
     assert what_is_seen(chain.closed(), COILS).state.exceptions["coil2"] == "ground"
-
-
-# ----------------------------------------------------------------------------------- what is seen
 
 
 def test_one_coil_and_what_closes_the_others():
@@ -277,9 +268,6 @@ def test_nets_against_direct_currents(commanded, also_closed):
     else:
         assert found.kind == "tangled"
         assert not np.isclose(across, [carrying, 1 / carrying], rtol=1e-3).any()
-
-
-# --------------------------------------------------------------------------------- the whole board
 
 
 @settings(max_examples=40)

@@ -95,9 +95,6 @@ def frequencies(board, clock=43.4e6):
 STEP = 21.7e6 / 2**28  # of the code in Hz
 
 
-# ---------------------------------------------------------------------------------- untouched
-
-
 @pytest.fixture(scope="module")
 def scanned():
     return scan_design(PAPER, elastomer=False)
@@ -125,9 +122,6 @@ def test_readings_scatter_as_stated(make, scanned):
     error = read / scanned.frequency.values - 1
     assert np.std(error) == pytest.approx(1.4e-7, rel=0.26)
     assert abs(np.mean(error)) < 4 * 1.4e-7 / math.sqrt(error.size)
-
-
-# ------------------------------------------------------------------------------------ pressed
 
 
 def test_a_pressed_board_reads_what_the_response_map_says(make, network):
@@ -248,9 +242,6 @@ def test_places_that_the_table_does_not_reach(make, place, said):
     assert board.place().depth == 0
 
 
-# -------------------------------------------------------------------------- time and temperature
-
-
 def test_a_scan_takes_as_long_as_the_paper_s(make):
     # waking, converting and two reads of six coils: 293.6 ms; the paper says 0.2935 s
     board = make()
@@ -322,9 +313,6 @@ def test_a_stray_capacitance_of_one_coil_lowers_its_frequency(make):
         make(strays={"coil9": 1e-12})
 
 
-# ----------------------------------------------------------------------------- other circuits
-
-
 def test_two_coils_in_series_and_in_parallel_store_what_their_matrix_says(network, table):
     bare = replace(network, winding_capacitance=np.zeros(6), mutual_capacitance=np.zeros((6, 6)))
     world = SensorWorld(bare, lambda: table)
@@ -354,9 +342,6 @@ def test_an_open_short_or_grounded_converter_has_no_tank_and_only_the_first_chan
     board.switches.shift(WIRING.words(FIRST))
     assert board.sensor(0, 0.0).frequency == pytest.approx(1.7747e6, rel=1e-3)
     assert board.sensor(1, 0.0) is None
-
-
-# ---------------------------------------------------------------------------- made once and kept
 
 
 def test_circuit_and_table_are_computed_once(folder, table, network, monkeypatch):

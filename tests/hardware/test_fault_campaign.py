@@ -24,8 +24,8 @@ import threading
 from contextlib import closing, suppress
 
 import pytest
-from support import line_faults
 from support.emulated_reader import quick_settings
+from support.line_faults import DAMAGES, FaultyLine, at_another_rate
 from support.scripted_board import sealed
 
 if sys.platform == "win32":
@@ -110,7 +110,7 @@ LEAVES_BYTES = {"flipped", "digit_changed", "dropped", "repeated", "inserted", "
 
 def spoil(bench, kind, count):
     """Fetch a stream over a line that damages `count` scans; return the numbers that were fetched, and the line."""
-    line = line_faults.FaultyLine(getattr(line_faults, kind), count, bench.noise)
+    line = FaultyLine(DAMAGES[kind], count, bench.noise)
     bench.host.to_computer = line
     fetched = []
     stream = bench.reader.scans()
@@ -125,7 +125,7 @@ def spoil(bench, kind, count):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", [kind for kind in FAULTS if hasattr(line_faults, kind)])
+@pytest.mark.parametrize("kind", [kind for kind in FAULTS if kind in DAMAGES])
 def test_lines_of_a_stream(bench, kind):
     fetched, line = spoil(bench, kind, FAULTS[kind])
     assert line.done == FAULTS[kind]
@@ -159,7 +159,7 @@ def test_lines_of_a_stream_without_the_checksum(monkeypatch):
 # commands and replies
 
 
-DAMAGES = [line_faults.flipped, line_faults.dropped, line_faults.inserted, line_faults.begun, line_faults.missing]
+OF_COMMANDS = [DAMAGES[kind] for kind in ("flipped", "dropped", "inserted", "begun", "missing")]
 
 
 def spoil_once(damage, noise, kind):
@@ -183,7 +183,7 @@ def spoil_once(damage, noise, kind):
 def test_commands(bench, direction):
     reader = bench.reader
     for number in range(FAULTS[direction]):
-        damage, before = DAMAGES[number % len(DAMAGES)], reader.counts.link.repeats
+        damage, before = OF_COMMANDS[number % len(OF_COMMANDS)], reader.counts.link.repeats
         following = (reader._session._number + 1) % 256  # not a repeat of the one before, which may be on its way
         sign, hook = (b">", "to_board") if direction == "command" else (b"<", "to_computer")
         with bench.host.paused():
@@ -206,8 +206,8 @@ def test_settings_over_a_bad_line(bench):
     def now_and_then(damage):
         return lambda data: damage(data, bench.noise).data if bench.noise.random() < 0.15 and data != b"\n" else data
 
-    bench.host.to_board = now_and_then(line_faults.flipped)
-    bench.host.to_computer = now_and_then(line_faults.dropped)
+    bench.host.to_board = now_and_then(DAMAGES["flipped"])
+    bench.host.to_computer = now_and_then(DAMAGES["dropped"])
     arrived = 0
     for _ in range(6):
         with suppress(NoAnswer), lasting(30 * COMMAND):
@@ -456,8 +456,8 @@ def test_other_rates(bench, kind):
     for number, rest in interrupted(bench, kind, streams=(not opened,)):
         ratio, call = [0.5, 12.0, 2.0][number], bench.reader.reconnect if opened else rest
         with bench.host.paused():
-            bench.host.to_computer = lambda line, ratio=ratio: line_faults.at_another_rate(line, ratio)
-            bench.host.to_board = lambda data, ratio=ratio: line_faults.at_another_rate(data, 1 / ratio)
+            bench.host.to_computer = lambda line, ratio=ratio: at_another_rate(line, ratio)
+            bench.host.to_board = lambda data, ratio=ratio: at_another_rate(data, 1 / ratio)
             bench.clock.sleep(1.0 if opened else 0.0)  # a heartbeat is due
         assert meets((NotABoard, NoAnswer), call, OPENING if opened else GAP + COMMAND)
         with bench.host.paused():

@@ -150,9 +150,6 @@ def opened(bench, **options):
     return open_ft232h(URL, 0x2A, **{"pins": bench.pins, **options})
 
 
-# ------------------------------------------------------------------------------------ registers
-
-
 def test_a_register_is_read_with_a_repeated_start_highest_byte_first(bench):
     bus, _ = opened(bench)
     assert bus.read(0x7E) == 0x5449
@@ -227,9 +224,6 @@ def test_a_chip_that_was_cut_off_in_a_read_lets_go_after_the_clear(bench):
     assert bus.read(0x7F) == 0x3055
 
 
-# ------------------------------------------------------------------------------------ switches
-
-
 WORDS, TURNED = b"\x01\x02\x04\x80\xa5\xff", b"\x80\x40\x20\x01\xa5\xff"
 
 
@@ -253,9 +247,6 @@ def test_a_mode_that_changes_data_after_the_edge_shifts_something_else(bench):
     assert switches.shift(WORDS) is None
     assert len(bench.latched) == 1
     assert bench.latched != [WORDS]
-
-
-# ------------------------------------------------------------------------------------ what goes wrong
 
 
 def test_an_adapter_that_is_unplugged_is_lost(bench):

@@ -116,9 +116,6 @@ def spi(monkeypatch, devices):
     return lambda: SpiDev.instances[-1]
 
 
-# ------------------------------------------------------------------------------------ registers
-
-
 @pytest.fixture
 def bus(kernel):
     return LinuxRegisterBus(1, 0x2A)
@@ -192,9 +189,6 @@ def test_a_file_that_is_no_bus_is_one_line(devices):
         LinuxRegisterBus(1, 0x2A)
 
 
-# ------------------------------------------------------------------------------------ switches
-
-
 def test_words_go_out_in_one_transfer_in_the_mode_of_the_switches(spi, devices):
     chain = SpiSwitchChain(0, 1, ShiftSettings())
     assert chain.shift(b"\x22\x11\x11\x11\x11\x11") is None
@@ -242,9 +236,6 @@ def test_a_mode_that_the_port_lacks_is_one_line_and_the_port_is_closed(spi, monk
     with pytest.raises(HardwareError, match=r"spidev0\.0 cannot be used: Invalid argument\."):
         SpiSwitchChain(0, 0, ShiftSettings())
     assert spi().closed == 1
-
-
-# ------------------------------------------------------------------------------------ the board
 
 
 def test_a_board_is_opened_grounded_and_asleep_and_left_so(kernel, spi):

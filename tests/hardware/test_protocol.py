@@ -40,9 +40,6 @@ def lines_of(data):
     return LineParser().feed(data)
 
 
-# lines
-
-
 def test_checksum_is_that_of_the_catalogue():
     assert seal("123456789") == b"123456789*29B1\n"
 
@@ -123,9 +120,6 @@ def test_a_scan_with_a_byte_dropped_repeated_or_swapped_is_no_scan():
             assert lines_of(damaged) == []
 
 
-# messages
-
-
 def test_a_scan_is_read():
     samples = (
         RawSample(0x0179, 0x8210, 0x0048), RawSample(0x0179, 0x8211, 0x1048), RawSample(0, 0, 0, SampleFault.NO_RESULT),
@@ -190,9 +184,6 @@ def test_any_text_is_read_or_refused(text):
         assert parse_message(text) is not None
 
 
-# replies
-
-
 HELLO = ["1.0", "XMC 2Go 1", "1234ABCD", "5449", "3055", "16", "8", "readback+fast"]
 
 
@@ -223,9 +214,6 @@ def test_a_pong_of_another_form_is_refused(fields):
         read_pong(fields)
 
 
-# commands
-
-
 def told(settings):
     """Bytes of the hash as a board puts them together from the commands that it has heard."""
     commands = [line.split(",") for line in (",".join(command) for command in draft_commands(settings))]
@@ -253,9 +241,6 @@ def test_every_command_fits_its_line_and_goes_through_the_parser():
         assert lines_of(command_line(number, *command)) == [",".join((f">{number:02X}", *command))]
 
 
-# time
-
-
 @pytest.mark.slow
 @settings(max_examples=30)
 @given(st.integers(0, 2**33), st.lists(st.tuples(st.floats(0, 2e5), st.booleans()), min_size=1, max_size=20),
@@ -276,9 +261,6 @@ def test_an_older_time_stays_older():
     assert clock.unwrap(5, 0.1) == 2**32 + 5
     assert clock.unwrap(2**32 - 20, 0.2) == 2**32 - 20
     assert clock.unwrap(6, 0.3) == 2**32 + 6
-
-
-# the gate
 
 
 def scan_of(sequence, *, configuration=0xD9A4, states=2):

@@ -71,9 +71,6 @@ def unplugged(terminal):
     terminal.near = terminal.far = -1
 
 
-# choosing
-
-
 def test_ports_of_known_boards_come_first(ports):
     ports += [entry("/dev/ttyS0", description="n/a"), entry("/dev/ttyACM1", 0x1366, "000123", "J-Link")]
     first, second = list_serial_ports()
@@ -120,9 +117,6 @@ def test_a_missing_library_is_named(monkeypatch):
     for call in (list_serial_ports, lambda: open_serial_port("/dev/null")):
         with pytest.raises(MissingDependencyError, match=r"need pyserial, .*coilarray\[serial\]"):
             call()
-
-
-# opening
 
 
 def test_a_port_that_is_not_there_and_a_file(tmp_path):
@@ -195,9 +189,6 @@ def test_a_port_that_takes_no_bytes_does_not_block(terminal, monkeypatch):
         port.write(b"x" * 1_000_000)
 
 
-# losing
-
-
 @needs_pty
 @pytest.mark.parametrize(
     "call", [lambda port: port.read(0.1), lambda port: port.read(0.0), lambda port: port.write(b"x")]
@@ -252,8 +243,6 @@ def test_whatever_the_system_calls_it_is_one_loss(terminal, port, monkeypatch, e
         with pytest.raises(DeviceLost):
             call()
 
-
-# a board behind it
 
 SHORT = LinkTimes(reply=0.05, opening=0.1)
 
