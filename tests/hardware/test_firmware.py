@@ -160,13 +160,6 @@ def test_hello(fresh):
     assert Board(wired_back=True).ask("HELLO").endswith(",readback")
 
 
-def test_hello_ends_a_stream(board):
-    board.start()
-    assert board.ask("HELLO").startswith("OK,1.0")
-    assert board.resting
-    assert board.mode == "i"
-
-
 @pytest.mark.parametrize("name", ["six_coils", "six_coils_4"])
 def test_configuration_reaches_the_chip(name):
     wiring = load_wiring(name)
@@ -202,9 +195,7 @@ def test_scan(board):
     assert words == [WORDS] * 6
     assert int(time, 16) / 1e6 < board.clock.now()
     assert board.resting
-
-
-def test_a_scan_takes_the_steps_of_the_rules(board):
+    # its steps are those of the rules
     board.chain.history.clear()
     board.converter.log.clear()
     board.ask("SCAN")
@@ -250,12 +241,14 @@ def test_stream_keeps_its_interval_and_does_not_make_up_a_missed_one(board):
     assert len(numbers) <= 12  # 10 of half a second, the one under way, and the late one; not the 20 that were missed
 
 
-def test_stop_rests_the_board_and_is_always_allowed(fresh):
-    assert fresh.ask("STOP") == "OK"
+@pytest.mark.parametrize("command", ["STOP", "HELLO"])
+def test_stop_and_hello_rest_the_board_and_are_always_allowed(fresh, command):
+    assert fresh.ask(command).startswith("OK")
     fresh.configure()
     fresh.start()
-    assert fresh.ask("STOP") == "OK"
+    assert fresh.ask(command).startswith("OK")
     assert fresh.resting
+    assert fresh.mode == "i"
     assert not fresh.scans(2.0)
 
 
@@ -693,10 +686,9 @@ def test_switches_that_differ_end_the_stream():
     assert [scan_words(line) for line in marked] == [[WORDS, "!5", *[WORDS] * 4]] * 3
     assert f"E4,{SETTINGS.hash:04X},{board.firmware.boot:08X},switches differ" in lines
     assert board.mode == "u"
-
-
-def test_switches_that_differ_before_a_state_are_not_joined_to_it():
-    board = configured(wired_back=True)
+    # those that differ before a state are not joined to it
+    board.chain.corrupt = lambda words: words
+    assert board.configure()[-1].startswith("OK")
     board.chain.history.clear()
     board.chain.corrupt = lambda words: b"\xff" * 6
     assert scan_words(board.ask("SCAN")) == ["!5"] * 6
