@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -124,38 +125,45 @@ def test_readings_scatter_as_stated(make, scanned):
     assert abs(np.mean(error)) < 4 * 1.4e-7 / math.sqrt(error.size)
 
 
-def test_a_pressed_board_reads_what_the_response_map_says(make, network):
-    # where both solve the same positions and depths nothing is interpolated: what is left is half a code in each of
-    # two frequencies, of which L has twice the relative error
-    depth, y, x = DEPTH[[1, 3, 4]], Y[[0, 2, 4, 6]], X[[1, 3, 6, 9]]
-    known = {"network": network, "inductance": lambda: network.inductance}
-    expected = response_map(PAPER, depths=depth, x=x, y=y, **known)
+@pytest.fixture(scope="module")
+def mapped(network):
+    """The response map at positions between those of the table, in depths of 0.3 and 1 mm."""
+    random = np.random.default_rng(2)
+    x, y = (np.sort(random.uniform(axis[1], axis[-2], n)) for axis, n in ((X, 8), (Y, 5)))
+    return response_map(
+        PAPER, depths=[0.3e-3, 1.0e-3], x=x, y=y, network=network, inductance=lambda: network.inductance
+    )
+
+
+def test_a_pressed_board_reads_what_the_response_map_says(make, network, mapped):
+    # where both have the same changes of inductance what is left is half a code in each of two frequencies, of which L
+    # has twice the relative error
+    h, y, x = mapped.depth.values, mapped.y.values, mapped.x.values
+    places = ((2, 1, 0), (0, 4, 1))
+    pressed = {Place(x[i], y[j], h[k]): mapped.isel(x=i, y=j, depth=k) for i, j, k in places}
+    exact = SimpleNamespace(check=lambda place: None, at=lambda place: pressed[place].inductance_change.values)
     board = make()
     untouched = frequencies(board)
-    board.world = SensorWorld(network, lambda: ResponseTable(x, y, depth, expected.inductance_change.values))
-    for h, j, i in ((1, 1, 2), (2, 3, 0)):
-        board.indenter.press(x[i], y[j], depth[h])
+    board.world = SensorWorld(network, lambda: exact)
+    for place, expected in pressed.items():
+        board.indenter.press(*place)
         delta = (untouched / frequencies(board)) ** 2 - 1
-        assert np.abs(delta - expected.delta.values[h, j, i]).max() < 2.01 * STEP / 1.77e6
+        assert np.abs(delta - expected.delta.values).max() < 2.01 * STEP / 1.77e6
     board.indenter.lift()
     assert np.array_equal(frequencies(board), untouched)
 
 
-def test_between_the_positions_of_the_table_it_is_as_wrong_as_stated(network, table):
-    random = np.random.default_rng(2)
-    x, y = (np.sort(random.uniform(axis[1], axis[-2], n)) for axis, n in ((X, 8), (Y, 5)))
-    depths = [0.3e-3, 1.0e-3]
-    known = {"network": network, "inductance": lambda: network.inductance}
-    expected = response_map(PAPER, depths=depths, x=x, y=y, **known)
-    L = expected.inductance.values.max()
+def test_between_the_positions_of_the_table_it_is_as_wrong_as_stated(table, mapped):
+    L = mapped.inductance.values.max()
+    x, y, depths = mapped.x.values, mapped.y.values, mapped.depth.values
     got = np.array([[[table.at(Place(a, b, h)) for a in x] for b in y] for h in depths])
-    error = np.abs(got - expected.inductance_change.values) / L
+    error = np.abs(got - mapped.inductance_change.values) / L
     # 2e-7 come from the solver itself, which takes other positions. Stated for 1 mm, where L changes by 8e-4: 2e-7
     # (root of the mean square of the diagonal) and 4e-6
     assert np.sqrt(np.mean(np.diagonal(error[1], axis1=-2, axis2=-1) ** 2)) < 2.5e-7
     assert error[1].max() < 4e-6
     assert error[0].max() < 1.5e-6
-    assert np.abs(expected.inductance_change.values[1]).max() / L > 5e-4
+    assert np.abs(mapped.inductance_change.values[1]).max() / L > 5e-4
 
 
 def test_the_table_is_exact_for_what_its_splines_can_be():

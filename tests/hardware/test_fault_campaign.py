@@ -479,7 +479,7 @@ def by_another_program(bench, settings, *, start=False):
 def test_another_program(bench):
     for number, call in interrupted(bench, "other program", streams=ALTERNATING):
         by_another_program(bench, REVERSED, start=bool(number % 2))
-        assert meets(BoardRestarted, call, GAP * (number % 2) + COMMAND, "" if number % 2 else "measures with the sett")
+        assert meets(BoardRestarted, call, GAP * (number % 2) + COMMAND, None if number % 2 else "with the settings")
         bench.reader.configure(SETTINGS)
 
 
