@@ -454,10 +454,7 @@ def test_the_watchdog_comes_after_its_time_and_again():
         chip.wait(2e-6)
         assert chip.read(0x18) & 0x0840 == 0x0840
         chip.wait(WATCHDOG - 2e-6)
-
-
-def test_no_watchdog_while_channels_take_turns():
-    chip = Chip(sensors={0: None, 1: GOOD})
+    chip = Chip(sensors={0: None, 1: GOOD})  # no watchdog while channels take turns
     chip.wake(MUX=0x820C, RCOUNT0=0xFFFF, **channels(1))
     chip.wait(1.0)
     assert chip.read(0x18) & 0x0800 == 0

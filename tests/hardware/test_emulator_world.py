@@ -14,7 +14,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from support.broken_drivers import RightDriver
-from support.quick_coils import plain_board
 
 from coilarray import load_design
 from coilarray.circuit.impedance import scan_design
@@ -293,6 +292,8 @@ def test_warm_copper_lowers_the_frequency():
         omega = math.sqrt(1 / (50e-6 * 120e-12) - (r / 50e-6) ** 2)
         assert tank.frequency == pytest.approx(omega / (2 * math.pi), rel=1e-11)
         assert tank.parallel_resistance == pytest.approx(50e-6 / (r * 120e-12), rel=1e-6)
+    damped = replace(alone, resistance=lambda frequency: np.array([[1e5]]))
+    assert SensorWorld(damped, lambda: None).resonator(FIRST, LIFTED, 25.0) is None  # it cannot oscillate
 
 
 def test_a_capacitor_that_drifts_looks_like_inductance(make, network):
@@ -332,13 +333,6 @@ def test_two_coils_in_series_and_in_parallel_store_what_their_matrix_says(networ
         quality = tank.quality_factor
         found = (1 - 1 / quality**2) / ((2 * math.pi * tank.frequency) ** 2 * 120e-12)
         assert found == pytest.approx(expected, rel=1e-3)  # of two coils with different losses
-
-
-def test_what_cannot_oscillate_is_nothing():
-    L, C = np.array([[50e-6]]), np.zeros((1, 1))
-    damped = Network(("coil1",), L, lambda frequency: np.array([[1e5]]), C[0], C, Switches())
-    world = SensorWorld(damped, lambda: None)
-    assert world.resonator(FIRST, LIFTED, 25.0) is None
 
 
 def test_an_open_short_or_grounded_converter_has_no_tank_and_only_the_first_channel_is_wired(make):
@@ -394,10 +388,3 @@ def test_a_whole_board_from_a_design(folder, monkeypatch):
     board.switches.shift(WIRING.words(paper_plan(WIRING.coils)[1]))
     assert (untouched / board.true_tank().frequency) ** 2 - 1 > 5e-4
     assert made == [PAPER]
-
-
-def test_a_plain_board_has_the_inductances_it_is_given():
-    board = plain_board(WIRING, {**dict.fromkeys(WIRING.coils, 50e-6), "coil2": 60e-6}, resistance=0.0)
-    for state, L in zip(paper_plan(WIRING.coils)[:2], (50e-6, 60e-6), strict=True):
-        board.switches.shift(WIRING.words(state))
-        assert board.true_tank().frequency == pytest.approx(1 / (2 * math.pi * math.sqrt(L * 120e-12)))

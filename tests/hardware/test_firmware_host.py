@@ -12,8 +12,7 @@ import pytest
 import serial
 from support.emulated_reader import WIRING, at_rest, plain, quick_settings, reader_of
 from support.firmware_chips import StubChain, StubConverter
-from support.firmware_host import Firmware, FirmwareHost, needs_compiler
-from support.firmware_lines import draft, intact, seal
+from support.firmware_host import Firmware, FirmwareHost, draft, intact, needs_compiler, seal
 from support.patience import PATIENCE, until
 
 from coilarray.hardware.emulator import VirtualClock
@@ -31,14 +30,13 @@ class Computer:
     def __init__(self, port, number=0):
         self.port = serial.Serial(port, 115200, timeout=0.05, exclusive=True)
         self.number, self.begun, self.lines = number, b"", []
-        self.strict = True  # every line must be intact
 
     def next_line(self):
         end = time.monotonic() + PATIENCE
         while not self.lines:
             assert time.monotonic() < end, "no line"
             *lines, self.begun = (self.begun + self.port.read(max(1, self.port.in_waiting))).split(b"\n")
-            self.lines += [intact(line) if self.strict else line.decode() for line in lines if line]
+            self.lines += [intact(line) for line in lines if line]
         return self.lines.pop(0)
 
     def ask(self, command):
@@ -95,24 +93,6 @@ def test_stream_through_the_port():
         assert board.clock.now() < 20.0
         assert computer.ask("STOP") == "OK"
         assert at_rest(board)
-
-
-def test_reset_within_a_stream():
-    with hosted() as (board, host, computer):
-        computer.configure()
-        computer.ask("START,00000000")
-        computer.next_line()
-        computer.strict, boot = False, host.boot
-        host.reset()
-        assert host.boot != boot
-        lines = [computer.next_line()]
-        while not lines[-1].startswith("H"):
-            lines.append(computer.next_line())
-        assert all(line.startswith("S") for line in lines[:-1])
-        assert intact(lines[-1].encode()) == f"H{host.boot:08X},{lines[-1][10:18]},0000,u"
-        with host.paused():
-            assert board.chain.words == WIRING.safe_words
-            assert board.chip.asleep
 
 
 def test_hooks_get_whole_lines_out_and_all_bytes_in():

@@ -7,8 +7,7 @@ import shutil
 
 import pytest
 from support.firmware_chips import StubChain, StubConverter
-from support.firmware_host import SKETCH, SUPPORT, compiled, logic_sources, needs_compiler
-from support.firmware_lines import draft, intact, seal
+from support.firmware_host import SKETCH, SUPPORT, compiled, draft, intact, logic_sources, needs_compiler, seal
 from support.firmware_pins import I2cSlave, ShiftRegisters
 
 from coilarray.hardware.emulator import VirtualClock

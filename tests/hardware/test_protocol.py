@@ -282,7 +282,4 @@ def test_scans_from_before_the_stream_and_of_another_number_of_states_do_not_pas
 def test_scans_of_other_settings_end_it(gate):
     with pytest.raises(BoardRestarted, match="measures with the settings 1111, not with D9A4"):
         gate.passes(scan_of(0, configuration=0x1111), 101)
-
-
-def test_counts_add_up():
     assert GateCounts(1, 2, 3, 4, 5) + GateCounts(10, 20, 30, 40, 50) == GateCounts(11, 22, 33, 44, 55)

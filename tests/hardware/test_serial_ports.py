@@ -82,11 +82,7 @@ def test_ports_of_known_boards_come_first(ports):
 def test_the_only_known_board_is_chosen_or_a_serial_number_whatever_the_name(ports, name):
     ports += [entry("/dev/ttyS0"), entry("COM5", 0x1366, "0000123", "J-Link"), entry("COM6", 0x2341, "1234", "Arduino")]
     assert choose_serial_port(name).name == "COM5"
-
-
-def test_a_name_is_taken_as_it_is(ports):
-    ports += [entry("COM5", 0x1366, "123", "J-Link")]
-    assert choose_serial_port("COM5").serial_number == "123"
+    assert choose_serial_port("COM6").serial_number == "1234"  # a name is taken as it is
     assert choose_serial_port("/dev/pts/7").serial_number == ""
 
 

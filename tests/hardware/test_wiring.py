@@ -1,4 +1,4 @@
-"""Wirings: the words of every state, and that no words get through that join what must not be joined.
+"""Words of switches and wirings: those of every state, and that none get through that join what must not be joined.
 
 What words join is worked out here a second time, as a graph: every closed switch is an edge between an end of a coil
 and a net, and what hangs together is one node.
@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from coilarray.design.scan_states import ScanState, paper_plan
 from coilarray.errors import HardwareError, NetworkError
-from coilarray.hardware.chips.adg739 import SWITCHES
+from coilarray.hardware.chips.adg739 import ALL_OPEN, SWITCHES, chain_bytes, switch_word
 from coilarray.hardware.scan import wirings
 from coilarray.hardware.scan.closure import check_switching
 from coilarray.hardware.scan.wiring import (
@@ -34,6 +34,53 @@ SIX, FOUR = load_wiring("six_coils"), load_wiring("six_coils_4")
 BOTH = pytest.mark.parametrize("wiring", [SIX, FOUR], ids=["six", "four"])
 NETS = ("ground", "INA", "INB", "other")
 GROUNDED = {"ground": "ab", "ground one end": "a", "ground other end": "b", "open": ""}
+
+
+@pytest.mark.parametrize(
+    ("closed", "word"),
+    # facts: ground both, measure, measure reversed, float, ground one end
+    [(("S1A", "S1B"), 0x11), (("S2A", "S2B"), 0x22), (("S3A", "S3B"), 0x44), ((), ALL_OPEN), (("S1A",), 0x01),
+     (("S1B",), 0x10), (("S4B",), 0x80)],
+)  # fmt: skip
+def test_words_of_a_switch(closed, word):
+    assert switch_word(closed) == word
+
+
+@pytest.mark.slow
+@given(st.sets(st.sampled_from(SWITCHES)), st.permutations(SWITCHES))
+def test_each_switch_has_its_own_bit(closed, bits):
+    word = switch_word(closed, bits)
+    assert word.bit_count() == len(closed)
+    assert closed == {name for bit, name in enumerate(bits) if word >> bit & 1}
+
+
+@pytest.mark.slow
+@given(st.lists(st.integers(0, 0xFF), min_size=1, max_size=12))
+def test_chain_shifts_like_a_register(words):
+    """A chain of shift registers, bit by bit, most significant first: each device ends with its own word."""
+    held = [0] * len(words)  # the device next to the computer first
+    for byte in chain_bytes(words):
+        for bit in range(7, -1, -1):
+            carried = byte >> bit & 1
+            for k, value in enumerate(held):
+                held[k], carried = (value << 1 & 0xFF) | carried, value >> 7
+    assert held == words
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: switch_word(["S5A"]), "a switch must be one of S1A, .*; got 'S5A'"),
+        (lambda: switch_word([], SWITCHES[:7]), "bits must name each of .* once; got S1A, .*S3B"),
+        (lambda: switch_word([], ()), "got none"),
+        (lambda: switch_word([], ("S1A",) * 8), "bits must name each of S1A"),
+        (lambda: chain_bytes([]), "a chain must have at least one device; got none"),
+        (lambda: chain_bytes([0x11, 300]), "the word of a switch must be 0 to 255; got 300"),
+    ],
+)
+def test_refused_switches(call, message):
+    with pytest.raises(HardwareError, match=message):
+        call()
 
 
 def _two_coils(devices):
@@ -219,9 +266,6 @@ def test_encoding(wiring):
             terminal = None if switch is None else 2 * file["coils"].index(switch["coil"]) + (switch["end"] == "b")
             codes.append(0xFF if switch is None else 4 * terminal + NETS.index(switch["net"]))
     assert list(wiring.encode()) == codes
-
-
-def test_encoding_by_hand():
     # U6 first: end a of coil 6 is 10, its end b is 11
     assert SIX.encode()[:8].hex(" ") == "28 29 2a ff 2c 2e 2d ff"
 

@@ -6,12 +6,14 @@ pseudo-terminal, which pyserial opens as if it were the board.
 
 from __future__ import annotations
 
+import binascii
 import contextlib
 import ctypes
 import fcntl
 import functools
 import itertools
 import os
+import re
 import select
 import shutil
 import struct
@@ -29,6 +31,7 @@ import pytest
 
 from coilarray.hardware.wire.buses import Clock, ComputerClock, RegisterBus, SwitchChain
 from coilarray.hardware.wire.faults import BusFault, BusTimeout
+from coilarray.hardware.wire.protocol.lines import draft_commands
 
 SKETCH = Path(__file__).parents[2] / "hardware" / "firmware" / "coilarray_reader"
 SUPPORT = Path(__file__).parent / "firmware"
@@ -70,6 +73,24 @@ def _library() -> ctypes.CDLL:
     for name in ("board_free", "board_busy"):
         getattr(library, name).argtypes = [ctypes.c_void_p]
     return library
+
+
+def seal(text):
+    """A text with its checksum and line feed."""
+    return b"%b*%04X\n" % (text.encode(), binascii.crc_hqx(text.encode(), 0xFFFF))
+
+
+def intact(line):
+    """The text of a whole line without its line feed, which must be as the protocol has it."""
+    assert 6 <= len(line) <= 512
+    assert re.fullmatch(rb"[\x20-\x7E]*\*[0-9A-F]{4}", line)
+    assert int(line[-4:], 16) == binascii.crc_hqx(line[:-5], 0xFFFF)
+    return line[:-5].decode()
+
+
+def draft(settings):
+    """Commands from BEGIN to COMMIT that tell a board its settings; test_protocol.py holds them against the hash."""
+    return [",".join(command) for command in draft_commands(settings)]
 
 
 _Now = ctypes.CFUNCTYPE(ctypes.c_double)
