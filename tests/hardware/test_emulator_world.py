@@ -100,7 +100,7 @@ def scanned():
     return scan_design(PAPER, elastomer=False)
 
 
-def test_the_tank_of_an_untouched_board_is_that_of_the_scan(network, table, scanned):
+def test_the_tank_and_the_readings_of_an_untouched_board_are_those_of_the_scan(network, table, make, scanned):
     world = SensorWorld(network, lambda: table)
     for state in PAPER.plan:
         tank, expected = world.resonator(state, LIFTED, 25.0), scanned.sel(state=state.name)
@@ -108,9 +108,6 @@ def test_the_tank_of_an_untouched_board_is_that_of_the_scan(network, table, scan
         assert tank.frequency == pytest.approx(float(expected.frequency), rel=1e-12)
         assert tank.parallel_resistance == pytest.approx(float(expected.parallel_resistance), rel=1e-9)
         assert tank.quality_factor == pytest.approx(float(expected.loaded_quality_factor), rel=1e-6)
-
-
-def test_an_untouched_board_reads_what_the_scan_says(make, scanned):
     read = frequencies(make())
     assert np.abs(read - scanned.frequency.values).max() <= 0.5001 * STEP  # rounding to a code
 
@@ -185,9 +182,7 @@ def test_the_whole_table_reaches_over_all_coils_and_the_design_s_own_map():
     assert depth[-1] == pytest.approx(1.7e-3)
     assert (x[0], x[-1]) == (pytest.approx(-26e-3), pytest.approx(53.12e-3 + 11.5e-3 * math.cos(math.pi / 6)))
     assert (y[0], y[-1]) == (pytest.approx(-11.5e-3), pytest.approx(11.5e-3))
-
-
-def test_a_sample_with_edges_is_not_left():
+    # a sample with edges is not left
     bounded = read("gast2020").replace(
         'origin = "coil2" ', 'sample_x_mm = [-30, 30]\nsample_y_mm = [-10, 10]\norigin = "coil2" '
     )
@@ -303,9 +298,6 @@ def test_a_capacitor_that_drifts_looks_like_inductance(make, network):
     share = 120e-12 / (120e-12 + network.winding_capacitance)
     # without what the coils have between them: some pF of 140
     assert (apparent(warm) / apparent(cold) - 1) / 20 == pytest.approx(30e-6 * share, rel=0.04)
-
-
-def test_temperature_over_time():
     drift = Drift(rate=0.01, sway=2.0, period=100.0, start=20.0)
     assert drift.at(0.0) == 20.0
     assert drift.at(25.0) == pytest.approx(20 + 0.25 + 2.0)

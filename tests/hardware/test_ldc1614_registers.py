@@ -36,10 +36,14 @@ FIXED_DRIVE = {"RP_OVERRIDE_EN": 1, "SENSOR_ACTIVATE_SEL": 0, "AUTO_AMP_DIS": 1}
 WRITABLE = [name for name, entry in registers().items() if entry.writable_mask]
 
 
-def test_resets():
+def test_resets_and_what_can_be_written():
     # data sheet, pages 15 to 33
     assert {name: entry.reset for name, entry in registers().items()} == RESETS
     assert (register(0x7E).reset, register(0x7F).reset) == (MANUFACTURER, DEVICE)
+    # what can be written
+    assert set(WRITABLE) == set(RESETS) - {
+        *(f"DATA{k}_{part}" for k in range(4) for part in ("MSB", "LSB")), "STATUS", "MANUFACTURER_ID", "DEVICE_ID",
+    }  # fmt: skip
 
 
 def test_addresses():
@@ -57,12 +61,6 @@ def test_every_bit_once(name):
         assert together & mask == 0
         together |= mask
     assert all(field.reset <= field.largest for field in register(name).fields)
-
-
-def test_what_can_be_written():
-    assert set(WRITABLE) == set(RESETS) - {
-        *(f"DATA{k}_{part}" for k in range(4) for part in ("MSB", "LSB")), "STATUS", "MANUFACTURER_ID", "DEVICE_ID",
-    }  # fmt: skip
 
 
 @pytest.mark.parametrize(

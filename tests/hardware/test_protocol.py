@@ -226,10 +226,7 @@ def test_the_commands_tell_all_that_the_hash_is_of(wiring):
     data, hashed = told(settings)
     assert data == settings.canonical
     assert int(hashed, 16) == crc16(data)
-
-
-def test_every_command_fits_its_line_and_goes_through_the_parser():
-    for number, command in enumerate(draft_commands(scan_settings(load_wiring()))):
+    for number, command in enumerate(draft_commands(settings)):  # each fits its line and goes through the parser
         assert lines_of(command_line(number, *command)) == [",".join((f">{number:02X}", *command))]
 
 

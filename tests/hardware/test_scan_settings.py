@@ -37,6 +37,8 @@ def test_registers_of_the_reference_board():
 
 def test_edges_of_the_ranges():
     assert scan_settings(WIRING, drives=31).states[0].drive == 31
+    drives = {coil: k for k, coil in enumerate(WIRING.coils)}
+    assert [state.drive for state in scan_settings(WIRING, drives=drives).states] == list(range(6))
     assert scan_settings(WIRING, rcount=5).rcount == 5
     assert scan_settings(WIRING, offset=6040).offset == 6040  # 2 MHz is 6040.2 steps of 21.7 MHz/2¹⁶
     many = [ScanState(str(k), (("coil1", 1),)) for k in range(255)]
@@ -181,11 +183,6 @@ def test_refused(given, message):
     with pytest.raises(HardwareError, match=message) as raised:
         scan_settings(WIRING, **given)
     assert "\n" not in str(raised.value)
-
-
-def test_drives():
-    drives = {coil: k for k, coil in enumerate(WIRING.coils)}
-    assert [state.drive for state in scan_settings(WIRING, drives=drives).states] == list(range(6))
 
 
 def test_canonical_bytes():
