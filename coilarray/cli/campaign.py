@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from coilarray.cli.board_options import EMULATOR, BoardOptions, board_command, marked, opened_board
-from coilarray.cli.measure import RUN, print_result, recorded_session
+from coilarray.cli.measure import RUN, print_recording, recorded_session
 from coilarray.cli.scan_info import FORMATS, write_response
 from coilarray.cli.shared import (
     AllowViolations,
@@ -20,7 +20,7 @@ from coilarray.cli.shared import (
     check_file,
     lengths,
     open_design,
-    print_json,
+    print_result,
     progress_bar,
 )
 from coilarray.errors import HardwareError, OutputError
@@ -136,7 +136,7 @@ def campaign(
             _run(grid, board, moving, recorder, progress)
             after = _tested(board, settings, "after", ignore=True)
             recorder.add_self_test(after.symptoms, after.findings)
-    summary = print_result(out, as_json=as_json)
+    summary = print_recording(out, as_json=as_json)
     if response is not None:
         with open_recording(out) as recording:
             wrote = write_response(recording, response)
@@ -145,11 +145,9 @@ def campaign(
 
 
 def _print_plan(grid: Campaign, *, as_json: bool) -> None:
-    if as_json:
-        print_json({**grid.to_record(), "least_seconds": grid.seconds})
-        return
     counts = f"{len(grid.x)} × {len(grid.y)} positions, {len(grid.depths)} depths, {grid.repeats} repeats"
-    typer.echo(f"{counts}: {grid.size} indentations, at least {grid.seconds / 60:.1f} min without scans and travel")
+    line = f"{counts}: {grid.size} indentations, at least {grid.seconds / 60:.1f} min without scans and travel"
+    print_result({**grid.to_record(), "least_seconds": grid.seconds}, as_json=as_json, lines=[line])
 
 
 def _tested(board: Board, settings: ScanSettings, when: str, *, ignore: bool) -> SelfTest:

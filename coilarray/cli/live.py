@@ -12,7 +12,7 @@ from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, replace
 from itertools import zip_longest
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from coilarray.design.model import Design, Indentation
     from coilarray.hardware.board.connect import Board
     from coilarray.hardware.record.live_tracking import LiveReading, LiveState, LiveTracker
-    from coilarray.hardware.record.recording import RecordedScan
-    from coilarray.hardware.scan.reader import RawScan
     from coilarray.hardware.scan.readings import ScanReading
     from coilarray.localize.forward import ForwardModel
     from coilarray.localize.inverse import Mode
@@ -179,7 +177,7 @@ def _stream(options: BoardOptions, design: Design, *, quiet: bool) -> Iterator[_
             typer.echo(marked(board.line, emulated=board.emulated))
 
         capacitance = design.circuit.switches.tank_capacitance
-        scans = opened.enter_context(closing(cast("Generator[RawScan]", board.reader.scans())))
+        scans = opened.enter_context(closing(board.reader.scans()))
         yield _Source(((read_scan(scan, settings, capacitance), True) for scan in scans), board.emulated, begin)
 
 
@@ -210,15 +208,14 @@ def _held_back(options: BoardOptions) -> list[str]:
 @contextmanager
 def _replay(path: Path, design: str | None, speed: float) -> Iterator[tuple[Design, _Source]]:
     """Yield the design of a recording, and its readings in the recorded order and time."""
-    from coilarray.design.model import build_design
     from coilarray.hardware.record.recording import open_recording
     from coilarray.hardware.scan.readings import read_scan
 
     with open_recording(path) as recording:
 
-        def readings() -> Iterator[tuple[ScanReading, bool]]:
+        def readings() -> Generator[tuple[ScanReading, bool]]:
             session, when = -1, 0.0
-            with closing(cast("Generator[RecordedScan]", recording.scans())) as scans:
+            with closing(recording.scans()) as scans:
                 for one in scans:
                     if one.session == session and speed > 0:
                         time.sleep(min(max((one.scan.time - when) / speed, 0.0), _LONGEST_GAP))
@@ -226,11 +223,8 @@ def _replay(path: Path, design: str | None, speed: float) -> Iterator[tuple[Desi
                     own = recording.sessions[session]
                     yield read_scan(one.scan, own.settings, own.capacitances), not (one.depth or 0.0) > 0
 
-        with closing(cast("Generator[tuple[ScanReading, bool]]", readings())) as replayed:
-            if design is None:
-                opened = build_design(recording.sessions[0].design_document, str(path))
-            else:
-                opened = open_design(design, allow_violations=True)
+        with closing(readings()) as replayed:
+            opened = recording.design if design is None else open_design(design, allow_violations=True)
             yield opened, _Source(replayed, recording.emulated)
 
 

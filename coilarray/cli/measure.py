@@ -9,15 +9,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from coilarray.cli.board_options import BoardOptions, board_command, marked, opened_board
-from coilarray.cli.scan_info import print_summary, reading_cells
+from coilarray.cli.board_options import BoardOptions, board_command, marked, opened_board, print_marked
+from coilarray.cli.scan_info import reading_cells, summary_lines
 from coilarray.cli.shared import (
     AllowViolations,
     AsJson,
     DesignArgument,
     check_file,
     open_design,
-    print_json,
     progress_bar,
     table_text,
 )
@@ -105,7 +104,7 @@ def measure(
         recorded_session(recorder, board, settings, opened, quiet=as_json),
     ):
         _stream(board, recorder, scans, seconds, progress)
-    summary = print_result(path, as_json=as_json)
+    summary = print_recording(path, as_json=as_json)
     if not as_json and options.rate is not None and summary.rate is not None and summary.rate < _MET * options.rate:
         text = f"the board reached {summary.rate:.4g} scans/s; --rate asked for {options.rate:g}"
         typer.echo(marked(text, emulated=summary.emulated))
@@ -129,17 +128,14 @@ def recorded_session(
         raise
 
 
-def print_result(path: Path, *, as_json: bool) -> RecordingSummary:
+def print_recording(path: Path, *, as_json: bool) -> RecordingSummary:
     """Print what is in a recording, and return it."""
     from coilarray.hardware.record.recording import open_recording
     from coilarray.hardware.record.recording_summary import summarize_recording
 
     with open_recording(path) as recording:
         summary = summarize_recording(recording)
-    if as_json:
-        print_json(summary.to_record())
-    else:
-        print_summary(summary)
+    print_marked(summary.to_record(), summary_lines(summary), as_json=as_json, emulated=summary.emulated)
     return summary
 
 
@@ -158,25 +154,23 @@ def _single(options: BoardOptions, design: Design, out: Path | None, *, as_json:
             recorder.add(raw, "single")
         scan = read_scan(raw, settings, design.circuit.switches.tank_capacitance)
         line, emulated = board.line, board.emulated
-    if as_json:
-        states = [
-            {
-                "state": state.name,
-                "frequency_Hz": state.frequency,
-                "inductance_H": state.inductance,
-                "verdict": state.verdict,
-                "reasons": [str(reason) for reason in state.reasons],
-            }
-            for state in scan.states
-        ]
-        print_json({"emulated": emulated, "board": line, "time_s": scan.time, "states": states})
-        return
+    states = [
+        {
+            "state": state.name,
+            "frequency_Hz": state.frequency,
+            "inductance_H": state.inductance,
+            "verdict": state.verdict,
+            "reasons": [str(reason) for reason in state.reasons],
+        }
+        for state in scan.states
+    ]
     rows = [
         (state.name, *reading_cells(state.frequency, state.inductance), state.verdict, ", ".join(state.reasons))
         for state in scan.states
     ]
     table = table_text(("state", "f in MHz", "L in µH", "verdict", "why"), rows)
-    typer.echo(marked(f"{line}\n{table}", emulated=emulated))
+    data = {"emulated": emulated, "board": line, "time_s": scan.time, "states": states}
+    print_marked(data, [line, table], as_json=as_json, emulated=emulated)
 
 
 def _stream(board: Board, recorder: Recorder, scans: int | None, seconds: float | None, progress: Progress) -> None:
