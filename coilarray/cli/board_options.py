@@ -50,17 +50,14 @@ class BoardOptions:
     port: Annotated[
         str,
         typer.Option(
-            "--port",
             help="Board: /dev/ttyACM0, COM5 or usb:SERIALNUMBER (microcontroller), i2c:1[:0x2A][,spi:0.0] (Linux), "
-            "ftdi://...; the emulator by default. /dev/ttyACM0?baud=any tries every rate.",
+            "ftdi://...; the emulator by default. /dev/ttyACM0?baud=any tries every rate."
         ),
     ] = EMULATOR
     wiring: WiringName = None
     rate: Annotated[
         float | None,
-        typer.Option(
-            "--rate", help="Scans per second, estimated with the I²C clock of the port; full resolution by default."
-        ),
+        typer.Option(help="Scans per second, estimated with the I²C clock of the port; full resolution by default."),
     ] = None
     clock_MHz: Annotated[  # noqa: N815 - as the option
         float | None,
@@ -72,8 +69,7 @@ class BoardOptions:
     drive: Annotated[
         list[str] | None,
         typer.Option(
-            "--drive",
-            help="IDRIVE, 0 to 31, of all coils, or as COIL=CODE; may be repeated. From the design by default.",
+            help="IDRIVE, 0 to 31, of all coils, or as COIL=CODE; may be repeated. From the design by default."
         ),
     ] = None
     coils: Annotated[
@@ -83,10 +79,9 @@ class BoardOptions:
     emulate: Annotated[
         list[str] | None,
         typer.Option(
-            "--emulate",
             help="Behaviour of the emulator; may be repeated: seed=1, noise=1e-7 (relative, of a frequency), "
             "drift=0.01 (K/s), press=X,Y,DEPTH (mm; in live after the baseline), path=FILE.csv (columns time_s, x_mm, "
-            "y_mm, depth_mm).",
+            "y_mm, depth_mm)."
         ),
     ] = None
     emulation: dict[str, Any] = field(init=False)

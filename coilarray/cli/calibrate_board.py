@@ -32,7 +32,7 @@ def calibrate_board(
         ),
     ] = None,
     inductance_error: Annotated[
-        float, typer.Option("--inductance-error", help="Relative standard error of the known inductance, as 0.01.")
+        float, typer.Option(help="Relative standard error of the known inductance, as 0.01.")
     ] = 0.0,
     simulated: Annotated[
         bool,
@@ -50,13 +50,10 @@ def calibrate_board(
         ),
     ] = None,
     frequency_error: Annotated[
-        float, typer.Option("--frequency-error", help="Relative standard error of the known frequency, as 1e-6.")
+        float, typer.Option(help="Relative standard error of the known frequency, as 1e-6.")
     ] = 0.0,
     drift_order: Annotated[
-        int | None,
-        typer.Option(
-            "--drift-order", help="Order of the polynomial of the drift, 1 to 3; by default the lowest that fits."
-        ),
+        int | None, typer.Option(help="Order of the polynomial of the drift, 1 to 3; by default the lowest that fits.")
     ] = None,
     out: Annotated[Path, typer.Option("--out", "-o", help="File to write: .toml.")] = Path("board.toml"),
     as_json: AsJson = False,

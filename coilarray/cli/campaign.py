@@ -47,34 +47,27 @@ def campaign(
     resume: Annotated[bool, typer.Option("--resume", help="Continue the recording where the file exists.")] = False,
     x_mm: Annotated[
         str | None,
-        typer.Option(
-            "--x-mm", help="Positions from the map's origin, as 0,5 or START:STOP:COUNT; the design's by default."
-        ),
+        typer.Option(help="Positions from the map's origin, as 0,5 or START:STOP:COUNT; the design's by default."),
     ] = None,
-    y_mm: Annotated[str | None, typer.Option("--y-mm", help="The same along y.")] = None,
-    depth_mm: Annotated[str | None, typer.Option("--depth-mm", help="Depths of the indentation, likewise.")] = None,
-    repeats: Annotated[int, typer.Option("--repeats", help="Number of passes over the whole grid.")] = 1,
-    average: Annotated[int, typer.Option("--average", help="Number of scans at every baseline and every peak.")] = 1,
-    dwell_s: Annotated[float, typer.Option("--dwell-s", help="Time at full depth before the peak is measured.")] = 0.5,
-    speed_mm_s: Annotated[float, typer.Option("--speed-mm-s", help="Speed of indenting and lifting.")] = 1.5,
+    y_mm: Annotated[str | None, typer.Option(help="The same along y.")] = None,
+    depth_mm: Annotated[str | None, typer.Option(help="Depths of the indentation, likewise.")] = None,
+    repeats: Annotated[int, typer.Option(help="Number of passes over the whole grid.")] = 1,
+    average: Annotated[int, typer.Option(help="Number of scans at every baseline and every peak.")] = 1,
+    dwell_s: Annotated[float, typer.Option(help="Time at full depth before the peak is measured.")] = 0.5,
+    speed_mm_s: Annotated[float, typer.Option(help="Speed of indenting and lifting.")] = 1.5,
     stage: Annotated[
         str | None,
         typer.Option(
-            "--stage",
             help="What moves the indenter: person, who is asked (by default, with a real board); grbl:PORT or "
-            "marlin:PORT, homed, x and y of the map, z = 0 where the indenter touches.",
+            "marlin:PORT, homed, x and y of the map, z = 0 where the indenter touches."
         ),
     ] = None,
     reach_mm: Annotated[
-        str | None,
-        typer.Option("--reach-mm", metavar="XMIN,XMAX,YMIN,YMAX,DEPTH", help="Where a G-code stage may go."),
+        str | None, typer.Option(metavar="XMIN,XMAX,YMIN,YMAX,DEPTH", help="Where a G-code stage may go.")
     ] = None,
     clearance_mm: Annotated[
         float | None,
-        typer.Option(
-            "--clearance-mm",
-            help="Height at which a G-code stage travels and baselines are measured; 2 by default.",
-        ),
+        typer.Option(help="Height at which a G-code stage travels and baselines are measured; 2 by default."),
     ] = None,
     ignore_self_test: Annotated[
         bool, typer.Option("--ignore-self-test", help="Continue although the self-test has failed.")
@@ -83,8 +76,7 @@ def campaign(
         bool, typer.Option("--plan", help="Print the grid and how long it takes; measure nothing.")
     ] = False,
     response: Annotated[
-        Path | None,
-        typer.Option("--response", help="File for the measured response (.nc or .csv), as of coilarray scan-info."),
+        Path | None, typer.Option(help="File for the measured response (.nc or .csv), as of coilarray scan-info.")
     ] = None,
     *,
     options: BoardOptions,

@@ -64,14 +64,11 @@ def live(
         ),
     ] = None,
     recording: Annotated[
-        Path | None, typer.Option("--recording", help="Replay a recording (.sqlite) instead of reading a board.")
+        Path | None, typer.Option(help="Replay a recording (.sqlite) instead of reading a board.")
     ] = None,
-    speed: Annotated[
-        float, typer.Option("--speed", help="Speed of a replay: 1 as it was recorded, 0 without any waiting.")
-    ] = 1.0,
+    speed: Annotated[float, typer.Option(help="Speed of a replay: 1 as it was recorded, 0 without any waiting.")] = 1.0,
     table: Annotated[
-        Path | None,
-        typer.Option("--table", help="Where the table for positions is kept (.nc); in the user's cache by default."),
+        Path | None, typer.Option(help="Where the table for positions is kept (.nc); in the user's cache by default.")
     ] = None,
     locate: Annotated[bool, typer.Option("--locate/--no-locate", help="Also find where the indentation is.")] = True,
     baseline: Annotated[
@@ -79,11 +76,9 @@ def live(
         typer.Option("--baseline-scans", help="Number of first scans, without an indentation, from which δ counts."),
     ] = 10,
     noise: Annotated[
-        float, typer.Option("--noise", help="Standard deviation of δ of the table; that of the readings is added.")
+        float, typer.Option(help="Standard deviation of δ of the table; that of the readings is added.")
     ] = 1e-5,
-    scans: Annotated[
-        int | None, typer.Option("--scans", help="Number of scans after which to end; never by default.")
-    ] = None,
+    scans: Annotated[int | None, typer.Option(help="Number of scans after which to end; never by default.")] = None,
     *,
     options: BoardOptions,
     as_json: Annotated[bool, typer.Option("--json", help="One line of JSON in SI units for each scan.")] = False,

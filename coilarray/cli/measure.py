@@ -44,11 +44,10 @@ def measure(
         typer.Option("--out", "-o", help="Recording to write (SQLite); run.sqlite by default, none with --single."),
     ] = None,
     scans: Annotated[
-        int | None,
-        typer.Option("--scans", help="Number of scans, including those that --resume finds; 100 by default."),
+        int | None, typer.Option(help="Number of scans, including those that --resume finds; 100 by default.")
     ] = None,
     seconds: Annotated[
-        float | None, typer.Option("--seconds", help="Duration instead of a number of scans, by the board's clock.")
+        float | None, typer.Option(help="Duration instead of a number of scans, by the board's clock.")
     ] = None,
     single: Annotated[
         bool, typer.Option("--single", help="Print one scan; write a file only where --out names one.")
@@ -117,7 +116,7 @@ def recorded_session(
     """Record a session of a board; where the block fails, say how many scans are kept."""
     from coilarray.hardware.record.recorder import begin_session
 
-    recorder.start(begin_session(board.identity, board.port, settings, board.wiring.name, design), plan)
+    recorder.start(begin_session(board, settings, design), plan)
     if not quiet:
         typer.echo(marked(board.line, emulated=board.emulated))
     try:
@@ -150,7 +149,7 @@ def _single(options: BoardOptions, design: Design, out: Path | None, *, as_json:
     ):
         raw = board.reader.scan()
         if recorder is not None:
-            recorder.start(begin_session(board.identity, board.port, settings, board.wiring.name, design))
+            recorder.start(begin_session(board, settings, design))
             recorder.add(raw, "single")
         scan = read_scan(raw, settings, design.circuit.switches.tank_capacitance)
         line, emulated = board.line, board.emulated

@@ -24,22 +24,19 @@ FORMATS = ("nc", "csv")
 
 def scan_info(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Recording of coilarray measure or campaign.")],
-    to: Annotated[str | None, typer.Option("--to", help="Format to convert to: nc (netCDF) or csv.")] = None,
+    to: Annotated[str | None, typer.Option(help="Format to convert to: nc (netCDF) or csv.")] = None,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="File to write; RUN with the ending .nc or .csv by default.")
     ] = None,
     series: Annotated[
         bool, typer.Option("--series", help="Convert to a time series of all scans, also for a campaign.")
     ] = False,
-    baseline: Annotated[
-        int, typer.Option("--baseline", help="Number of first scans from which δ of a time series counts.")
-    ] = 10,
+    baseline: Annotated[int, typer.Option(help="Number of first scans from which δ of a time series counts.")] = 10,
     partial: Annotated[
         bool, typer.Option("--partial", help="Convert an unfinished campaign; missing positions are NaN.")
     ] = False,
     calibration: Annotated[
-        Path | None,
-        typer.Option("--calibration", help="Constants of the board, from coilarray calibrate-board, for a response."),
+        Path | None, typer.Option(help="Constants of the board, from coilarray calibrate-board, for a response.")
     ] = None,
     as_json: AsJson = False,
 ) -> None:

@@ -22,9 +22,10 @@ from coilarray.compute.threads import Progress
 from coilarray.design.model import Design
 from coilarray.design.write import design_document
 from coilarray.errors import HardwareError, OutputError
+from coilarray.hardware.board.connect import Board
 from coilarray.hardware.record.recording import GridPlace, RecordedSession, Recording
 from coilarray.hardware.record.recording_file import create_tables, is_blank, reading, require_recording
-from coilarray.hardware.scan.reader import Identity, RawScan, Reader
+from coilarray.hardware.scan.reader import RawScan, Reader
 from coilarray.hardware.scan.settings import ScanSettings
 from coilarray.hardware.wire.faults import BoardRestarted
 from coilarray.hardware.wire.signals import held_signals
@@ -182,17 +183,15 @@ class Recorder:
         return result
 
 
-def begin_session(
-    identity: Identity, port: str, settings: ScanSettings, wiring: str, design: Design
-) -> RecordedSession:
-    """Return a session that begins now, with the identity that the board has once it is configured."""
+def begin_session(board: Board, settings: ScanSettings, design: Design) -> RecordedSession:
+    """Return a session that begins now, of a board that has been configured."""
     capacitance = design.circuit.switches.tank_capacitance
     return RecordedSession(
         started=time.time(),
-        identity=identity,
-        port=port,
+        identity=board.identity,
+        port=board.port,
         settings=settings,
-        wiring=wiring,
+        wiring=board.wiring.name,
         capacitances={state.name: capacitance for state in settings.states},
         design=design.name,
         design_hash=design.digest,
