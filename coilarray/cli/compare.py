@@ -124,7 +124,6 @@ def _response(
 
 
 def _recorded(path: Path, calibration: Path | None) -> _Source:
-    from coilarray.design.model import build_design
     from coilarray.hardware.record.calibration_file import load_calibration
     from coilarray.hardware.record.channel_calibration import calibrated_response
     from coilarray.hardware.record.recorded_response import recorded_response
@@ -137,7 +136,7 @@ def _recorded(path: Path, calibration: Path | None) -> _Source:
             response = recorded_response(recording, partial=True)
         else:
             response = calibrated_response(recording, known, partial=True)
-        design = build_design(recording.sessions[0].design_document, str(path))
+        design = recording.design
     return response, map_outlines(design, response)
 
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 import webbrowser
-from collections.abc import Callable, Generator
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from threading import Thread
-from typing import TYPE_CHECKING, Annotated, cast
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from coilarray.compute.threads import Progress
     from coilarray.design.model import Indentation
     from coilarray.hardware.record.live_tracking import LiveReading
-    from coilarray.hardware.scan.reader import RawScan
     from coilarray.viz.studio.services import BoardFrame, BoardRequest, Document
 
 _LONGEST = 86_400.0  # s
@@ -145,7 +144,7 @@ def watch_board(request: BoardRequest, send: Callable[[BoardFrame], None], stopp
             model = forward_model(kept_response(request.document, request.name, wait))
         tracker, going = LiveTracker(model), False
         capacitance = design.circuit.switches.tank_capacitance
-        with closing(cast("Generator[RawScan]", board.reader.scans())) as scans:
+        with closing(board.reader.scans()) as scans:
             for scan in scans:
                 if stopped():
                     return

@@ -5,7 +5,7 @@ The board may be a microcontroller, chips on the buses of this computer, or an e
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Protocol
@@ -92,8 +92,8 @@ class Reader(Protocol):
     def scan(self) -> RawScan:
         """Measure every state once."""
 
-    def scans(self, interval: float = 0.0) -> Iterator[RawScan]:
-        """Scan until the iterator is closed, once every `interval` in s, or as fast as possible for 0."""
+    def scans(self, interval: float = 0.0) -> Generator[RawScan]:
+        """Scan until the generator is closed, once every `interval` in s, or as fast as possible for 0."""
 
     def peek(self, address: int) -> int:
         """Read a register of the converter, which must not be scanning."""
