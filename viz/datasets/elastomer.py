@@ -46,13 +46,9 @@ def sheet_meshes(
 
 
 def indenter_outline(indenter: Indenter, height: float) -> tuple[FloatArray, FloatArray]:
-    """Return the outline of an indenter from its tip up to a height in m above it, as seen from the side.
+    """Return radius (or half the width) and height above the tip in m of an indenter, from its tip up to `height`.
 
-    Returns
-    -------
-    r, z : ndarray, shape (n,)
-        Radius, or half the width, and height above the tip in m; the first point is the tip. Above its own shape an
-        indenter continues as a rod.
+    The first of the n points is the tip; above its own shape an indenter continues as a rod.
 
     Examples
     --------

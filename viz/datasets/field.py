@@ -28,26 +28,14 @@ _LINE_STEP = 0.25  # distance between points of a line, in cells
 
 
 def require_memory(points: int, what: str) -> None:
-    """Refuse a field that would need more than `MOST_MEMORY`.
-
-    Parameters
-    ----------
-    points : int
-        Number of points of the grid.
-    what : str
-        Option or argument that determines it, with its value.
-
-    Raises
-    ------
-    GeometryError
-        If there are too many points, with the memory that they need.
+    """Refuse a field of `points`, determined by `what` with its value, that would need more than `MOST_MEMORY`.
 
     Examples
     --------
     >>> require_memory(10**9, "spacing 0.05 mm")
     Traceback (most recent call last):
     coilarray.errors.GeometryError: spacing 0.05 mm gives 1e+09 points, about 220 GB of memory; at most 1 GB is \
-allowed: widen the spacing.
+    allowed: widen the spacing.
     """
     needed = points * _BYTES_A_POINT
     if needed > MOST_MEMORY:

@@ -36,18 +36,10 @@ _COPPER = "copper "
 
 @dataclass(frozen=True, eq=False)
 class CoilColours:
-    """One value per coil, shown as the colour of its copper.
+    """One value per coil, shown as the colour of its copper."""
 
-    Parameters
-    ----------
-    values : ndarray, shape (coils,)
-        Values of the coils; NaN for a coil without one.
-    scale : Scale
-        Scale of the colours; its `array` is the name of the values in the meshes.
-    """
-
-    values: FloatArray
-    scale: Scale
+    values: FloatArray  # shape (coils,); NaN for a coil without one
+    scale: Scale  # its `array` is the name of the values in the meshes
 
 
 def board_scene(
@@ -89,30 +81,11 @@ def scene_of_board(
     box: Box | None = None,
     name_heights: npt.ArrayLike = 0.0,
 ) -> Scene:
-    """Return laminate, copper, barrels, names of the coils and rulers.
+    """Return laminate, copper with one group per layer, barrels, names of the coils and rulers.
 
-    Parameters
-    ----------
-    array : CoilArray
-        Board that is drawn.
-    layers : sequence of str, optional
-        Names of the copper layers that are shown; all by default.
-    colours : CoilColours, optional
-        Colours of the coils in place of those of the layers.
-    box : tuple of float, optional
-        x_min, y_min, x_max, y_max in m of the part that is shown, without rulers, barrels and names.
-    name_heights : array_like, shape (coils,) or scalar
-        Heights of the coils' names in m, above what covers the coils.
-
-    Returns
-    -------
-    Scene
-        Parts with one group for each copper layer.
-
-    Raises
-    ------
-    GeometryError
-        If the board has no such layer.
+    `layers` are the copper layers that are shown, all by default; `colours` of the coils replace those of the layers. A
+    `box` x_min, y_min, x_max, y_max in m shows that part, without rulers, barrels and names. `name_heights` in m, one
+    or one for each coil, lift the names above what covers the coils. GeometryError for a layer that the board lacks.
     """
     parts = solids(array)
     copper = copper_parts(array, layers, colours, box, parts)

@@ -35,20 +35,12 @@ def direction(side: Side) -> Direction:
 
 @dataclass(frozen=True)
 class Camera:
-    """A camera without perspective.
+    """A camera without perspective."""
 
-    Parameters
-    ----------
-    position, focus, up : tuple of float
-        Place of the camera and a point in its centre, both in mm, and the upward direction.
-    scale : float
-        Half the visible height in mm.
-    """
-
-    position: tuple[float, float, float]
-    focus: tuple[float, float, float]
+    position: tuple[float, float, float]  # mm
+    focus: tuple[float, float, float]  # mm, point in the centre of its picture
     up: tuple[float, float, float]
-    scale: float
+    scale: float  # half the visible height in mm
 
 
 def aim(
@@ -61,16 +53,8 @@ def aim(
 ) -> Camera:
     """Aim at the middle of a box so that all of it is seen.
 
-    Parameters
-    ----------
-    bounds : tuple of float
-        x_min, x_max, y_min, y_max, z_min, z_max in mm.
-    size : tuple of int
-        Width and height of the picture.
-    towards : Direction
-        Direction to the camera.
-    left, right, bottom : float
-        Shares of the picture's width and height at its edges that stay free, for a legend, colour bars and notes.
+    `bounds` are x_min, x_max, y_min, y_max, z_min, z_max in mm; shares `left`, `right` and `bottom` of the picture's
+    width and height at its edges stay free, for a legend, colour bars and notes.
     """
     sine, cosine = math.sin(towards.elevation), math.cos(towards.elevation)
     out = np.array([cosine * math.cos(towards.azimuth), cosine * math.sin(towards.azimuth), sine])

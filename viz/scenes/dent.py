@@ -87,23 +87,10 @@ def scene_of_dent(
     *,
     opacity: float = 1.0,
 ) -> Scene:
-    """Return the deformed sheets and the indenter, without the board.
+    """Return the deformed sheets and the indenter for one depth of an indentation, without the board.
 
-    Parameters
-    ----------
-    array, sheets, indenter, centre
-        As in `dent_scene`.
-    dent : xarray.Dataset
-        One depth of an indentation.
-    box : tuple of float, optional
-        x_min, y_min, x_max, y_max in m of the part of the sheets that is shown; the whole board by default.
-    opacity : float
-        Opacity of the sheets.
-
-    Raises
-    ------
-    ValueError
-        If the centre is not in the box.
+    Arguments as of `dent_scene`; a `box` x_min, y_min, x_max, y_max in m shows that part of the sheets, by default all
+    over the board. ValueError where the centre is not in it.
     """
     extent = array.bounds if box is None else box
     thickness = float(dent.height[-1])

@@ -72,15 +72,7 @@ def draw(scene: Scene, plotter: pyvista.Plotter, *, side: Side = "oblique", pane
 
 
 def draw_parts(scene: Scene, plotter: pyvista.Plotter, pixel: float | None = None) -> None:
-    """Draw the parts, texts and notes of a scene alone.
-
-    Parameters
-    ----------
-    scene, plotter
-        As in `draw`.
-    pixel : float, optional
-        Pixels per pixel of the reference picture, as `pixel_of` gives them; from the height alone by default.
-    """
+    """Draw the parts, texts and notes of a scene alone; `pixel` as of `pixel_of`, from the height alone by default."""
     view: Any = plotter
     if pixel is None:
         pixel = view.window_size[1] / _HEIGHT

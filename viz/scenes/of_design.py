@@ -60,68 +60,28 @@ _WITHIN: frozenset[Item] = frozenset({"field", "lines", "surfaces", "response", 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """Selection of what is shown of a design, and how it is computed.
+    """Selection of what is shown of a design, and how it is computed; currents colour the copper of the board."""
 
-    Parameters
-    ----------
-    show : tuple of str
-        Items of `ITEMS`. ``"currents"`` colours the copper of the board; ``"dent"`` replaces ``"elastomer"``.
-    layers : tuple of str, optional
-        Names of the copper layers that are shown; all by default.
-    coil : str, optional
-        Measured coil for field, lines, surfaces, currents and response; the middle one by default.
-    others_open : bool
-        True where all other coils are open instead of terminated.
-    current : float
-        Current of the measured coil in A, for the field.
-    spacing : float, optional
-        Distance of the points of B in m; 0.5 mm on planes and 1 mm in a box by default.
-    at : tuple of float, optional
-        x and y of the indenter in m from the map's origin; a place off the middle of the map by default.
-    depth : float, optional
-        Depth of the indentation in m; the deepest of the design by default.
-    response : xarray.Dataset, optional
-        Response that is draped; computed by default.
-    table : xarray.Dataset, optional
-        Response table of `coilarray.localize.forward.table_for`; needed for ``"location"``.
-    reading : mapping of str to float, or sequence of float, optional
-        δ to locate; that of the indenter at `at` by default.
-    noise : float
-        Standard deviation of δ.
-    """
-
-    show: tuple[Item, ...] = ("board", "elastomer")
-    layers: tuple[str, ...] | None = None
-    coil: str | None = None
-    others_open: bool = False
-    current: float = 1e-3
-    spacing: float | None = None
-    at: tuple[float, float] | None = None
-    depth: float | None = None
-    response: xr.Dataset | None = None
-    table: xr.Dataset | None = None
-    reading: Mapping[str, float] | Sequence[float] | None = None
-    noise: float = 1e-5
+    show: tuple[Item, ...] = ("board", "elastomer")  # of `ITEMS`; a dent replaces the elastomer
+    layers: tuple[str, ...] | None = None  # copper; all by default
+    coil: str | None = None  # measured, for field, lines, surfaces, currents and response; the middle one by default
+    others_open: bool = False  # instead of terminated
+    current: float = 1e-3  # A in the measured coil, for the field
+    spacing: float | None = None  # m between points of B; 0.5 mm on planes and 1 mm in a box by default
+    at: tuple[float, float] | None = None  # of the indenter in m from the map's origin; off its middle by default
+    depth: float | None = None  # m; the deepest of the design by default
+    response: xr.Dataset | None = None  # that is draped; computed by default
+    table: xr.Dataset | None = None  # of `coilarray.localize.forward.table_for`; needed for a location
+    reading: Mapping[str, float] | Sequence[float] | None = None  # δ to locate; that at `at` by default
+    noise: float = 1e-5  # standard deviation of δ
 
 
 def scene_of_design(design: Design, view: View | None = None, track: Tracker | None = None) -> Scene:
-    """Compute and put together what a view asks for.
+    """Compute and put together what a view asks for, by default the board with its elastomer lifted off.
 
-    Parameters
-    ----------
-    design : Design
-        Design that is shown.
-    view : View, optional
-        Selection; by default the board with its elastomer lifted off.
-    track : callable, optional
-        Reports the progress of each computation.
-
-    Raises
-    ------
-    GeometryError
-        If there is no such coil or layer, the indenter is off the board, or a field needs too much memory.
-    ElastomerError, LocalizeError
-        If the indentation, map or reading is impossible.
+    `track` gives the progress function of each computation. GeometryError where there is no such coil or layer, the
+    indenter is off the board, or a field needs too much memory; ElastomerError or LocalizeError where the indentation,
+    map or reading is impossible.
     """
     return _Making(design, view or View(), track or (lambda text: None)).scene()
 

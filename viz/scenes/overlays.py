@@ -51,31 +51,15 @@ _OVER, _ABOVE = 1e-3, 0.1e-3  # m of the response above the board, and of the ou
 _SEEN, _CROSS = 0.04, 0.018  # least semi-axis of an ellipse and half length of a cross, over the board's length
 
 
-def scale_of_field(planes: Sequence[pyvista.DataSet], decades: float = _DECADES) -> Scale:
-    """Return one logarithmic scale of |B| for all pictures of a field, up to its largest magnitude.
-
-    Parameters
-    ----------
-    planes : sequence of pyvista.DataSet
-        Meshes with the point array ``"|B| (T)"``.
-    decades : float
-        Range of the scale in powers of ten.
-    """
+def scale_of_field(planes: Sequence[pyvista.DataSet]) -> Scale:
+    """Return one logarithmic scale of |B|, up to its largest magnitude on all the meshes."""
     largest = max((float(np.asarray(plane.point_data[AMOUNT]).max(initial=0.0)) for plane in planes), default=0.0)
     high = largest if largest > 0 else 1.0
-    return Scale(AMOUNT, "magnitude of B", "T", high / 10**decades, high, logarithmic=True)
+    return Scale(AMOUNT, "magnitude of B", "T", high / 10**_DECADES, high, logarithmic=True)
 
 
 def scene_of_slices(slices: Sequence[pyvista.RectilinearGrid], scale: Scale) -> Scene:
-    """Return planes coloured by |B| with arrows along B, empty where |B| is below the scale.
-
-    Parameters
-    ----------
-    slices : sequence of pyvista.RectilinearGrid
-        Planes as `coilarray.viz.flux_density` makes them.
-    scale : Scale
-        Result of `scale_of_field`.
-    """
+    """Return planes of `flux_density` coloured by |B| with arrows along B, empty where |B| is below the scale."""
     parts = []
     for k, plane in enumerate(slices):
         low, high = np.reshape(plane.bounds, (3, 2)).T
@@ -110,11 +94,7 @@ def scene_of_surfaces(grid: pyvista.RectilinearGrid, levels: Sequence[float], sc
 def scene_of_coupling(coupling: xr.Dataset) -> Scene:
     """Return arcs between all pairs of coils, as thick as |k| is large and coloured by k, the strong ones with numbers.
 
-    Parameters
-    ----------
-    coupling : xarray.Dataset
-        Result of `coilarray.circuit.coupling.couple_design`: ``coupling`` (coil, other) and the centres ``x``, ``y`` in
-        m.
+    `coupling` is a result of `coilarray.circuit.coupling.couple_design` with the centres ``x``, ``y`` in m.
     """
     centres = np.column_stack((coupling.x.values, coupling.y.values))
     k = coupling.coupling.values
@@ -141,14 +121,9 @@ def scene_of_coupling(coupling: xr.Dataset) -> Scene:
 
 
 def colours_of_currents(currents: npt.ArrayLike, active: int) -> CoilColours:
-    """Colour the passive coils by the part of their current in phase with that of the measured coil.
+    """Colour the passive coils by the part of their current in phase with that of the measured one, which is orange.
 
-    Parameters
-    ----------
-    currents : array_like of complex, shape (coils,)
-        Currents in A per A of the measured coil.
-    active : int
-        Index of the measured coil; its colour is orange.
+    `currents`, complex of shape (coils,), are in A per A of the measured coil, whose index is `active`.
     """
     values = np.asarray(currents, dtype=np.complex128).real.copy()
     values[active] = np.nan
@@ -172,12 +147,7 @@ def scene_of_response(
 ) -> Scene:
     """Return δ of one state draped over the board, higher where it is larger, with the outlines of the coils on it.
 
-    Parameters
-    ----------
-    response, state, depth, origin
-        As in `coilarray.viz.response_surface`.
-    outlines : sequence of array_like, shape (n, 2)
-        Outlines of the coils on the board in m.
+    Arguments as of `coilarray.viz.draped_outlines`.
     """
     relief = _RELIEF * float(max(np.ptp(response.x.values), np.ptp(response.y.values)))
     surface = response_surface(response, state, depth, origin=origin, height=_OVER, relief=relief)
@@ -199,26 +169,12 @@ def scene_of_location(
     top: float,
     truth: tuple[float, float] | None = None,
 ) -> Scene:
-    """Return pins at the possible positions of an indentation, each with its 95 % ellipse of x and y.
+    """Return pins at the possible positions of an indentation, each with its 95 % ellipse of x and y, and notes.
 
-    Parameters
-    ----------
-    location : Location
-        Result of `coilarray.localize.inverse.locate`.
-    origin : tuple of float
-        Place of the map's origin on the board in m.
-    bounds : tuple of float
-        x_min, y_min, x_max, y_max of the board in m. An ellipse ends at the edge of the board, and is left out where it
-        is longer than the board. One that is too small to be seen is enlarged by the factor that the legend gives.
-    top : float
-        Height of the pins in m.
-    truth : tuple of float, optional
-        Real x and y of the indenter in m from the map's origin, marked by a cross.
-
-    Returns
-    -------
-    Scene
-        With notes that give position, standard deviations and verdict.
+    All lengths are in m: `origin` of the map on the board, `bounds` of the board (x_min, y_min, x_max, y_max), height
+    `top` of the pins, and the real place `truth` from the map's origin, which gets a cross. An ellipse ends at the edge
+    of the board, and is left out where it is longer than that. One too small to be seen is enlarged by the factor that
+    the legend gives. The notes have position, standard deviations and verdict.
     """
     parts: list[Part] = []
     length = max(bounds[2] - bounds[0], bounds[3] - bounds[1])

@@ -59,28 +59,12 @@ _RANGE_OF_ZERO = 10.0  # upper end of a slider whose value is zero
 
 @dataclass(frozen=True)
 class Entry:
-    """One entry with a slider.
+    """One entry with a slider; a typed number may lie beyond its ends."""
 
-    Parameters
-    ----------
-    key : str
-        Dotted key, as for `coilarray.design.vary.vary`.
-    label : str
-        Label without the unit.
-    unit : str
-        Unit of the value; empty for none.
-    group : str
-        Heading above the entry.
-    value : float
-        Value in that unit.
-    low, high, step : float
-        Ends and step of the slider. A typed number may lie beyond the ends.
-    """
-
-    key: str
-    label: str
-    unit: str
-    group: str
+    key: str  # dotted, as for `coilarray.design.vary.vary`
+    label: str  # without the unit
+    unit: str  # of all numbers; empty for none
+    group: str  # heading above the entry
     value: float
     low: float
     high: float

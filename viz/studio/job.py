@@ -33,17 +33,7 @@ class Cancelled(Exception):  # noqa: N818 - it is no error
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """End of a job.
-
-    Parameters
-    ----------
-    kind : {"done", "failed", "cancelled"}
-        Kind of the end.
-    result : object
-        Result of a job that is done.
-    problem : str
-        Reason of a failure in one line.
-    """
+    """End of a job, with the result of one that is done, and the reason of a failure in one line."""
 
     kind: Literal["done", "failed", "cancelled"]
     result: Any = None
@@ -51,20 +41,10 @@ class Outcome:
 
 
 class Job:
-    """A task that runs in a process of its own, which starts at once.
+    """A task with its pickled `item` that runs in a process of its own, which starts at once.
 
-    Parameters
-    ----------
-    task : callable
-        Function to run, see `Task`.
-    item : object
-        Its first argument; pickled.
-    on_message : callable
-        Called with every message of the task, in a thread of the job.
-    on_end : callable
-        Called once with the `Outcome`, in the same thread.
-    patience : float
-        Time in s for it to end by itself after `stop`.
+    In a thread of the job, `on_message` is called with every message of the task, and `on_end` once with the `Outcome`.
+    After `stop` the process has `patience` seconds to end by itself.
     """
 
     def __init__(

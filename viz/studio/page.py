@@ -29,24 +29,12 @@ from coilarray.viz.studio.work import Work
 
 @dataclass(frozen=True)
 class Setup:
-    """Constant values that all pages of a studio share.
-
-    Parameters
-    ----------
-    shelf : Shelf
-        Folder of the designs.
-    services : Services
-        Functions from outside of `coilarray.viz`.
-    threads : Executor
-        Threads in which steps are computed.
-    rendering_problem : str or None
-        Reason why there is no picture in three dimensions.
-    """
+    """Constant values that all pages of a studio share."""
 
     shelf: Shelf
     services: Services
-    threads: Executor
-    rendering_problem: str | None
+    threads: Executor  # in which steps are computed
+    rendering_problem: str | None  # why there is no picture in three dimensions
 
 
 _PARTS = ("bar", "drawer", "scene", "numbers", "switches", "touch", "runs", "board", "dialogs")
@@ -54,15 +42,7 @@ _NO_JOB: Mapping[str, Any] = {"name": "", "text": "", "part": None, "running": F
 
 
 class Page:
-    """One open page.
-
-    Parameters
-    ----------
-    setup : Setup
-        Values of the studio.
-    work : Work
-        First design of the page.
-    """
+    """One open page, which begins with the design `work`."""
 
     def __init__(self, setup: Setup, work: Work) -> None:
         from trame.app import get_server

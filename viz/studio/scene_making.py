@@ -29,21 +29,11 @@ from coilarray.viz.studio.touch import Touched
 
 @dataclass(frozen=True, eq=False)
 class BoardParts:
-    """A board in pieces, which are computed once and can be given other colours.
-
-    Parameters
-    ----------
-    design : Design
-        Design of the board.
-    copper : tuple of Part
-        Copper, one part per layer.
-    rest : Scene
-        Laminate, barrels, names and rulers.
-    """
+    """A board in pieces, which are computed once and can be given other colours."""
 
     design: Design
-    copper: tuple[Part, ...]
-    rest: Scene
+    copper: tuple[Part, ...]  # one part per layer
+    rest: Scene  # laminate, barrels, names and rulers
 
     def coloured(self, colours: CoilColours) -> Scene:
         """Return the board with its copper coloured by values of the coils."""
@@ -56,19 +46,7 @@ def board_parts(design: Design) -> BoardParts:
 
 
 def switched_scene(board: BoardParts, fields: UnitFields, result: StateResult, current: float = 1e-3) -> Scene:
-    """Return the board coloured by the currents of a state, under a plane of their field.
-
-    Parameters
-    ----------
-    board : BoardParts
-        Board of the design.
-    fields : UnitFields
-        Fields of the coils of the same design.
-    result : StateResult
-        Solution of the state.
-    current : float
-        Current of the first measured coil in A.
-    """
+    """Return the board coloured by the currents of a state, under a plane of B for `current` A in its first coil."""
     names = board.design.array.names
     first = names.index(result.state.measured[0][0])
     plane = fields.plane(result.currents.real * current)
@@ -80,17 +58,7 @@ def switched_scene(board: BoardParts, fields: UnitFields, result: StateResult, c
 
 
 def touched_scene(board: BoardParts, dent: xr.Dataset, touch: Touched) -> Scene:
-    """Return the board coloured by δ, the dent in the sheets over it, and the located position.
-
-    Parameters
-    ----------
-    board : BoardParts
-        Board of the design.
-    dent : xarray.Dataset
-        One depth of an indentation of its sheets.
-    touch : Touched
-        Place of the indenter with its readings.
-    """
+    """Return the board coloured by δ, the dent (one depth) in the sheets over it, and the located position."""
     design, setup = board.design, indentation_of(board.design)
     scene = coloured_by_delta(board, touch.delta)
     x, y = touch.at[0] + setup.origin_point[0], touch.at[1] + setup.origin_point[1]

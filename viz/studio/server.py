@@ -68,21 +68,11 @@ document.documentElement.dataset.sessionManagerUrl = "open/" + sessionStorage.st
 
 @dataclass(frozen=True)
 class Address:
-    """Address of the studio.
+    """Address of the studio."""
 
-    Parameters
-    ----------
-    host : str
-        Name or IP address on which it listens.
-    port : int
-        TCP port; 0 takes a free one.
-    token : str
-        Token that every browser must send; empty for none, which is only right for this computer alone.
-    """
-
-    host: str
-    port: int
-    token: str = ""
+    host: str  # name or IP address on which it listens
+    port: int  # 0 takes a free one
+    token: str = ""  # that every browser must send; empty for none, which is right for this computer alone
 
 
 def check_studio() -> None:
@@ -140,24 +130,10 @@ def serve(
     linger: float,
     ready: Callable[[str], None],
 ) -> None:
-    """Serve the studio until it is stopped, or until all pages have been closed for a while.
+    """Serve the studio with `work` as first design on a socket of `bind` until it is stopped.
 
-    Parameters
-    ----------
-    work : Work
-        First design of a new page.
-    shelf : Shelf
-        Folder of the designs.
-    services : Services
-        Functions from outside of `coilarray.viz`.
-    address : Address
-        Address on which it listens.
-    listening : socket
-        Result of `bind`.
-    linger : float
-        Time in s that it goes on after the last page was closed; 0 goes on until it is stopped.
-    ready : callable
-        Called with the URL of the page once it can be opened.
+    It also ends when all pages have been closed for `linger` seconds, unless that is 0. `ready` is called with the URL
+    of the page once it can be opened.
     """
     os.environ.setdefault("TRAME_ARGS", "")  # trame would read our command line as its own
     asyncio.run(_Studio(work, shelf, services, address, linger).run(listening, ready))

@@ -27,21 +27,13 @@ _LEAST = 0.35  # least semi-axis of an ellipse in mm
 
 @dataclass(frozen=True)
 class TopView:
-    """Coordinates of a drawing of the board.
-
-    Parameters
-    ----------
-    left, top, width, height : float
-        Rectangle of the drawing in mm; its y is minus that of the board.
-    origin : tuple of float
-        Origin of the response map on the board in m.
-    """
+    """Coordinates of a drawing of the board: a rectangle in mm, whose y is minus that of the board."""
 
     left: float
     top: float
     width: float
     height: float
-    origin: tuple[float, float]
+    origin: tuple[float, float]  # of the response map on the board, in m
 
     def place(self, across: float, down: float) -> tuple[float, float]:
         """Return x and y in m from the map's origin of a point given as shares of the drawing's sides.

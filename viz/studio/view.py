@@ -29,14 +29,9 @@ _HEIGHT = 900.0  # height in pixels of the picture for which letters are given
 
 
 class SceneView:
-    """View of one scene at a time on a page.
+    """View of one scene at a time on the page of a trame `server`.
 
-    Parameters
-    ----------
-    server : trame Server
-        Server of the page.
-    at_rest : callable
-        Called with True when a smooth picture was sent, with False when it is out of date.
+    `at_rest` is called with True when a smooth picture was sent, with False when it is out of date.
     """
 
     def __init__(self, server: Any, at_rest: Callable[[bool], None]) -> None:

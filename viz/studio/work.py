@@ -22,21 +22,11 @@ MOST_SEGMENTS = 400_000
 
 @dataclass(frozen=True, eq=False)
 class Work:
-    """A design and its file.
-
-    Parameters
-    ----------
-    opened : DesignFile
-        Current design.
-    file : str
-        Name of its file or bundled design.
-    kept : mapping of str to object
-        Document of the design as it was read or last saved.
-    """
+    """A design and its file."""
 
     opened: DesignFile
-    file: str
-    kept: Mapping[str, Any]
+    file: str  # name of the file or bundled design
+    kept: Mapping[str, Any]  # document as it was read or last saved
 
     @property
     def design(self) -> Design:
@@ -51,10 +41,7 @@ class Work:
     def with_entry(self, key: str, text: str) -> Work:
         """Set the entry of a dotted key to a typed number in its unit.
 
-        Raises
-        ------
-        DesignError
-            If the text is not a number, or no board is possible with it: one line without the name of the design.
+        DesignError where the text is no number or no board is possible with it: one line, not naming the design.
 
         Examples
         --------
