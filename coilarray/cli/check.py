@@ -65,7 +65,7 @@ def check(
     if out is not None:
         write_text(out, rules_table(margins).csv())
     if picture is not None:
-        from coilarray.viz.plots.check import check_figure
+        from coilarray.viz import check_figure
 
         shared.draw(picture, lambda: check_figure(opened.array, shown))
     if not as_json:

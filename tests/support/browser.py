@@ -1,7 +1,7 @@
 """A real browser on a studio that is served by a process of its own; as a script, that process.
 
 The studio's page is the package's own. What would take long beside it is replaced by quick stand-ins: a response of
-smooth bells, a report of one line, a board that reads the same again and again.
+smooth bells, a report of one line, a board that reads the same again and again, a circuit without losses and strays.
 """
 
 from __future__ import annotations
@@ -312,6 +312,14 @@ def bells(document, name, progress):
     )
 
 
+def ideal_circuit(design):
+    """The circuit without losses at alternating current and strays, which take seconds for every change."""
+    from coilarray.circuit.coupling import couple_design, design_circuit
+    from coilarray.viz.studio.numbers import Circuit
+
+    return Circuit(design_circuit(design, ideal=True), couple_design(design, ideal=True))
+
+
 GOAL = """
 schema = 1
 [[variable]]
@@ -387,7 +395,7 @@ def steady_board(request, send, stopped):
 
 def main():
     """Serve a studio with the stand-ins."""
-    from coilarray.viz.studio import server
+    from coilarray.viz.studio import numbers_panel, server, view
     from coilarray.viz.studio.server import LOOPBACK, Address, bind, new_token, serve
     from coilarray.viz.studio.services import Services
     from coilarray.viz.studio.shelf import Shelf
@@ -406,6 +414,8 @@ def main():
 
     # on a busy machine pages may be slow to connect and to answer, and are there all the same
     server._UNUSED = server._HEARTBEAT = 3600.0  # s
+    view._SAMPLES = 2  # pictures at rest cost as many times the processor
+    numbers_panel.circuit_of = browser.ideal_circuit
 
     services = Services(browser.bells, browser.slow_report, browser.steady_board, "emulator")
     address = Address(given.host or LOOPBACK, given.port, new_token() if given.host else "")

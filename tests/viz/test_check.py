@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from support.boards import reference_board
 
 from coilarray.geometry import FabRules, Margin, check_rules
+from coilarray.viz import check_figure
 from coilarray.viz.palette import INK
-from coilarray.viz.plots.check import check_figure
 
 pytestmark = pytest.mark.slow
 
@@ -114,17 +114,11 @@ def test_the_first_place_of_a_layer_is_enlarged(array):
         # ten times the 0.12 mm of the limit
         assert right - left == pytest.approx(top - bottom) == pytest.approx(1.2)
         assert ax.get_title(loc="left") == f"{number}: trace width of C1,\n0.1 mm, limit 0.12 mm"
-
-
-def test_a_ratio_is_enlarged_without_a_length(array):
     worst = replace(at(0, 0, unit=""), rule="aspect ratio", value=3.925, limit=2.0, margin=-1.925)
     (detail,) = details(check_figure(array, [worst]))
     assert detail.get_title(loc="left") == "1: aspect ratio of C1,\n3.925, limit 2"
     left, right = detail.get_xlim()
     assert right - left == pytest.approx(1.0)
-
-
-def test_an_overlap_has_a_true_minus_sign(array):
     (detail,) = details(check_figure(array, [at(0, 0, margin=-0.2e-3)]))
     assert "−0.08 mm" in detail.get_title(loc="left")
 

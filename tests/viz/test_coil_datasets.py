@@ -36,7 +36,7 @@ K = np.array([[1, -0.05, 0.001, 0.02], [-0.05, 1, -0.04, 0], [0.001, -0.04, 1, -
 # arcs
 
 
-def test_arcs_end_at_the_centres_of_their_coils():
+def test_arcs_end_at_the_centres_of_their_coils_and_weak_ones_can_be_left_out():
     arcs = coupling_arcs(CENTRES, K, height=2e-3)
     assert arcs.n_lines == 6
     for n in range(6):
@@ -49,9 +49,6 @@ def test_arcs_end_at_the_centres_of_their_coils():
         assert points[:, 2].max() == pytest.approx(2 + 0.3 * span)
         # upright: the middle of the arc is over the middle of its coils
         np.testing.assert_allclose(points[16, :2], (CENTRES[first] + CENTRES[second]) / 2 * 1e3, atol=1e-6)
-
-
-def test_weak_pairs_can_be_left_out():
     arcs = coupling_arcs(CENTRES, K, least=0.02)
     assert sorted(zip(arcs.cell_data["coil"].tolist(), arcs.cell_data["other"].tolist(), strict=True)) == [
         (0, 1), (0, 3), (1, 2),
@@ -139,14 +136,11 @@ def test_a_draped_map_has_the_values_of_its_dataset(state, depth):
     assert flat.area == pytest.approx(12 * 8)  # mm²: no hole and no overlap
 
 
-def test_a_map_in_any_order_of_dimensions_is_the_same():
+def test_a_draped_map_is_the_same_in_any_order_and_missing_values_stay_missing():
     turned = hills().transpose("x", "state", "y", "depth")
     np.testing.assert_array_equal(
         response_surface(turned, "b").point_data[DELTA], response_surface(hills(), "b").point_data[DELTA]
     )
-
-
-def test_missing_values_stay_missing():
     mesh = response_surface(hills(nan=True), "a", 0, relief=1e-3)
     assert np.isnan(mesh.point_data[DELTA]).sum() == 1
     assert np.isfinite(mesh.points).all()
@@ -167,13 +161,21 @@ def test_outlines_lie_on_the_map():
     assert draped_outlines(data, "a", outlines[2:], origin=(20e-3, 0)).n_cells == 0
 
 
-def test_maps_that_cannot_be_draped_are_refused():
+def test_what_cannot_be_drawn_over_a_board_is_refused():
     with pytest.raises(ValueError, match="state must be one of a, b; got 'c'"):
         response_surface(hills(), "c")
     with pytest.raises(ValueError, match="depth must be the position of one of 2 depths; got 2"):
         response_surface(hills(), "a", 2)
     with pytest.raises(ValueError, match="at least two positions along x and along y; got 13 and 1"):
         response_surface(hills().isel(y=[0]), "a")
+    with pytest.raises(ValueError, match=r"finite matrix of shape \(2, 2\)"):
+        uncertainty_ellipse((0, 0), np.full((2, 2), np.inf))
+    with pytest.raises(ValueError, match=r"shape \(2, 2\)"):
+        uncertainty_ellipse((0, 0), np.eye(3))
+    with pytest.raises(ValueError, match="positive definite"):
+        uncertainty_ellipse((0, 0), [[1, 2], [2, 1]])
+    with pytest.raises(ValueError, match="between 0 and 1; got 1"):
+        uncertainty_ellipse((0, 0), np.eye(2), 1.0)
 
 
 # located
@@ -200,17 +202,6 @@ def test_an_ellipse_is_its_covariance(sx, sy, correlation, confidence, magnifica
     np.testing.assert_allclose(
         away.T @ away / len(away), q / 2 * covariance, rtol=2e-2, atol=2e-2 * q * covariance.max()
     )
-
-
-def test_ellipses_that_cannot_be_are_refused():
-    with pytest.raises(ValueError, match=r"finite matrix of shape \(2, 2\)"):
-        uncertainty_ellipse((0, 0), np.full((2, 2), np.inf))
-    with pytest.raises(ValueError, match=r"shape \(2, 2\)"):
-        uncertainty_ellipse((0, 0), np.eye(3))
-    with pytest.raises(ValueError, match="positive definite"):
-        uncertainty_ellipse((0, 0), [[1, 2], [2, 1]])
-    with pytest.raises(ValueError, match="between 0 and 1; got 1"):
-        uncertainty_ellipse((0, 0), np.eye(2), 1.0)
 
 
 def test_a_pin_stands_upright():

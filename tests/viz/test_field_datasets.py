@@ -88,9 +88,6 @@ def test_arrows_lie_along_the_field():
     rows = np.arange(len(places))
     assert (across[rows, along.argmax(axis=1)] < 1e-4).all()  # the tip is a point on the axis,
     assert (across[rows, along.argmin(axis=1)] > 0.04 * length[:, 0]).all()  # the tail a ring about it
-
-
-def test_arrows_keep_their_distance():
     plane = density(np.linspace(0, 9e-3, 31), np.linspace(0, 3e-3, 11), [2e-3])
     # 0.3 mm apart: 1 mm needs every fourth point, of 31 points 8, of 11 points 3
     one = field_arrows(density([0.0], [0.0], [1e-3]), 1e-3)
@@ -115,7 +112,7 @@ def test_lines_keep_their_flux(box):
         assert np.ptp(stream) < 0.03 * stream.mean()
 
 
-def test_a_line_goes_round_once(box):
+def test_a_line_goes_round_once_or_leaves_both_ways(box):
     (line,) = (np.asarray(field_lines(box, [[6.5e-3, 0, 2e-3]]).get_cell(0).points),)
     length = np.linalg.norm(np.diff(line, axis=0), axis=1).sum()
     # about the wire, 1.5 to 3 mm away from it, and back to where it began
@@ -124,16 +121,10 @@ def test_a_line_goes_round_once(box):
     middle = line - [8.0, 0.0, 0.0]
     turned = np.unwrap(np.arctan2(middle[:, 2], middle[:, 0]))
     assert abs(turned[-1] - turned[0]) == pytest.approx(2 * np.pi, abs=0.3)
-
-
-def test_a_line_that_leaves_goes_both_ways(box):
     line = np.asarray(field_lines(box, [[0.5e-3, 0, 2e-3]]).get_cell(0).points)
     low, high = box.bounds[4:]
     assert line[:, 2].min() == pytest.approx(low, abs=0.5)
     assert line[:, 2].max() == pytest.approx(high, abs=0.5)
-
-
-def test_no_field_has_no_lines(box):
     empty = box.copy()
     empty.point_data[FIELD] = np.zeros((empty.n_points, 3))
     assert field_lines(empty, [[0, 0, 3e-3]]).n_cells == 0
@@ -151,15 +142,12 @@ def test_a_surface_has_its_magnitude(box):
     assert field_surfaces(box, [1.0]).n_cells == 0
 
 
-def test_memory_is_refused_above_the_limit():
+def test_memory_is_refused_above_the_limit_of_the_right_size():
     require_memory(1_000_000, "a spacing")
     with pytest.raises(
         GeometryError, match=r"^a spacing of 0.1 mm gives 1e\+08 points, about 22 GB of memory; at most"
     ):
         require_memory(100_000_000, "a spacing of 0.1 mm")
-
-
-def test_the_estimate_of_the_memory_is_of_the_right_size():
     # the arrays that a field on n points keeps at once: places, two parts of B, B and |B| in VTK
     n = 20**3
     axis = np.linspace(1e-3, 2e-3, 20)

@@ -52,10 +52,6 @@ def test_a_touch_has_the_response_along_its_way(design):
     tips = [parts_of(frame)["indenter"].mesh for frame in frames]
     lowest = [mesh.points[mesh.points[:, 2].argmin(), 0] * 1e-3 for mesh in tips]
     np.testing.assert_allclose(lowest, touch.places[:, 0] + design.indentation.origin_point[0], atol=1e-8)
-
-
-@pytest.mark.slow
-def test_a_touch_goes_over_all_coils_by_default(design):
     touch = touch_along(design, count=3)
     on_board = touch.places[:, 0] + design.indentation.origin_point[0]
     outlines = np.concatenate([place.to_board(place.coil.outline) for place in design.array.placements])
@@ -63,16 +59,13 @@ def test_a_touch_goes_over_all_coils_by_default(design):
     assert touch.depth == max(design.indentation.depths)
 
 
-def test_ways_that_cannot_be_are_refused(design):
+def test_ways_and_designs_without_a_film_are_refused(design):
     with pytest.raises(GeometryError, match="at least 2 pictures; got 1"):
         touch_along(design, count=1)
     with pytest.raises(GeometryError, match="must have a length"):
         touch_along(design, [(0, 0), (0, 0)])
     with pytest.raises(GeometryError, match=r"must be over the board, from .* mm of the map; got \(21.28, 0\) mm"):
         touch_along(design, [(0, 0), (0.5, 0)])
-
-
-def test_a_design_without_an_indenter_has_no_film(design):
     with pytest.raises(ElastomerError, match=r"has no \[indenter\] and \[indentation\]"):
         touch_along(replace(design, indentation=None))
 

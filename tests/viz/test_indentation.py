@@ -9,11 +9,10 @@ import math
 
 import numpy as np
 import pytest
-import xarray as xr
 from matplotlib.image import imread
 from matplotlib.patches import Polygon
 from support.boards import SHEETS, reference_board
-from support.plot_results import curves
+from support.plot_results import DENT, curves, dents, flat
 
 from coilarray.errors import MissingDependencyError
 from coilarray.geometry import Cone, CylinderEdge, FlatPunch, Hemisphere, Paraboloid
@@ -30,43 +29,13 @@ from coilarray.viz.datasets.elastomer import indenter_outline
 from coilarray.viz.offscreen import NO_RENDERING
 
 HEIGHTS = np.array([0.0, 6e-3, 8e-3])
-WIDTH = 3e-3  # of the dents
 EXTENT = (-20e-3, -12e-3, 25e-3, 14e-3)
 CENTRE = (2e-3, -1e-3)
 
 
-def flat(r):
-    return np.zeros_like(r)
-
-
-def bell(r):
-    return -np.exp(-((r / WIDTH) ** 2))
-
-
-def dents(depths=(0.5e-3, 1e-3), rise=bell, stretch=flat, symmetry="axial", end=80e-3):
-    """Dents whose interfaces are displaced in proportion to their height, by rise(r) and stretch(r) times the depth."""
-    r = np.r_[0.0, np.geomspace(2e-5, end, 400)]
-    depth = np.array(depths)
-    share = depth[:, None, None] * (HEIGHTS / HEIGHTS[-1])[None, :, None]
-    return xr.Dataset(
-        {
-            "displacement_r": (("depth", "interface", "r"), share * stretch(r)),
-            "displacement_z": (("depth", "interface", "r"), share * rise(r)),
-            "force": ("depth", 5e3 * depth**1.5, {"units": "N" if symmetry == "axial" else "N/m"}),
-            "contact_radius": ("depth", np.sqrt(2e-3 * depth)),
-        },
-        {"depth": depth, "r": r, "interface": ["board", "base", "magnetic"], "height": ("interface", HEIGHTS)},
-        {"symmetry": symmetry, "base": "bonded"},
-    )
-
-
-def faces_of(mesh):
-    return mesh.faces.reshape(-1, 4)[:, 1:]
-
-
 def volume(mesh):
     """Volume in m³ from the outward triangles, by the divergence theorem; negative where they face inwards."""
-    a, b, c = (mesh.points[faces_of(mesh)[:, k]] for k in range(3))
+    a, b, c = (mesh.points[mesh.faces.reshape(-1, 4)[:, k]] for k in (1, 2, 3))
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6) * 1e-9
 
 
@@ -97,7 +66,7 @@ def test_force_and_contact_over_depth(symmetry, unit, radius):
 
 
 def test_a_dent_is_the_deformed_interfaces_on_both_sides():
-    data = dents(stretch=lambda r: 0.2 * (r / WIDTH) * np.exp(-((r / WIDTH) ** 2)))
+    data = dents(stretch=lambda r: 0.2 * (r / DENT) * np.exp(-((r / DENT) ** 2)))
     ax = plot_dent(data, Hemisphere(2.5e-3))
     at = data.isel(depth=-1)
     for line, k in zip(ax.lines, (1, 2), strict=True):
@@ -145,14 +114,11 @@ def test_the_indenter_touches_the_bottom_of_the_dent(indenter):
     assert ax.get_xlabel() == ("r (mm)" if symmetry == "axial" else "x (mm)")
 
 
-def test_an_outline_goes_on_as_a_rod():
+def test_the_indenter_goes_on_as_a_rod_and_the_force_needs_depths():
     r, z = indenter_outline(Hemisphere(1e-3), 3e-3)
     assert (r[0], z[0]) == (0.0, 0.0)
     assert z[-1] == pytest.approx(3e-3)
     np.testing.assert_allclose(r[z > 1e-3], 1e-3)
-
-
-def test_a_figure_has_the_force_only_where_there_are_depths():
     assert len(indentation_figure(dents(), Hemisphere(2.5e-3)).axes) == 3  # dent, force, contact radius
     assert len(indentation_figure(dents(depths=[1e-3]), Hemisphere(2.5e-3)).axes) == 1
     with pytest.raises(ValueError, match="depth must be the position of one of 2 depths; got 5"):
@@ -184,45 +150,39 @@ def test_flat_sheets_are_boxes_less_a_quarter(symmetry):
         assert not ((x < -1e-9) & (y < -1e-9)).any()  # the quarter that is cut out
 
 
-def test_a_dent_takes_its_volume_from_the_sheets():
+@pytest.mark.slow
+def test_a_dent_takes_its_volume_from_the_sheets_which_share_their_interface():
     meshes = bodies(dents())
     depth = 1e-3
     for sheet, below, above in zip(SHEETS, HEIGHTS, HEIGHTS[1:], strict=False):
-        taken = 0.75 * math.pi * WIDTH**2 * depth * (above - below) / HEIGHTS[-1]
+        taken = 0.75 * math.pi * DENT**2 * depth * (above - below) / HEIGHTS[-1]
         # the bell is 1e-6 of its depth at the nearest edge; chords between circles miss about 1e-3 of it
         assert kept_area() * sheet.thickness - volume(meshes[sheet.name]) == pytest.approx(taken, rel=2e-3)
         assert meshes[sheet.name].is_manifold
     assert meshes["magnetic"].points[:, 2].max() <= 8.0
     axis = np.hypot(*(meshes["magnetic"].points[:, :2] - np.multiply(CENTRE, 1e3)).T) < 1e-9
     assert sorted(meshes["magnetic"].points[axis, 2].tolist()) == pytest.approx([6 - 0.75, 7.0])
-
-
-def test_a_groove_takes_its_volume_from_the_sheets():
-    meshes = bodies(dents(symmetry="plane"))
-    length = EXTENT[3] - CENTRE[1] + (CENTRE[1] - EXTENT[1]) / 2  # half of the groove is cut out below the centre
-    taken = math.sqrt(math.pi) * WIDTH * length * 1e-3 * 2e-3 / HEIGHTS[-1]
-    # rays are 0.3 mm apart at the ends of the groove: chords of a bell 3 mm wide miss about (0.3/3)²/12 of it
-    assert kept_area() * 2e-3 - volume(meshes["magnetic"]) == pytest.approx(taken, rel=1e-3)
-
-
-def test_a_stretched_sheet_grows_in_both_directions():
-    # u_r = e r of the upper face alone: a frustum, thickness/3 (A + A' + sqrt(A A')) of similar faces
-    data = dents(depths=[1.0], rise=flat, stretch=lambda r: 0.1 * r)
-    data["displacement_r"] = data.displacement_r.where(data.interface == "magnetic", 0.0)
-    mesh = bodies(data)["magnetic"]
-    area, wide = kept_area(), kept_area() * 1.1**2
-    assert volume(mesh) == pytest.approx(2e-3 / 3 * (area + wide + math.sqrt(area * wide)), rel=1e-9)
-
-
-@pytest.mark.slow
-def test_neighbours_share_their_interface():
     meshes = bodies(dents())
     upper = {tuple(point) for point in np.round(meshes["base"].points, 9).tolist() if point[2] > 4.5}
     lower = {tuple(point) for point in np.round(meshes["magnetic"].points, 9).tolist() if point[2] <= 6.0}
     assert upper <= lower
 
 
-def test_a_finite_sample_ends_where_it_ends():
+def test_a_groove_takes_its_volume_from_the_sheets():
+    meshes = bodies(dents(symmetry="plane"))
+    length = EXTENT[3] - CENTRE[1] + (CENTRE[1] - EXTENT[1]) / 2  # half of the groove is cut out below the centre
+    taken = math.sqrt(math.pi) * DENT * length * 1e-3 * 2e-3 / HEIGHTS[-1]
+    # rays are 0.3 mm apart at the ends of the groove: chords of a bell 3 mm wide miss about (0.3/3)²/12 of it
+    assert kept_area() * 2e-3 - volume(meshes["magnetic"]) == pytest.approx(taken, rel=1e-3)
+
+
+def test_a_stretched_or_finite_sheet_ends_where_it_ends():
+    # u_r = e r of the upper face alone: a frustum, thickness/3 (A + A' + sqrt(A A')) of similar faces
+    data = dents(depths=[1.0], rise=flat, stretch=lambda r: 0.1 * r)
+    data["displacement_r"] = data.displacement_r.where(data.interface == "magnetic", 0.0)
+    mesh = bodies(data)["magnetic"]
+    area, wide = kept_area(), kept_area() * 1.1**2
+    assert volume(mesh) == pytest.approx(2e-3 / 3 * (area + wide + math.sqrt(area * wide)), rel=1e-9)
     mesh = bodies(dents(rise=flat, end=8e-3))["base"]
     x_min, x_max, y_min, y_max, *_ = mesh.bounds
     assert (x_min, x_max, y_min, y_max) == pytest.approx((-6, 10, -9, 7))
@@ -285,11 +245,15 @@ def test_a_scene_holds_board_sheets_and_indenter(board, plotter):
     assert z_max == pytest.approx(7 + 0.7 * 8)
 
 
-def test_a_scene_off_the_board_is_refused(board, plotter):
+def test_scenes_and_pictures_that_cannot_be_are_refused(board, plotter, tmp_path, monkeypatch):
     with pytest.raises(ValueError, match="centre must be on the board"):
         dent_scene(board, SHEETS, dents(), Hemisphere(2.5e-3), plotter=plotter, centre=(1.0, 0.0))
     with pytest.raises(ValueError, match="depth must be the position of one of 2 depths; got 2"):
         dent_scene(board, SHEETS, dents(), Hemisphere(2.5e-3), plotter=plotter, depth=2)
+    monkeypatch.setenv(NO_RENDERING, "1")
+    with pytest.raises(MissingDependencyError, match=NO_RENDERING):
+        save_dent_picture(board, tmp_path / "dent.png", SHEETS, dents(), Hemisphere(2.5e-3))
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.slow
@@ -303,10 +267,3 @@ def test_a_picture_shows_the_sheets(board, plotter, tmp_path):
     assert ((red > blue + 0.2) & (red > green + 0.1)).sum() > 50  # copper in the quarter that is cut out
     assert (picture.min(axis=-1) > 0.99).mean() > 0.2  # white paper around it
     assert [entry.name for entry in tmp_path.iterdir()] == ["dent.png"]
-
-
-def test_without_rendering_a_picture_is_refused_in_one_line(board, tmp_path, monkeypatch):
-    monkeypatch.setenv(NO_RENDERING, "1")
-    with pytest.raises(MissingDependencyError, match=NO_RENDERING):
-        save_dent_picture(board, tmp_path / "dent.png", SHEETS, dents(), Hemisphere(2.5e-3))
-    assert not list(tmp_path.iterdir())

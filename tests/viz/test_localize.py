@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import xarray as xr
 from matplotlib.patches import Ellipse as EllipsePatch
 from matplotlib.patches import Polygon
 from support.localize_boards import FIELD, ROW, board
-from support.plot_results import curves, x_error
+from support.plot_results import bounds, curves, distortion, x_error
 
 from coilarray.localize.ellipse import Ellipse, fit_ellipses
 from coilarray.localize.ellipse_model import ellipse_model, intersect
@@ -33,23 +32,6 @@ DELTA = np.array([1e-4, 5e-4, 1e-3])
 @pytest.fixture(scope="module")
 def fits():
     return fit_ellipses(published_map())
-
-
-def distortion():
-    """x0 of two coils over three δ, the second one not published."""
-    states, causes = ["coil1", "coil2"], ["all neighbours", "neighbour coil2", "neighbour coil6", "noise"]
-    x0 = np.array([[[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]], [[1.5, 2.5, 3.5], [4.5, 5.5, 6.5]]]) * 1e-3
-    effect = np.array([0.2, 0.1, 0.001, 0.4])[:, None, None] * np.ones((4, 2, 3)) * 1e-3
-    return xr.Dataset(
-        {
-            "x0": (("neighbours", "state", "delta"), x0),
-            "published_x0": (("state", "delta"), [[0.5e-3, 1e-3, 1.5e-3], [np.nan] * 3]),
-            "effect": (("cause", "state", "delta"), effect),
-            "rms": (("cause", "state"), effect[..., 0]),
-            "centre": ("state", [0.0, 4e-3]),
-        },
-        {"neighbours": ["grounded", "open"], "state": states, "delta": DELTA, "cause": causes},
-    )
 
 
 def test_markers_are_the_fits_and_lines_the_polynomials(fits):
@@ -78,7 +60,7 @@ def test_markers_are_the_fits_and_lines_the_polynomials(fits):
 @pytest.mark.parametrize("count", [1, 2, 3, 4])
 def test_every_coil_of_a_model_has_a_panel(count):
     states = [f"coil{k + 1}" for k in range(count)]
-    fits = fit_ellipses(board(ROW, 2e-3, [1e-3]), states=states, refinement=5, step=2e-4)
+    fits = fit_ellipses(board(ROW, 2e-3, [1e-3]), states=states, refinement=2, step=2e-4)
     figure = ellipse_parameter_figure(fits, ellipse_model(fits))
     assert [ax.get_title(loc="left") for ax in figure.axes] == [f"Ellipses of coil{k + 1}" for k in range(count)]
     figure.draw_without_rendering()
@@ -159,21 +141,21 @@ def test_causes_are_ranked_and_small_neighbours_have_no_name():
 
 
 def test_bounds_are_shown_in_millimetres_and_infinite_ones_grey():
-    bounds = identifiability(forward_model(board(ROW)), 1e-3)
-    ax = plot_identifiability(bounds, "sigma_h")
+    found = bounds()
+    ax = plot_identifiability(found, "sigma_h")
     (image,) = ax.collections
     shown = image.get_array()
-    assert (np.ma.getmaskarray(shown) == ~np.isfinite(bounds.sigma_h.values)).all()
+    assert (np.ma.getmaskarray(shown) == ~np.isfinite(found.sigma_h.values)).all()
     assert np.ma.getmaskarray(shown).any()  # y = 0, where the board is symmetric
-    np.testing.assert_allclose(shown.compressed(), bounds.sigma_h.values[np.isfinite(bounds.sigma_h)] * 1e3)
+    np.testing.assert_allclose(shown.compressed(), found.sigma_h.values[np.isfinite(found.sigma_h)] * 1e3)
     assert ax.child_axes[0].get_ylabel() == "σ of depth (mm)"
     assert ax.get_title(loc="left") == "Least standard deviation of depth, 1 mm deep, noise 1e-05 in δ"
     with pytest.raises(ValueError, match="quantity must be one of sigma_x, sigma_y, sigma_h; got 'condition'"):
-        plot_identifiability(bounds, "condition")
+        plot_identifiability(found, "condition")
     with pytest.raises(ValueError, match="one finite value"):
-        plot_identifiability(bounds * np.inf)
+        plot_identifiability(found * np.inf)
     with pytest.raises(ValueError, match="no finite standard deviation"):
-        identifiability_figure(bounds * np.inf)
+        identifiability_figure(found * np.inf)
 
 
 @pytest.mark.slow

@@ -47,16 +47,13 @@ def parts_of(scene):
 # the board
 
 
-def test_by_default_the_sheets_are_lifted_off_the_board(design):
+def test_sheets_are_lifted_off_the_board_unless_other_things_are_shown(design):
     parts = parts_of(scene_of_design(design))
     assert {"board", "barrels", "risers", "sheet base", "sheet magnetic"} <= set(parts)
     assert parts["sheet base"].mesh.bounds[4] > 5.0
     assert set(parts_of(scene_of_design(design, View(show=("board",))))) == set(parts) - {
         "risers", "sheet base", "sheet magnetic", "edges of sheet base", "edges of sheet magnetic",
     }  # fmt: skip
-
-
-def test_beside_other_things_the_sheets_lie_where_they_lie(design):
     parts = parts_of(scene_of_design(design, View(show=("board", "elastomer"), layers=("L1",))))
     assert parts["sheet base"].mesh.bounds[4:] == pytest.approx((0.0, 3.0))
     assert "copper L1" in parts
@@ -195,7 +192,7 @@ def test_a_map_lies_over_its_place_on_the_board(design, table):
     assert np.linalg.norm(design.array.centres - peak, axis=1).argmin() == 2
 
 
-def test_the_pin_stands_where_the_reading_is_located(design, table):
+def test_the_pin_stands_where_the_reading_or_the_indenter_is_located(design, table):
     reading = forward_model(table).delta([3e-3, 2.5e-3, 0.6e-3])
     found = locate(forward_model(table), reading, noise=1e-6)
     names = [str(name) for name in table.state.values]
@@ -214,6 +211,13 @@ def test_the_pin_stands_where_the_reading_is_located(design, table):
     ring = (np.asarray(parts["ellipse 0"].mesh.points)[:, :2] - pin[0, :2]) * 1e-3 / factor
     distance = np.einsum("ni,ij,nj->n", ring, np.linalg.inv(found.best.covariance[:2, :2]), ring)
     np.testing.assert_allclose(distance, 5.9915, rtol=2e-2)  # χ² of two degrees of freedom at 95 %; single precision
+    view = View(show=("location",), table=table, at=(-2e-3, 4e-3), depth=0.5e-3, noise=1e-6)
+    scene = scene_of_design(design, view)
+    parts = parts_of(scene)
+    cross = np.asarray(parts["truth"].mesh.points)[:, :2].mean(axis=0)
+    pins = [np.asarray(part.mesh.points)[0, :2] for name, part in parts.items() if name.startswith("pin")]
+    # a reading without errors: the solver stops within a fraction of the noise it was told, in mm
+    assert min(np.linalg.norm(pin - cross) for pin in pins) < 0.01
 
 
 def test_ellipses_longer_than_the_board_are_not_drawn(table):
@@ -226,16 +230,6 @@ def test_ellipses_longer_than_the_board_are_not_drawn(table):
         assert "pin 0" in parts_of(scene)
         assert any(part.name.startswith("ellipse") for part in scene.parts) == drawn
         assert (told in scene.notes) != drawn
-
-
-def test_the_indenter_is_located_where_it_is(design, table):
-    view = View(show=("location",), table=table, at=(-2e-3, 4e-3), depth=0.5e-3, noise=1e-6)
-    scene = scene_of_design(design, view)
-    parts = parts_of(scene)
-    cross = np.asarray(parts["truth"].mesh.points)[:, :2].mean(axis=0)
-    pins = [np.asarray(part.mesh.points)[0, :2] for name, part in parts.items() if name.startswith("pin")]
-    # a reading without errors: the solver stops within a fraction of the noise it was told, in mm
-    assert min(np.linalg.norm(pin - cross) for pin in pins) < 0.01
 
 
 # what cannot be
@@ -262,7 +256,8 @@ def test_mistakes_are_one_line(design, view, error, message):
     assert "\n" not in str(caught.value)
 
 
-def test_maps_that_do_not_fit_are_refused(design, table):
+@pytest.mark.slow
+def test_maps_and_designs_that_do_not_fit_are_refused(design, table):
     with pytest.raises(LocalizeError, match=r"no depth of 0.5 mm; there are 0.3, 0.6 mm"):
         scene_of_design(design, View(show=("response",), response=table, depth=0.5e-3))
     with pytest.raises(LocalizeError, match="no state that measures coil3; there are coil1"):
@@ -271,17 +266,10 @@ def test_maps_that_do_not_fit_are_refused(design, table):
         scene_of_design(design, View(show=("response",), response=table.isel(y=[0])))
     with pytest.raises(LocalizeError, match="coil2 is missing"):
         scene_of_design(design, View(show=("location",), table=table, reading={"coil1": 1e-4}))
-
-
-def test_a_bare_board_has_no_dent():
     bare = replace(load_design("starter"), indentation=None)
     for show in ("dent", "response"):
         with pytest.raises(CoilarrayError, match=r"has no \[indenter\] and \[indentation\]"):
             scene_of_design(bare, View(show=(show,)))
-
-
-@pytest.mark.slow
-def test_one_coil_has_no_coupling_to_see():
     with pytest.raises(GeometryError, match="nothing to see of coupling: There is one coil, which couples with none"):
         scene_of_design(load_design("gast_fem"), View(show=("coupling",)))
 

@@ -151,14 +151,11 @@ plotter.screenshot(return_img=True)
     assert child.stderr == ""
 
 
-def test_importing_the_package_loads_neither_vtk_nor_matplotlib():
+def test_importing_the_package_loads_neither_vtk_nor_matplotlib_and_every_name_is_there():
     code = "import sys, coilarray.viz as v; print([m for m in sys.modules if m.split('.')[0] in %r])"
     heavy = ("vtk", "vtkmodules", "pyvista", "matplotlib")
     child = subprocess.run([sys.executable, "-c", code % (heavy,)], capture_output=True, text=True, check=True)
     assert child.stdout.strip() == "[]"
-
-
-def test_every_public_name_is_there():
     import coilarray.viz as viz
 
     assert all(callable(getattr(viz, name)) for name in viz.__all__)

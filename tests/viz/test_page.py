@@ -126,7 +126,7 @@ def test_every_mesh_is_where_it_belongs_in_its_colour(opened):
     assert (canvas.std(axis=2) > 20).mean() > 0.05  # the plates fill a seventh of what legend and bar leave
 
 
-def test_words_stand_over_their_places(opened):
+def test_words_stand_over_their_places_and_on_no_others(opened):
     page, *_ = opened
     for text, point in (("left", (0, 0)), ("right & up", (20, 10))):
         box = page.locator(".words span", has_text=text).bounding_box()
@@ -139,9 +139,6 @@ def test_words_stand_over_their_places(opened):
     page.click("button[data-side=top]")
     settled(page)
     assert page.locator(".words span", has_text="left").bounding_box() != away
-
-
-def test_words_that_would_lie_on_others_are_left_out(opened):
     page, *_ = opened
     seen = {}
     for side in ("front", "right", "top"):
@@ -169,7 +166,7 @@ def test_switches_hide_and_show_their_group(opened):
     assert page.locator(".words span", has_text="right & up").is_visible()
 
 
-def test_legend_bar_and_notes_say_what_is_seen(opened):
+def test_legend_bar_and_notes_say_what_is_seen_beside_all_of_it(opened):
     page, *_ = opened
     assert page.title() == "six <coils>"
     assert page.locator(".panel h1").inner_text() == "six <coils>"
@@ -185,9 +182,6 @@ def test_legend_bar_and_notes_say_what_is_seen(opened):
         assert box["y"] >= 0
         assert box["x"] + box["width"] <= WIDTH
         assert box["y"] + box["height"] <= HEIGHT
-
-
-def test_all_of_it_is_seen_beside_legend_and_bar(opened):
     page, *_ = opened
     panel, bars = page.locator(".panel").bounding_box(), page.locator(".bars").bounding_box()
     left, _ = where(page, (0, 0))

@@ -47,15 +47,12 @@ def test_a_folder_has_a_file_for_each_part(tmp_path):
     assert sorted(entry.name for entry in (tmp_path / "board").iterdir()) == sorted(path.name for path in written)
 
 
-def test_written_again_it_is_the_new_scene(tmp_path):
+def test_written_again_it_is_the_new_scene_and_names_are_kept_apart(tmp_path):
     for name in ("board.vtm", "parts"):
         save_vtk(scene(), tmp_path / name)
         save_vtk(scene(top=5.0), tmp_path / name)
     assert pyvista.read(tmp_path / "board.vtm")["copper L1"].bounds[5] == 5.0
     assert pyvista.read(tmp_path / "parts" / "copper_L1.vtp").bounds[5] == 5.0
-
-
-def test_names_that_differ_in_signs_alone_are_kept_apart(tmp_path):
     both = Scene((Part("a b", pyvista.Box()), Part("a/b", pyvista.Box((0, 1, 0, 1, 0, 7)))))
     written = save_vtk(both, tmp_path / "parts")
     assert len(set(written)) == 2

@@ -76,9 +76,19 @@ def test_a_board_is_drawn_whole_in_mm_with_equal_scales(board):
     assert legend(ax) == [f"copper L{k}" for k in (1, 2, 3, 4)]
 
 
-def test_a_layer_that_is_not_there_is_refused(board):
+def test_what_does_not_fit_a_plot_is_refused(board, ax):
     with pytest.raises(GeometryError, match="no copper layer 'L9'"):
         plot_copper(board, "L9")
+    with pytest.raises(ValueError, match=r"3 coils must have shape \(3, 3\); got \(2, 2\)"):
+        plot_matrix(np.eye(2), NAMES, title="")
+    with pytest.raises(ValueError, match="scale must be"):
+        plot_matrix(np.eye(3), NAMES, title="", scale="rainbow")
+    with pytest.raises(ValueError, match="one or more; got none"):
+        plot_field_lines({})
+    with pytest.raises(ValueError, match=r"line along x, one y and one z; plane has .*'y': 2"):
+        plot_field_lines({"plane": results.field([0.0, 1e-3], [0.0, 1e-3])})
+    with pytest.raises(ValueError, match="of a plane, two x and y or more"):
+        plot_field_map(results.field([0.0, 1e-3], [0.0]))
 
 
 def test_matrix_numbers_carry_the_prefix_of_the_largest(ax):
@@ -106,21 +116,13 @@ def test_numbers_are_dark_on_light_and_light_on_dark(ax):
 
 
 @pytest.mark.parametrize(
-    ("largest", "unit"),
-    [(0.0, "H"), (1e-6, "µH"), (999e-9, "nH"), (1e-3, "mH"), (2.0, "H"), (5e3, "kH")],
+    ("largest", "unit"), [(0.0, "H"), (1e-6, "µH"), (999e-9, "nH"), (1e-3, "mH"), (2.0, "H"), (5e3, "kH")]
 )
 def test_the_prefix_puts_the_largest_between_1_and_1000(ax, largest, unit):
     plot_matrix([[largest]], ["C1"], title="", unit="H", ax=ax)
     assert ax.child_axes[0].get_ylabel() == unit
     number = float(ax.texts[0].get_text())
     assert number == 0.0 or 1.0 <= number < 1000.0
-
-
-def test_a_matrix_that_does_not_fit_is_refused(ax):
-    with pytest.raises(ValueError, match=r"3 coils must have shape \(3, 3\); got \(2, 2\)"):
-        plot_matrix(np.eye(2), NAMES, title="")
-    with pytest.raises(ValueError, match="scale must be"):
-        plot_matrix(np.eye(3), NAMES, title="", scale="rainbow")
 
 
 def test_k_is_drawn_pair_by_pair_and_inductance_with_its_diagonal(ax):
@@ -206,15 +208,6 @@ def test_field_lines_are_per_ampere_with_the_coil_shaded(ax):
     assert span.get_extents().transformed(ax.transData.inverted()).intervalx == pytest.approx((-9, 11))
     assert ax.get_xlim() == pytest.approx((-20, 20))
     assert ax.get_title(loc="left") == "$B_z$ of coil1, 1 mm above the board"
-
-
-def test_fields_that_are_no_line_or_plane_are_refused():
-    with pytest.raises(ValueError, match="one or more; got none"):
-        plot_field_lines({})
-    with pytest.raises(ValueError, match=r"line along x, one y and one z; plane has .*'y': 2"):
-        plot_field_lines({"plane": results.field([0.0, 1e-3], [0.0, 1e-3])})
-    with pytest.raises(ValueError, match="of a plane, two x and y or more"):
-        plot_field_map(results.field([0.0, 1e-3], [0.0]))
 
 
 def test_a_field_map_stands_the_right_way_round(ax):

@@ -10,12 +10,13 @@ from hypothesis import strategies as st
 from support import plot_results as results
 from support.plot_results import curves, legend
 
-from coilarray.viz.plots.axis_units import MM, PLAIN, AxisUnit, axis_unit
-from coilarray.viz.plots.frequency import plot_frequency_sweep
+from coilarray.compute.display_units import MM, PLAIN, DisplayUnit
 from coilarray.viz.plots.optimize import plot_pareto, plot_search
 from coilarray.viz.plots.response import plot_bell_curve, plot_response
+from coilarray.viz.plots.style import axis_unit
 from coilarray.viz.plots.sweep_grid import (
     plot_coupling_sweep,
+    plot_frequency_sweep,
     plot_sweep_lines,
     plot_sweep_map,
     sweep_figure,
@@ -32,10 +33,10 @@ def test_a_prefix_brings_the_largest_between_1_and_1000(largest, unit):
 
 
 def test_units_of_axes():
-    assert axis_unit([2.2e-6], "H") == AxisUnit(1e6, "µH")
+    assert axis_unit([2.2e-6], "H") == DisplayUnit("µH", 1e6)
     assert axis_unit([2.2e-6], "1").symbol == "10⁻⁶"
-    assert axis_unit([2.2], "1") == AxisUnit(1.0, "")
-    assert axis_unit([0.0, np.nan], "H") == AxisUnit(1.0, "H")
+    assert axis_unit([2.2], "1") == DisplayUnit()
+    assert axis_unit([0.0, np.nan], "H") == DisplayUnit("H")
     assert PLAIN.label("k") == "k"
     np.testing.assert_allclose(MM.of([1e-3, 0.25]), [1.0, 250.0])
 
@@ -91,13 +92,6 @@ def test_coupling_over_pitch_has_its_zeros():
     assert own.get_color() != zeros.get_markeredgecolor()
 
 
-def test_coupling_that_is_not_over_one_number_is_refused():
-    texts = results.pitch_sweep().assign_coords({"array.pitch_mm": list("abcd")})
-    for wrong in (results.grid_sweep(), results.pitch_sweep()[["worst_k"]], texts):
-        with pytest.raises(ValueError, match="must be over one entry with numbers and have k of a pair"):
-            plot_coupling_sweep(wrong)
-
-
 @given(st.floats(-0.8, 0.8), st.booleans())
 @example(-2.5697465692420288e-17, False)  # found from both sides of a sample
 def test_zeros_of_a_smooth_function_are_found(root, falling):
@@ -118,7 +112,6 @@ def test_zeros_are_between_samples_that_have_values():
     assert zero_crossings([], []).size == 0
 
 
-@pytest.mark.slow
 def test_pairs_share_a_panel_of_a_sweep():
     couplings, worst = sweep_figure(results.pitch_sweep()).axes
     assert couplings.get_ylabel() == "coupling coefficient k"
@@ -132,6 +125,10 @@ def test_sweeps_of_another_shape_are_refused():
         plot_sweep_lines(results.grid_sweep(), "span_mm")
     with pytest.raises(ValueError, match=r"a map needs a grid over two entries; got array.pitch_mm"):
         plot_sweep_map(results.pitch_sweep(), "worst_k")
+    texts = results.pitch_sweep().assign_coords({"array.pitch_mm": list("abcd")})
+    for wrong in (results.grid_sweep(), results.pitch_sweep()[["worst_k"]], texts):
+        with pytest.raises(ValueError, match="must be over one entry with numbers and have k of a pair"):
+            plot_coupling_sweep(wrong)
 
 
 def test_a_bell_curve_has_the_peak_and_width_of_its_bell():
@@ -153,7 +150,7 @@ def test_a_bell_curve_has_the_peak_and_width_of_its_bell():
     assert ax.get_title(loc="left") == "Bell curve of coil2"
 
 
-def test_a_bell_curve_goes_along_y_and_around_gaps():
+def test_a_bell_curve_goes_along_y_around_gaps_and_over_the_middle():
     response = results.response(depths=[1e-3])
     along_y = plot_bell_curve(response, "coil1", along="y")
     assert along_y.get_xlabel() == "y (mm)"
@@ -171,9 +168,6 @@ def test_a_bell_curve_goes_along_y_and_around_gaps():
         plot_bell_curve(response.isel(x=[3]))
     with pytest.raises(ValueError, match="state must be one of coil1, coil2; got 'coil9'"):
         plot_bell_curve(response, "coil9")
-
-
-def test_a_bell_curve_of_the_two_dimensional_model_and_of_the_middle():
     x = np.linspace(-20e-3, 20e-3, 21)
     line = xr.Dataset({"delta": (("depth", "x"), [1e-4 * np.exp(-((x / 8e-3) ** 2))])}, {"depth": [1e-3], "x": x})
     ax = plot_bell_curve(line.assign_attrs(coil="coil4"))

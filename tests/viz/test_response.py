@@ -2,33 +2,20 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 import pytest
 import xarray as xr
 from matplotlib.contour import QuadContourSet
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
+from support import plot_results as results
 from support.plot_results import curves
 
 from coilarray.viz import plot_response, plot_response_profile, response_figure
 
-
-def response(delta=None, depths=(0.5e-3, 1e-3), y=(-6e-3, -2e-3, 3e-3)):
-    """Map of two coils at x = ±5 mm; `delta` of (x, y, state, depth) in SI."""
-    x, names = np.linspace(-20e-3, 20e-3, 21), ["coil1", "coil2"]
-    if delta is None:
-
-        def delta(x, y, state, depth):
-            return depth * np.exp(-((x - 5e-3 * (2 * state - 1)) ** 2 + y**2) / 36e-6)
-
-    axes = np.meshgrid(depths, y, x, np.arange(2.0), indexing="ij")
-    return xr.Dataset(
-        {"delta": (("depth", "y", "x", "state"), delta(axes[2], axes[1], axes[3], axes[0]))},
-        {
-            "depth": np.array(depths), "y": np.array(y), "x": x, "state": names, "coil": names,
-            "coil_x": ("coil", [-5e-3, 5e-3]), "coil_y": ("coil", [0.0, 0.0]),
-        },
-    )  # fmt: skip
+response = functools.partial(results.response, y=(-6e-3, -2e-3, 3e-3), centre=5e-3, width=6e-3)
 
 
 def contours(ax):
@@ -51,7 +38,7 @@ def test_a_map_stands_the_right_way_round_and_marks_where_it_changes_sign():
     assert ax.get_title(loc="left") == "Response of coil2, 1 mm deep"
 
 
-def test_colours_are_symmetric_about_zero_and_hold_every_value():
+def test_colours_hold_every_value_and_zero_is_drawn_where_there_is_something():
     data = response(lambda x, y, state, depth: 7.4e-4 * np.exp(-((x / 5e-3) ** 2)) - 2e-5 + 0 * y)
     ax = plot_response(data, "coil1")
     (bands,), _ = contours(ax)
@@ -64,17 +51,7 @@ def test_colours_are_symmetric_about_zero_and_hold_every_value():
     positive = plot_response(response(), "coil1")
     assert not contours(positive)[1]
 
-
-@pytest.mark.parametrize(("largest", "unit"), [(1.2e-3, "δ (10⁻³)"), (7e-4, "δ (10⁻⁶)"), (2.0, "δ"), (0.0, "δ")])
-def test_delta_has_a_power_of_ten(largest, unit):
-    data = response(lambda x, y, state, depth: largest + 0 * x)
-    assert plot_response(data, "coil1").child_axes[0].get_ylabel() == unit
-    assert plot_response_profile(data).get_ylabel() == unit
-
-
-def test_what_is_next_to_nothing_has_no_line_of_zero():
-    """A bell whose tails waver about zero by 1e-4 of it: a line where the ring begins, none in the tails."""
-
+    # A bell whose tails waver about zero by 1e-4 of it: a line where the ring begins, none in the tails.
     def ringing(x, y, state, depth):
         tail = 1e-4 * np.cos(x / 1e-3) * np.cos(y / 1e-3)
         return depth * ((1 - (x / 5e-3) ** 2) * np.exp(-((x / 5e-3) ** 2)) + tail)
@@ -85,6 +62,13 @@ def test_what_is_next_to_nothing_has_no_line_of_zero():
         np.testing.assert_allclose(np.abs(piece.vertices[:, 0]), 5.0, atol=2.0)
     waver = response(lambda x, y, state, depth: 1e-4 * depth * np.cos(x / 1e-3) + (state == 0) * (np.abs(x) < 1e-3))
     assert not contours(response_figure(waver).axes[1])[1]
+
+
+@pytest.mark.parametrize(("largest", "unit"), [(1.2e-3, "δ (10⁻³)"), (7e-4, "δ (10⁻⁶)"), (2.0, "δ"), (0.0, "δ")])
+def test_delta_has_a_power_of_ten(largest, unit):
+    data = response(lambda x, y, state, depth: largest + 0 * x)
+    assert plot_response(data, "coil1").child_axes[0].get_ylabel() == unit
+    assert plot_response_profile(data).get_ylabel() == unit
 
 
 def test_outlines_and_names_of_the_coils():
@@ -131,7 +115,7 @@ def test_profiles_of_all_states_or_all_depths():
     )
 
 
-def test_profiles_mark_the_coils_and_refuse_what_is_not_there():
+def test_profiles_mark_the_coils_differ_and_refuse_what_is_not_there():
     ax = plot_response_profile(response())
     marks = [line.get_xdata()[0] for line in ax.lines if isinstance(line, Line2D) and line.get_linestyle() == ":"]
     assert {-5.0, 5.0} <= {round(float(mark), 9) for mark in marks}
@@ -141,10 +125,6 @@ def test_profiles_mark_the_coils_and_refuse_what_is_not_there():
         plot_response_profile(response(), depth=-3)
     given = plot_response_profile(response()).figure.add_subplot()
     assert plot_response_profile(response(), ax=given) is given
-
-
-@pytest.mark.slow
-def test_many_curves_differ():
     many = crowd(14)
     looks = {(line.get_color(), line.get_linestyle()) for line in curves(plot_response_profile(many)).values()}
     assert len(looks) == 14

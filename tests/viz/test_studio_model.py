@@ -16,6 +16,7 @@ from support.browser import bells, quick_run
 
 from coilarray import couple_design, load_design
 from coilarray.circuit.coupling import design_circuit
+from coilarray.circuit.network import resonate
 from coilarray.design.model import build_design, build_design_file, load_design_file, parse_design
 from coilarray.design.vary import vary
 from coilarray.electromagnetics.field import magnetic_field
@@ -36,7 +37,7 @@ from coilarray.viz.studio.numbers import (
 from coilarray.viz.studio.runs import front_rows, read_runs, run_folders
 from coilarray.viz.studio.scene_panel import _legend
 from coilarray.viz.studio.shelf import Shelf
-from coilarray.viz.studio.switching import first_settings, kept_settings, state_of, switched, unit_fields
+from coilarray.viz.studio.switching import first_settings, kept_settings, state_of, unit_fields
 from coilarray.viz.studio.top_view import board_drawing, delta_bars, delta_fills, pins, top_view, touch_drawing
 from coilarray.viz.studio.touch import crossing_line, first_place, location_lines, sensor_of, touched
 from coilarray.viz.studio.work import MOST_COILS, require_small, work_on
@@ -74,7 +75,7 @@ def test_every_slider_reaches_its_value_and_every_value_can_be_entered(name):
     }
 
 
-def test_a_change_is_what_the_library_makes_of_it(starter):
+def test_a_change_is_what_the_library_makes_of_it_and_is_no_longer_assumed(starter):
     work = work_on(OPENED, "starter")
     wider = work.with_entry("array.pitch_mm", " 12.5 ")
     assert (
@@ -84,9 +85,6 @@ def test_a_change_is_what_the_library_makes_of_it(starter):
     assert (work.changed, wider.changed) == (False, True)
     assert work.design is starter  # values, not states
     assert wider.with_entry("array.pitch_mm", text_of(OPENED.values["array.pitch_mm"])).design.digest == starter.digest
-
-
-def test_what_was_chosen_is_no_longer_assumed():
     design = load_design_file("gast2020")
     assert "array.pitch_mm" in design.assumed
     work = work_on(design, "gast2020").with_entry("array.pitch_mm", "13.28")
@@ -144,7 +142,7 @@ def test_what_is_no_number_is_one_line(text):
 
 
 @pytest.mark.slow
-def test_numbers_are_those_of_the_library(starter):
+def test_numbers_are_those_of_the_library_and_the_matrix_needs_no_circuit(starter, monkeypatch):
     found, reference = numbers_of(starter), couple_design(starter)
     np.testing.assert_array_equal(found.inductance, reference.inductance.values)
     np.testing.assert_array_equal(found.k, reference.coupling.values)
@@ -163,9 +161,6 @@ def test_numbers_are_those_of_the_library(starter):
     rows = coil_rows(found, circuit_of(starter))
     assert [row[2] for row in rows] == [f"{one * 1e6:.3f}" for one in reference.effective_inductance.values]
     assert [row[6] for row in rows] == [f"{one * 1e-6:.4f}" for one in reference.frequency.values]
-
-
-def test_the_matrix_needs_no_circuit(starter, monkeypatch):
     for name in ("resistance_matrix", "coil_capacitance"):
         monkeypatch.setattr(f"coilarray.circuit.coupling.{name}", None)
     wider = vary(starter, {"array.pitch_mm": 13.1})
@@ -200,21 +195,18 @@ def test_one_measured_coil_sees_what_the_coupling_says(starter):
     circuit = circuit_of(starter)
     for name in starter.array.names:
         settings = {other: "measure" if other == name else "ground" for other in starter.array.names}
-        result, reference = switched(circuit.network, settings), circuit.coupling.sel(coil=name)
+        result, reference = resonate(circuit.network, state_of(settings)), circuit.coupling.sel(coil=name)
         assert result.effective_inductance == float(reference.effective_inductance)
         assert result.frequency == float(reference.frequency)
-        alone = switched(circuit.network, {**dict.fromkeys(starter.array.names, "open"), name: "measure"})
+        alone = resonate(circuit.network, state_of({**dict.fromkeys(starter.array.names, "open"), name: "measure"}))
         assert alone.effective_inductance == pytest.approx(float(reference.open_effective_inductance), rel=1e-11)
 
 
-def test_coils_in_series_add_with_their_coupling(starter):
+def test_settings_name_a_state_and_coils_in_series_add_with_their_coupling(starter):
     ideal = design_circuit(starter, ideal=True)
-    result = switched(ideal, {"coil1": "measure", "coil2": "measure", "coil3": "open"})
+    result = resonate(ideal, state_of({"coil1": "measure", "coil2": "measure", "coil3": "open"}))
     assert result.apparent_inductance == pytest.approx(ideal.inductance[:2, :2].sum(), rel=1e-9)
     np.testing.assert_allclose(np.abs(result.currents), [1.0, 1.0, 0.0], atol=1e-9)
-
-
-def test_settings_name_a_state(starter):
     names = starter.array.names
     assert first_settings(names) == {"coil1": "ground", "coil2": "measure", "coil3": "ground"}
     assert first_settings(["one"]) == {"one": "measure"}
@@ -244,7 +236,7 @@ def test_the_plane_is_the_field_of_all_currents(starter):
 # ------------------------------------------------------------------------ touching
 
 
-def test_a_touch_reads_the_response_and_is_located_where_it_is(sensor):
+def test_a_touch_is_located_where_it_is_and_ellipses_meet_there(sensor):
     x, y, depth = first_place(sensor)
     touch = touched(sensor, x, y, depth)
     np.testing.assert_array_equal(list(touch.delta.values()), sensor.model.delta([x, y, depth]))
@@ -255,9 +247,6 @@ def test_a_touch_reads_the_response_and_is_located_where_it_is(sensor):
     beyond = touched(sensor, 1.0, -1.0, 1.0)
     low, high = sensor.model.lower, sensor.model.upper
     assert (*beyond.at, beyond.depth) == (high[0], low[1], high[2])
-
-
-def test_the_papers_ellipses_meet_at_the_touch(sensor):
     touch = touched(sensor, 5e-3, 2e-3, 0.6e-3)
     assert touch.problem == ""
     # circles that are no ellipses of Eq. 4 exactly: the polynomials err by some hundredths of a millimetre
@@ -385,7 +374,7 @@ def test_only_plain_names_are_written_and_read(starter, tmp_path, name):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_what_would_be_lost_is_known_before_it_is(starter, tmp_path):
+def test_files_that_are_no_design_and_what_would_be_lost_are_known(starter, tmp_path):
     shelf, begun = Shelf(tmp_path), work_on(OPENED, "starter")
     changed = begun.with_entry("array.pitch_mm", "12")
     assert not shelf.would_lose(begun, "mine.toml")  # there is none
@@ -398,9 +387,6 @@ def test_what_would_be_lost_is_known_before_it_is(starter, tmp_path):
     assert shelf.would_lose(mine, "mine.toml")
     with pytest.raises(OutputError, match="plain, short name"):
         shelf.would_lose(mine, "../mine.toml")
-
-
-def test_a_file_that_is_no_design_is_one_line(tmp_path):
     (tmp_path / "broken.toml").write_text("schema = ", encoding="utf-8")
     with pytest.raises(DesignError, match="not valid TOML"):
         Shelf(tmp_path).open("broken.toml")

@@ -20,21 +20,21 @@ from support.browser import (
     profile,
     redrawn,
     served,
-    wait_until_gone,
 )
 from support.patience import until
 
-from coilarray import couple_design, load_design
+from coilarray import load_design
 from coilarray.circuit.coupling import design_circuit
+from coilarray.circuit.network import resonate
 from coilarray.design.model import load_design_file
 from coilarray.design.vary import vary
 from coilarray.localize.forward import forward_model
 from coilarray.viz import rendering_problem
 from coilarray.viz.studio.numbers import numbers_of
-from coilarray.viz.studio.switching import switched
+from coilarray.viz.studio.switching import state_of
 
 _problem = browser.missing() or rendering_problem()
-pytestmark = pytest.mark.skipif(_problem is not None, reason=str(_problem))
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(_problem is not None, reason=str(_problem))]
 
 
 @pytest.fixture(scope="module")
@@ -84,18 +84,26 @@ def changed(**entries):
     return vary(load_design("starter"), {key.replace("__", "."): value for key, value in entries.items()})
 
 
-@pytest.mark.slow
+def save(page, name):
+    page.click("#save")
+    page.fill("#save-name", name)
+    page.click("#save-now")
+
+
+def press_at(page, axis, text):
+    page.fill(f"[data-axis={axis}] input", text)
+    page.press(f"[data-axis={axis}] input", "Enter")
+
+
 def test_a_slider_changes_the_matrix_to_what_the_library_gives(page):
     page.evaluate("trame.trigger('open_design', ['gast2020'])")
     page.wait_for_function("document.querySelectorAll('#matrix td').length === 36")
     at_rest(page)
-    np.testing.assert_array_equal(matrix(page), couple_design(load_design("gast2020")).coupling.values)
+    np.testing.assert_array_equal(matrix(page), numbers_of(load_design("gast2020")).k)
     clipped = "inputs => inputs.filter(one => one.scrollWidth > one.clientWidth).map(one => one.value)"
     shown = page.locator(".studio-entry input[type=text]:visible")
-    assert (shown.evaluate_all(clipped), "13.28" in shown.evaluate_all("all => all.map(one => one.value)")) == (
-        [],
-        True,
-    )
+    assert shown.evaluate_all(clipped) == []
+    assert "13.28" in shown.evaluate_all("all => all.map(one => one.value)")
     before = drawn(page)
     picture(page, "first")
     page.locator("[data-key='array.pitch_mm'] [role=slider]").focus()
@@ -104,16 +112,15 @@ def test_a_slider_changes_the_matrix_to_what_the_library_gives(page):
     at_rest(page)
     pitch = float(field(page, "array.pitch_mm").input_value())
     assert 13.28 < pitch < 13.5
-    wider = couple_design(vary(load_design("gast2020"), {"array.pitch_mm": pitch}))
-    np.testing.assert_array_equal(matrix(page), wider.coupling.values)
+    wider = numbers_of(vary(load_design("gast2020"), {"array.pitch_mm": pitch}))
+    np.testing.assert_array_equal(matrix(page), wider.k)
     redrawn(page, before)
     page.click("#show-L")
     page.wait_for_selector("#matrix td[title^=L]")
-    np.testing.assert_array_equal(matrix(page), wider.inductance.values)
+    np.testing.assert_array_equal(matrix(page), wider.inductance)
     page.click("#show-k")
 
 
-@pytest.mark.slow
 def test_dragging_a_slider_shows_rough_numbers_then_full_ones(page):
     box = page.locator("[data-key='array.pitch_mm'] [role=slider]").bounding_box()
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
@@ -140,7 +147,6 @@ def test_dragging_a_slider_shows_rough_numbers_then_full_ones(page):
     np.testing.assert_array_equal(matrix(page), numbers_of(changed(array__pitch_mm=pitch)).k)
 
 
-@pytest.mark.slow
 def test_a_wrong_value_is_told_at_its_field_and_changes_nothing_else(page):
     before = matrix(page)
     enter(page, "array.pitch_mm", "wide")
@@ -162,7 +168,6 @@ def test_a_wrong_value_is_told_at_its_field_and_changes_nothing_else(page):
     np.testing.assert_array_equal(matrix(page), numbers_of(changed(array__pitch_mm=12)).k)
 
 
-@pytest.mark.slow
 def test_rules_that_break_are_red(page):
     assert page.wait_for_selector("#rules").inner_text() == "rules kept"
     enter(page, "coils.hexagon.gap_mm", "0.05")
@@ -171,20 +176,19 @@ def test_rules_that_break_are_red(page):
     picture(page, "broken_rules")
 
 
-@pytest.mark.slow
 def test_switches_change_what_the_converter_sees_and_the_field(page):
     page.click("#tab-switches")
     page.wait_for_selector("#scene :text('magnitude of B')")
     before = drawn(page)
     design = load_design("starter")
-    network = design_circuit(design)
+    network = design_circuit(design, ideal=True)
     settings = dict(zip(design.array.names, ("ground", "measure", "ground"), strict=True))
     sees = "value => Number(document.querySelector('#switched [data-name=L_eff] td + td')?.title) === value"
-    page.wait_for_function(sees, arg=switched(network, settings).effective_inductance)
+    page.wait_for_function(sees, arg=resonate(network, state_of(settings)).effective_inductance)
     for coil, setting in (("coil1", "measure"), ("coil3", "open")):
         page.click(f"[data-coil={coil}] button[value={setting}]")
         settings[coil] = setting
-        page.wait_for_function(sees, arg=switched(network, settings).effective_inductance)
+        page.wait_for_function(sees, arg=resonate(network, state_of(settings)).effective_inductance)
     redrawn(page, before)
     picture(page, "switches")
     for coil in ("coil1", "coil2"):
@@ -194,7 +198,6 @@ def test_switches_change_what_the_converter_sees_and_the_field(page):
     page.wait_for_selector("#switched td")
 
 
-@pytest.mark.slow
 def test_the_indenter_is_dragged_and_located(page):
     page.click("#tab-touch")
     page.click("#compute-table")
@@ -226,27 +229,21 @@ def test_the_indenter_is_dragged_and_located(page):
     assert "ellipses of " in located
     page.wait_for_selector("#scene :text('hemisphere')")
     picture(page, "touch")
-    page.fill("[data-axis=depth] input", "deep")
-    page.press("[data-axis=depth] input", "Enter")
+    press_at(page, "depth", "deep")
     assert page.wait_for_selector("#place-error").inner_text() == "depth must be a number; got 'deep'."
-    page.fill("[data-axis=depth] input", "99")
-    page.press("[data-axis=depth] input", "Enter")
+    press_at(page, "depth", "99")
     page.wait_for_selector("#place-error:has-text('mm; got 99.')")
-    page.fill("[data-axis=depth] input", "0.3")
-    page.press("[data-axis=depth] input", "Enter")
+    press_at(page, "depth", "0.3")
     page.wait_for_selector("#place-error", state="detached")
     enter(page, "array.pitch_mm", "12")  # another board: the response is no longer its own
     page.wait_for_selector("#touch-note:has-text('computed anew')")
     assert page.query_selector("#indenter") is None
 
 
-@pytest.mark.slow
 def test_a_design_is_saved_opened_and_kept_through_a_reload(page, folder):
     enter(page, "array.pitch_mm", "12.5")
     page.wait_for_selector("#changed")
-    page.click("#save")
-    page.fill("#save-name", "../outside.toml")
-    page.click("#save-now")
+    save(page, "../outside.toml")
     assert "plain, short name" in page.wait_for_selector("#file-problem").inner_text()
     picture(page, "save")
     page.fill("#save-name", "better.toml")
@@ -255,17 +252,13 @@ def test_a_design_is_saved_opened_and_kept_through_a_reload(page, folder):
     page.wait_for_selector("#changed", state="detached")
     assert load_design_file(folder / "better.toml").values["array.pitch_mm"] == 12.5
     (folder / "other.toml").write_text("another's", encoding="utf-8")
-    page.click("#save")
-    page.fill("#save-name", "other.toml")
-    page.click("#save-now")
+    save(page, "other.toml")
     assert "other.toml is there already" in page.wait_for_selector("#file-problem").inner_text()
     assert (folder / "other.toml").read_text(encoding="utf-8") == "another's"
     page.click("#save-now:has-text('Replace')")
     page.wait_for_selector("#file:has-text('other.toml')")
     assert load_design_file(folder / "other.toml").values["array.pitch_mm"] == 12.5
-    page.click("#save")
-    page.fill("#save-name", "better.toml")
-    page.click("#save-now")
+    save(page, "better.toml")
     page.click("#save-now:has-text('Replace')")
     page.wait_for_selector("#file:has-text('better.toml')")
     field(page, "array.columns").fill("2")
@@ -285,7 +278,6 @@ def test_a_design_is_saved_opened_and_kept_through_a_reload(page, folder):
     assert field(page, "array.columns").input_value() == "3"
 
 
-@pytest.mark.slow
 def test_two_browsers_do_not_disturb_each_other(page, chromium, studio):
     with opened(chromium, studio.url) as other:
         enter(page, "array.pitch_mm", "13")
@@ -303,7 +295,6 @@ def test_two_browsers_do_not_disturb_each_other(page, chromium, studio):
         np.testing.assert_array_equal(matrix(other), numbers_of(changed(array__columns=2)).k)
 
 
-@pytest.mark.slow
 def test_runs_of_an_optimisation_are_shown_and_taken_over(page, folder):
     pytest.importorskip("optuna")
     result = browser.quick_run(folder / "found")
@@ -325,7 +316,6 @@ def test_runs_of_an_optimisation_are_shown_and_taken_over(page, folder):
     assert pitch == pytest.approx(trial.changes["array.pitch_mm"], rel=1e-11)  # shown with twelve digits
 
 
-@pytest.mark.slow
 def test_a_board_is_watched_and_stopped(page, studio):
     before = set(studio.children())
     page.click("#tab-board")
@@ -345,12 +335,11 @@ def test_a_board_is_watched_and_stopped(page, studio):
     assert page.get_attribute("#board-view", "viewBox") == box
     page.click("#stop-board")
     page.wait_for_selector("#start-board")
-    wait_until_gone([child])
+    browser.wait_until_gone([child])
     assert page.get_attribute("#board-view", "viewBox") != box
     assert page.inner_text("#board-lines") == ""  # it was of another board
 
 
-@pytest.mark.slow
 def test_a_report_is_written_beside_the_page_and_can_be_cancelled(page, studio, folder):
     page.click("#report")
     page.wait_for_selector("#job [role=progressbar][aria-valuenow]")
@@ -368,7 +357,6 @@ def test_a_report_is_written_beside_the_page_and_can_be_cancelled(page, studio, 
     assert "A report." in answer.text()
 
 
-@pytest.mark.slow
 def test_the_scene_is_turned_and_its_groups_are_hidden(page):
     first = drawn(page)
     box = page.locator("#scene img").first.bounding_box()
@@ -390,7 +378,6 @@ def test_the_scene_is_turned_and_its_groups_are_hidden(page):
 # ------------------------------------------------------------------------ the program
 
 
-@pytest.mark.slow
 def test_the_program_wants_its_token_and_ends_when_the_page_is_closed(chromium, tmp_path):
     arguments = ("starter", "--linger", "0.5", "--host", "127.0.0.1")
     said = {"COILARRAY_CACHE": str(tmp_path / "cache"), "COILARRAY_NO_RENDERING": "1"}
@@ -407,10 +394,9 @@ def test_the_program_wants_its_token_and_ends_when_the_page_is_closed(chromium, 
             children = started.children()
             assert children
         assert started.wait() == 0
-        wait_until_gone([started.process.pid, *children])
+        browser.wait_until_gone([started.process.pid, *children])
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="no Ctrl-C to be sent here")
 def test_ctrl_c_ends_it_with_a_page_open_and_nothing_to_render(chromium, tmp_path):
     with served("starter", program=True, cwd=tmp_path, COILARRAY_NO_RENDERING="1") as started:

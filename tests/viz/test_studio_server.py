@@ -110,9 +110,12 @@ def test_other_pages_and_names_are_refused(alone, headers):
 
 
 @needs_studio
-def test_localhost_is_this_computer_too(alone):
+def test_localhost_is_this_computer_too_and_reports_are_served(alone):
     port = urlsplit(alone).port
     assert ask(alone, Host=f"localhost:{port}", Origin=f"http://localhost:{port}")[0] == 200
+    status, headers, text = ask(alone, "/files/report.html")
+    assert (status, text) == (200, "<p>a report")
+    assert headers["X-Content-Type-Options"] == "nosniff"
 
 
 @pytest.mark.slow
@@ -158,13 +161,6 @@ def test_nothing_else_of_the_disk_is_served(alone, path):
     assert "root:" not in text
 
 
-@needs_studio
-def test_a_report_in_the_folder_is_served(alone):
-    status, headers, text = ask(alone, "/files/report.html")
-    assert (status, text) == (200, "<p>a report")
-    assert headers["X-Content-Type-Options"] == "nosniff"
-
-
 # ------------------------------------------------------------------------ served to others
 
 
@@ -197,8 +193,11 @@ def test_without_the_token_nothing_is_served(shared):
     assert ask(address, f"/?{query}", Origin="http://evil.example")[0] == 403
 
 
-def test_tokens_are_never_the_same():
+def test_a_free_port_is_taken_and_tokens_are_never_the_same():
     assert len({new_token() for _ in range(100)}) == 100
+    with bind(Address(LOOPBACK, 0)) as listening:
+        assert listening.getsockname()[0] == LOOPBACK
+        assert listening.getsockname()[1] > 0
 
 
 # ------------------------------------------------------------------------ where it listens
@@ -232,12 +231,6 @@ def test_what_it_cannot_listen_on_is_one_line(address, line):
         bind(address)
     assert str(failed.value).startswith(line)
     assert "\n" not in str(failed.value)
-
-
-def test_a_free_port_is_taken():
-    with bind(Address(LOOPBACK, 0)) as listening:
-        assert listening.getsockname()[0] == LOOPBACK
-        assert listening.getsockname()[1] > 0
 
 
 # ------------------------------------------------------------------------ the command

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     import pyvista
     import trimesh
 
-FloatArray = npt.NDArray[np.float64]
 Box = tuple[float, float, float, float]
 
 _GLASS = 0.12  # opacity of a sheet
@@ -38,7 +37,7 @@ _COPPER = "copper "
 class CoilColours:
     """One value per coil, shown as the colour of its copper."""
 
-    values: FloatArray  # shape (coils,); NaN for a coil without one
+    values: npt.NDArray[np.float64]  # shape (coils,); NaN for a coil without one
     scale: Scale  # its `array` is the name of the values in the meshes
 
 
@@ -90,14 +89,20 @@ def scene_of_board(
     parts = solids(array)
     copper = copper_parts(array, layers, colours, box, parts)
     board = cut_upright(board_mesh(parts), box)
-    laminate = [] if not board.n_cells else [_laminate(board)]
+    # copper may share a face with the board: draw the board just behind it
+    plate = Part("board", board, "laminate", LAMINATE, opacity=0.3, ambient=0.3, sunk=True)
+    laminate = [plate] if board.n_cells else []
     if box is not None:
         return Scene((*copper, *laminate))
     barrels = barrel_mesh(parts, array.names)
     through = [Part("barrels", barrels, "barrels", BARREL)] if barrels.n_cells else []
     edges = [_edges("edges of board", board, "laminate", LAMINATE)] if laminate else []
-    ticks, numbers = _rulers(array)
-    return Scene((*copper, *through, *laminate, *edges, *ticks), (*coil_names(array, name_heights), *numbers))
+    x_min, y_min, x_max, y_max = (MM_PER_M * edge for edge in array.bounds)
+    length = 0.012 * (x_max - x_min + y_max - y_min)
+    front, numbers = _ruler("x", (x_min, x_max), y_min, length)
+    left, more = _ruler("y", (y_min, y_max), x_min, length)
+    texts = (*coil_names(array, name_heights), *numbers, *more)
+    return Scene((*copper, *through, *laminate, *edges, front, left), texts)
 
 
 def copper_parts(
@@ -180,11 +185,6 @@ def _coloured(layer: str, copper: pyvista.DataSet, colour: str, colours: CoilCol
     return Part(name, mesh, name, BARREL, colours.scale, ambient=0.7, diffuse=0.35)
 
 
-def _laminate(board: pyvista.PolyData) -> Part:
-    # copper may share a face with the board: draw the board just behind it
-    return Part("board", board, "laminate", LAMINATE, opacity=0.3, ambient=0.3, sunk=True)
-
-
 def _edges(name: str, mesh: pyvista.PolyData, group: str, colour: str) -> Part:
     """Return the edges of a mesh's bounding box, which are those of a board or sheet."""
     return Part(name, mesh.outline(), group, colour, line_width=2.0, lit=False)
@@ -197,15 +197,6 @@ def _risers(array: CoilArray, top: float) -> tuple[Part, ...]:
     x_min, _, x_max, y_max = (MM_PER_M * edge for edge in array.bounds)
     lines = pyvista.line_segments_from_points([(x, y_max, height) for x in (x_min, x_max) for height in (0.0, top)])
     return (Part("risers", lines, colour=_RISER, lit=False),)
-
-
-def _rulers(array: CoilArray) -> tuple[list[Part], list[Text]]:
-    """Return scales in mm along the front and the left edge of the board."""
-    x_min, y_min, x_max, y_max = (MM_PER_M * edge for edge in array.bounds)
-    length = 0.012 * (x_max - x_min + y_max - y_min)
-    front, numbers_of_x = _ruler("x", (x_min, x_max), y_min, length)
-    left, numbers_of_y = _ruler("y", (y_min, y_max), x_min, length)
-    return [front, left], [*numbers_of_x, *numbers_of_y]
 
 
 def _ruler(axis: Literal["x", "y"], ends: tuple[float, float], at: float, length: float) -> tuple[Part, list[Text]]:

@@ -10,8 +10,6 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
-
 Side = Literal["oblique", "top", "front", "right"]
 """Side of the view: obliquely from the front, straight from above, from the front along y, or from the right."""
 
@@ -72,7 +70,7 @@ def aim(
     return Camera(_triple(focus + distance * out), _triple(focus), _triple(up), scale)
 
 
-def seen_from(camera: Camera, points: npt.ArrayLike, size: tuple[int, int]) -> FloatArray:
+def seen_from(camera: Camera, points: npt.ArrayLike, size: tuple[int, int]) -> npt.NDArray[np.float64]:
     """Return the places of points, shape (n, 3) in mm, in a picture of a size: shape (n, 2), 0 to 1 across and up."""
     focus, up = np.array(camera.focus), np.array(camera.up)
     out = np.array(camera.position) - focus
@@ -82,6 +80,6 @@ def seen_from(camera: Camera, points: npt.ArrayLike, size: tuple[int, int]) -> F
     return np.asarray(away @ np.column_stack((along, up)) / half / 2 + 0.5)
 
 
-def _triple(vector: FloatArray) -> tuple[float, float, float]:
+def _triple(vector: npt.NDArray[np.float64]) -> tuple[float, float, float]:
     x, y, z = vector.tolist()
     return x, y, z

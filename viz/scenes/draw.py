@@ -229,7 +229,8 @@ def shown_units(scale: Scale) -> tuple[float, str]:
     >>> shown_units(Scale("k", "k", "", -0.05, 0.05))
     (1.0, 'k')
     """
-    from coilarray.viz.plots.axis_units import PLAIN, axis_unit  # loads Matplotlib
+    from coilarray.compute.display_units import PLAIN
+    from coilarray.viz.plots.style import axis_unit  # loads Matplotlib
 
     plain = not scale.unit and scale.high >= _PLAIN
     unit = PLAIN if plain else axis_unit([scale.low, scale.high], scale.unit)

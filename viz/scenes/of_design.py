@@ -22,26 +22,16 @@ from coilarray.localize.inverse import locate
 from coilarray.response.map import response_map
 from coilarray.response.setup import indentation_of
 from coilarray.viz.datasets.field import flux_density, require_memory
+from coilarray.viz.scenes import overlays
 from coilarray.viz.scenes.board import scene_of_board, scene_of_lifted_board, scene_of_sheets
 from coilarray.viz.scenes.dent import VEILED, name_heights, scene_of_dent
 from coilarray.viz.scenes.field_places import Axes, count_of, field_box, field_planes, line_seeds, points_of_box
-from coilarray.viz.scenes.overlays import (
-    colours_of_currents,
-    scale_of_field,
-    scene_of_coupling,
-    scene_of_lines,
-    scene_of_location,
-    scene_of_response,
-    scene_of_slices,
-    scene_of_surfaces,
-)
 from coilarray.viz.scenes.scene import Scene
 from coilarray.viz.scenes.touch import dent_of_design, first_states, off_middle
 
 if TYPE_CHECKING:
     import pyvista
 
-FloatArray = npt.NDArray[np.float64]
 Tracker = Callable[[str], Progress | None]
 """Takes the name of a computation and returns its progress function, called with (done, total)."""
 
@@ -111,7 +101,7 @@ class _Making:
             "elastomer": lambda: scene_of_sheets(array, sheets),
             "currents": self._currents,
             "board": lambda: scene_of_board(array, layers=self.view.layers, name_heights=self._name_heights),
-            "coupling": lambda: scene_of_coupling(self._coupling),
+            "coupling": lambda: overlays.scene_of_coupling(self._coupling),
             "response": self._response,
             "location": self._location,
         }
@@ -131,7 +121,7 @@ class _Making:
     def _currents(self) -> Scene:
         design, view = self.design, self.view
         currents = operating_currents(design, self._coupling, self._coil, terminated=not view.others_open)
-        colours = colours_of_currents(currents, design.array.names.index(self._coil))
+        colours = overlays.colours_of_currents(currents, design.array.names.index(self._coil))
         board = scene_of_board(design.array, layers=view.layers, colours=colours, name_heights=self._name_heights)
         note = f"Orange: {self._coil} is measured, the others {self._others}; current per its ampere."
         return board + Scene(notes=(note,))
@@ -189,7 +179,7 @@ class _Making:
         return "dent" in self.view.show and not set(self.view.show) & _WITHIN
 
     @property
-    def _name_heights(self) -> FloatArray | float:
+    def _name_heights(self) -> npt.NDArray[np.float64] | float:
         if not self._covered:
             return 0.0
         thickness = sum(sheet.thickness for sheet in self.design.sheets)
@@ -206,7 +196,7 @@ class _Making:
             response = response_map(self.design, depths=depths, reach="auto", progress=self.track("response"))
         state, depth = self._state_of(response), self._depth_of(response)
         outlines = [place.to_board(place.coil.outline) for place in self.design.array.placements]
-        return scene_of_response(response, state, depth, origin=self._origin_of(response), outlines=outlines)
+        return overlays.scene_of_response(response, state, depth, origin=self._origin_of(response), outlines=outlines)
 
     def _state_of(self, response: xr.Dataset) -> str:
         """Return the first state that measures the coil, by the plan of the design or by its name."""
@@ -242,11 +232,11 @@ class _Making:
             raise LocalizeError("a location needs the table of the design.")
         model = forward_model(self.view.table)
         if self.view.reading is None:
-            reading: Mapping[str, float] | FloatArray = model.delta([*self._at, self._depth])
+            reading: Mapping[str, float] | npt.NDArray[np.float64] = model.delta([*self._at, self._depth])
         else:
             reading = np.array(self.view.reading) if isinstance(self.view.reading, Sequence) else self.view.reading
         found = locate(model, reading, noise=self.view.noise)
-        return scene_of_location(
+        return overlays.scene_of_location(
             found,
             origin=self._origin_of(self.view.table),
             bounds=self.design.array.bounds,
@@ -286,12 +276,12 @@ class _Making:
             boxes.append(self._b_on(points_of_box(design, spans), "field in a box"))
         if not planes and not boxes:
             return Scene()
-        scale = scale_of_field([*planes, *boxes])
-        scene = scene_of_slices(planes, scale)
+        scale = overlays.scale_of_field([*planes, *boxes])
+        scene = overlays.scene_of_slices(planes, scale)
         for box in boxes:
             if "lines" in shown:
-                scene += scene_of_lines(box, line_seeds(design, coil), scale)
+                scene += overlays.scene_of_lines(box, line_seeds(design, coil), scale)
             if "surfaces" in shown:
-                scene += scene_of_surfaces(box, [scale.high * 10**level for level in _LEVELS], scale)
+                scene += overlays.scene_of_surfaces(box, [scale.high * 10**level for level in _LEVELS], scale)
         carried = f"{coil} carries {self.view.current * 1e3:g} mA, the others {self._others}"
         return scene + Scene(notes=(f"B in phase, without elastomer; {carried}.",))

@@ -10,19 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from coilarray.viz.datasets import overlays as meshes
 from coilarray.viz.datasets.field import AMOUNT, field_arrows, field_lines, field_surfaces
-from coilarray.viz.datasets.overlays import (
-    COUPLING,
-    DELTA,
-    arc_tubes,
-    at_depth,
-    coupling_arcs,
-    draped_outlines,
-    position_pin,
-    response_surface,
-    semi_axis_factor,
-    uncertainty_ellipse,
-)
 from coilarray.viz.datasets.triangles import polylines, surface_of
 from coilarray.viz.palette import INDIGO, INK, ORANGE, WINE
 from coilarray.viz.scenes.board import Box, CoilColours, cut_upright
@@ -103,19 +92,19 @@ def scene_of_coupling(coupling: xr.Dataset) -> Scene:
     if not pairs.size or pairs.max() == 0:
         return Scene(notes=("There is one coil, which couples with none.",) if not pairs.size else ())
     strongest = float(pairs.max())
-    arcs = coupling_arcs(centres, k, least=_LEAST * strongest)
+    arcs = meshes.coupling_arcs(centres, k, least=_LEAST * strongest)
     nearest = float(np.linalg.norm(centres[:, None] - centres, axis=-1)[apart].min()) * 1e3
-    tubes = arc_tubes(arcs, _WIDEST * nearest)
-    scale = symmetric(COUPLING, "coupling k", "", pairs)
+    tubes = meshes.arc_tubes(arcs, _WIDEST * nearest)
+    scale = symmetric(meshes.COUPLING, "coupling k", "", pairs)
     texts = []
-    for n, value in enumerate(arcs.cell_data[COUPLING].tolist()):
+    for n, value in enumerate(arcs.cell_data[meshes.COUPLING].tolist()):
         if abs(value) >= _LABELLED * strongest:
             points = np.asarray(arcs.get_cell(n).points)
             x, y, z = points[len(points) // 2].tolist()
             texts.append(Text(f"{value:+.3f}".replace("-", "−"), (x, y, z + 0.2 * nearest), 16.0, group="coupling"))
     left_out = arcs.n_lines < len(k) * (len(k) - 1) // 2
     notes = (f"Arcs: coupling k; between ±{_LEAST * strongest:.1g} it is left out.",) if left_out else ()
-    colour = scale.typical_colour(arcs.cell_data[COUPLING])
+    colour = scale.typical_colour(arcs.cell_data[meshes.COUPLING])
     part = Part("coupling", tubes, "coupling", colour, scale, ambient=0.35, diffuse=0.7)
     return Scene((part,), tuple(texts), notes)
 
@@ -134,7 +123,7 @@ def colours_of_currents(currents: npt.ArrayLike, active: int) -> CoilColours:
 def colours_of_delta(values: npt.ArrayLike) -> CoilColours:
     """Colour the coils by δ, shape (coils,), symmetric about zero; NaN for a coil without a value."""
     numbers = np.asarray(values, dtype=np.float64)
-    return CoilColours(numbers, symmetric(DELTA, "δ", "", numbers))
+    return CoilColours(numbers, symmetric(meshes.DELTA, "δ", "", numbers))
 
 
 def scene_of_response(
@@ -150,14 +139,16 @@ def scene_of_response(
     Arguments as of `coilarray.viz.draped_outlines`.
     """
     relief = _RELIEF * float(max(np.ptp(response.x.values), np.ptp(response.y.values)))
-    surface = response_surface(response, state, depth, origin=origin, height=_OVER, relief=relief)
-    scale = symmetric(DELTA, f"δ of {state}", "", surface.point_data[DELTA])
-    group, colour = f"response of {state}", scale.typical_colour(surface.point_data[DELTA])
+    surface = meshes.response_surface(response, state, depth, origin=origin, height=_OVER, relief=relief)
+    scale = symmetric(meshes.DELTA, f"δ of {state}", "", surface.point_data[meshes.DELTA])
+    group, colour = f"response of {state}", scale.typical_colour(surface.point_data[meshes.DELTA])
     parts = [Part("response", surface, group, colour, scale, opacity=0.9, ambient=0.6, diffuse=0.45)]
-    lines = draped_outlines(response, state, outlines, depth, origin=origin, height=_OVER + _ABOVE, relief=relief)
+    lines = meshes.draped_outlines(
+        response, state, outlines, depth, origin=origin, height=_OVER + _ABOVE, relief=relief
+    )
     if lines.n_cells:
         parts.append(Part("outlines", lines, "outlines of the coils", INK, lit=False, line_width=2.0))
-    deep = float(at_depth(response, depth).depth) * 1e3
+    deep = float(meshes.at_depth(response, depth).depth) * 1e3
     return Scene(tuple(parts), notes=(f"δ of {state} where the indenter is, {deep:g} mm deep.",))
 
 
@@ -184,7 +175,7 @@ def scene_of_location(
     for k, mode in enumerate(location.modes):
         at = (mode.x + origin[0], mode.y + origin[1])
         group = "located" if k == 0 else "may also be"
-        parts.append(Part(f"pin {k}", position_pin(at, 0.0, top), group, INK, line_width=4.0, lit=False))
+        parts.append(Part(f"pin {k}", meshes.position_pin(at, 0.0, top), group, INK, line_width=4.0, lit=False))
         if not _is_finite(mode):
             notes.append("No ellipse: to first order this reading does not depend on one direction.")
             continue
@@ -195,7 +186,7 @@ def scene_of_location(
             notes.append("The likelihood is not Gaussian: the ellipse is its shape near the position only.")
         for name, height in (("", 0.0), (" above", top)):
             covariance = mode.covariance[:2, :2]
-            ellipse = uncertainty_ellipse(at, covariance, CONFIDENCE, magnification=magnification, height=height)
+            ellipse = meshes.uncertainty_ellipse(at, covariance, CONFIDENCE, magnification=magnification, height=height)
             on_board = cut_upright(ellipse, bounds)
             if on_board.n_cells:
                 parts.append(Part(f"ellipse {k}{name}", on_board, label, WINE, line_width=4.0, lit=False))
@@ -233,7 +224,7 @@ def _magnification(modes: Sequence[Mode], length: float) -> float:
 
 def _semi_axis(mode: Mode) -> float:
     """Return the longer semi-axis of an ellipse in m."""
-    return semi_axis_factor(CONFIDENCE) * math.sqrt(float(np.linalg.eigvalsh(mode.covariance[:2, :2])[-1]))
+    return meshes.semi_axis_factor(CONFIDENCE) * math.sqrt(float(np.linalg.eigvalsh(mode.covariance[:2, :2])[-1]))
 
 
 def _is_finite(mode: Mode) -> bool:

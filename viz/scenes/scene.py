@@ -14,7 +14,6 @@ from coilarray.viz.scenes.camera import Side
 if TYPE_CHECKING:
     import pyvista
 
-FloatArray = npt.NDArray[np.float64]
 
 # K. Moreland, "Diverging color maps for scientific visualization", ISVC 2009: made for lit surfaces on white, where the
 # white middle of the plots' map would be lost

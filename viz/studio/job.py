@@ -123,6 +123,12 @@ class Job:
             self._process.join(_GOODBYE)
 
 
+def with_progress(item: Any, tell: Tell, _: Stopped) -> Any:
+    """Task that calls a function, the first part of `item`, with the other parts and a progress function."""
+    function, *arguments = item
+    return function(*arguments, progress_of(tell))
+
+
 def progress_of(tell: Tell) -> Callable[[int, int], None]:
     """Return a `coilarray.compute.threads.Progress` that sends (done, total)."""
     return lambda done, total: tell((done, total))

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from coilarray.circuit.network import Network, Resonance, resonate
 from coilarray.design.model import Design
 from coilarray.design.scan_states import ScanState
 from coilarray.electromagnetics.field import grid_points, magnetic_field
@@ -72,11 +71,6 @@ def state_of(settings: Mapping[str, Setting]) -> ScanState:
     opened = [name for name, setting in settings.items() if setting == "open"]
     name = " + ".join(name for name, _ in measured)
     return ScanState(name, measured, others="ground", exceptions=dict.fromkeys(opened, "open"))
-
-
-def switched(network: Network, settings: Mapping[str, Setting]) -> Resonance:
-    """Solve what the converter sees where it oscillates; NetworkError without a measured coil or a resonance."""
-    return resonate(network, state_of(settings))
 
 
 def unit_fields(design: Design, spacing: float = SPACING) -> UnitFields:

@@ -64,6 +64,7 @@ def board_drawing(design: Design, view: TopView) -> dict[str, Any]:
     """Return the edge and coils of a board in mm, as plain values for the page."""
     x_min, y_min, x_max, y_max = (edge * 1e3 for edge in design.array.bounds)
     colours = cycled(COILS, design.array.names)
+    nearest = float(pdist(design.array.centres).min(initial=math.inf)) * 1e3
     coils = []
     for place in design.array.placements:
         outline = place.to_board(place.coil.outline) * 1e3
@@ -76,16 +77,10 @@ def board_drawing(design: Design, view: TopView) -> dict[str, Any]:
         "box": f"{view.left:.3f} {view.top:.3f} {view.width:.3f} {view.height:.3f}",
         "ratio": round(view.width / view.height, 4),
         "board": {"x": x_min, "y": -y_max, "width": x_max - x_min, "height": y_max - y_min},
-        "letter": round(_letter(design, view), 3),
+        "letter": round(min(_LETTER * view.width, _LETTER_OF_PITCH * nearest), 3),
         "line": round(0.0022 * view.width, 3),
         "coils": coils,
     }
-
-
-def _letter(design: Design, view: TopView) -> float:
-    """Return the height of the names' letters in mm."""
-    nearest = float(pdist(design.array.centres).min(initial=math.inf)) * 1e3
-    return min(_LETTER * view.width, _LETTER_OF_PITCH * nearest)
 
 
 def touch_drawing(design: Design, view: TopView, touch: Touched) -> dict[str, Any]:
@@ -93,7 +88,7 @@ def touch_drawing(design: Design, view: TopView, touch: Touched) -> dict[str, An
     colours = cycled(COILS, design.array.names)
     x, y = view.point(*touch.at)
     radius = 0.0 if design.indentation is None else design.indentation.indenter.radius_at(touch.depth) * 1e3
-    coil_of = coil_of_state(design)
+    coil_of = {state.name: state.measured[0][0] for state in design.plan}
     ellipses = []
     for state, one in touch.ellipses.items():
         cx, cy = view.point(one.x0, 0.0)
@@ -141,11 +136,6 @@ def delta_by_coil(design: Design, delta: Mapping[str, float | None]) -> dict[str
     """Return δ of the first state that measures each coil; None for a coil without one."""
     states = first_states(design)
     return {name: delta.get(states.get(name, "")) for name in design.array.names}
-
-
-def coil_of_state(design: Design) -> dict[str, str]:
-    """Return the first measured coil of every state."""
-    return {state.name: state.measured[0][0] for state in design.plan}
 
 
 def delta_bars(delta: Iterable[tuple[str, float | None]], least: float = 1e-4) -> list[dict[str, Any]]:

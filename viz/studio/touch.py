@@ -10,7 +10,7 @@ from itertools import zip_longest
 import numpy as np
 import xarray as xr
 
-from coilarray.design.model import Design, Indentation
+from coilarray.design.model import Design
 from coilarray.errors import LocalizeError
 from coilarray.localize.ellipse import Ellipse, fit_ellipses
 from coilarray.localize.ellipse_model import EllipseModel, EllipsePosition, ellipse_model, locate_x
@@ -33,11 +33,6 @@ class Sensor:
 
     design: Design
     model: ForwardModel
-
-    @property
-    def setup(self) -> Indentation:
-        """The indentation of the design."""
-        return indentation_of(self.design)
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +61,8 @@ def sensor_of(design: Design, table: xr.Dataset) -> Sensor:
 
 def first_place(sensor: Sensor) -> tuple[float, float, float]:
     """Return the first x, y and depth of the indenter in m, off the middle of the map."""
-    return *off_middle(sensor.setup), max(sensor.setup.depths)
+    setup = indentation_of(sensor.design)
+    return *off_middle(setup), max(setup.depths)
 
 
 def touched(sensor: Sensor, x: float, y: float, depth: float) -> Touched:

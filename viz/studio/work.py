@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -59,12 +60,11 @@ class Work:
         """Set several entries at once, to values as for `coilarray.design.vary.vary`; errors as in `with_entry`."""
         _require_few_coils(self.opened.values, changes)
         document = vary_document(self.opened.document, changes)
-        assumed = {
-            name: why
-            for name, why in document.get("assumed", {}).items()
-            if not any(_is_part(key, name) for key in changes)
-        }
-        document["assumed"] = assumed  # what was chosen is no longer assumed
+        document["assumed"] = assumed = dict(document.get("assumed", {}))
+        for name, key in itertools.product(list(assumed), changes):
+            # what was chosen is no longer assumed; the dots keep array.pitch apart from array.pitch_mm
+            if f"{key}.".startswith(f"{name}.") or f"{name}.".startswith(f"{key}."):
+                assumed.pop(name, None)
         if not assumed:
             del document["assumed"]
         try:
@@ -107,8 +107,3 @@ def _require_few_coils(values: Mapping[str, object], changes: Mapping[str, Any])
         raise DesignError(
             f"{key} must leave at most {MOST_COILS} coils for the studio to follow; got {columns * rows:g}."
         )
-
-
-def _is_part(key: str, name: str) -> bool:
-    """Return whether two dotted keys are equal or one contains the other."""
-    return name == key or name.startswith(f"{key}.") or key.startswith(f"{name}.")
