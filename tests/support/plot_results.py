@@ -1,7 +1,5 @@
 """Small results of known numbers for the tests of the plots: of every kind one, made up but of the real shape."""
 
-from __future__ import annotations
-
 import functools
 
 import numpy as np
@@ -22,16 +20,8 @@ NAMES = ["coil1", "coil2", "coil3"]
 GOAL = """
 schema = 1
 title = "small and far apart"
-[[variable]]
-entry = "array.pitch_mm"
-low = 8
-high = 13
-[[objective]]
-quantity = "worst_k"
-direction = "minimize"
-[[objective]]
-quantity = "span_mm"
-direction = "maximize"
+variable = [{entry = "array.pitch_mm", low = 8, high = 13}]
+objective = [{quantity = "worst_k", direction = "minimize"}, {quantity = "span_mm", direction = "maximize"}]
 """
 
 

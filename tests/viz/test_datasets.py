@@ -1,7 +1,5 @@
 """Datasets are checked as arrays: where they lie, how large they are, which coil they belong to."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

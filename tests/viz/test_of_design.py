@@ -1,7 +1,5 @@
 """Scenes of a design: that they show what the library computes, where the design says, and refuse what cannot be."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -44,9 +42,6 @@ def parts_of(scene):
     return {part.name: part for part in scene.parts}
 
 
-# the board
-
-
 def test_sheets_are_lifted_off_the_board_unless_other_things_are_shown(design):
     parts = parts_of(scene_of_design(design))
     assert {"board", "barrels", "risers", "sheet base", "sheet magnetic"} <= set(parts)
@@ -74,9 +69,6 @@ def test_a_dent_takes_the_place_of_the_sheets(design):
     heights = {text.text: text.position[2] for text in scene.texts if text.text in design.array.names}
     for name, centre in zip(design.array.names, design.array.centres, strict=True):
         assert heights[name] == pytest.approx(0.0 if (centre < at).all() else thickness * 1e3)
-
-
-# coupling and currents
 
 
 @pytest.mark.slow
@@ -114,16 +106,10 @@ def test_copper_is_coloured_by_the_currents_of_the_circuit(design, coupling):
     Z = np.diag(R[1:] + design.circuit.short_resistance) + omega * L[1:, 1:]
     np.testing.assert_allclose(ideal.currents[1:], np.linalg.solve(Z, -omega * L[1:, 0]), rtol=1e-9)
     np.testing.assert_allclose(solved.currents[1:], ideal.currents[1:], atol=0.02 * abs(ideal.currents[1]))
-
-
-def test_open_coils_carry_nothing(design):
     scene = scene_of_design(design, View(show=("currents",), coil="coil2", others_open=True))
     values = np.concatenate([part.mesh.cell_data[CURRENT] for part in scene.parts if part.name.startswith("copper")])
     assert set(values[np.isfinite(values)]) == {0.0}
     assert any("the others open" in note for note in scene.notes)
-
-
-# the field
 
 
 def test_planes_show_the_field_of_the_library(design, coupling):
@@ -144,16 +130,13 @@ def test_planes_show_the_field_of_the_library(design, coupling):
 
 
 @pytest.mark.slow
-def test_lines_and_surfaces_share_one_scale(design):
+def test_lines_and_surfaces_share_one_scale_and_a_box_off_the_copper(design):
     scene = scene_of_design(design, View(show=("lines", "surfaces"), spacing=2e-3))
     assert set(parts_of(scene)) == {"field lines", "field surfaces"}
     (scale,) = scene.scales
     surfaces = parts_of(scene)["field surfaces"].mesh.point_data[AMOUNT]
     ratios = np.log10(np.unique(np.round(surfaces / scale.high, 6)))
     np.testing.assert_allclose(ratios, [-1.35, -0.85, -0.35], atol=1e-4)
-
-
-def test_a_box_keeps_off_the_copper(design):
     box = field_box(design, "coil2", 1e-3)
     x, y, z = points_of_box(design, box)
     assert len(x) * len(y) * (len(z) + 2) >= count_of([box]) >= len(x) * len(y) * (len(z) - 2)
@@ -171,9 +154,6 @@ def test_a_field_that_is_too_large_is_refused_before_anything_is_computed(design
     monkeypatch.setattr("coilarray.viz.scenes.of_design.couple_design", lambda *_: pytest.fail("computed"))
     with pytest.raises(GeometryError, match=r"^a spacing of 0.002 mm gives .* GB of memory; at most 1 GB is allowed"):
         scene_of_design(design, View(show=show, spacing=2e-6))
-
-
-# maps and positions
 
 
 @pytest.mark.slow
@@ -230,9 +210,6 @@ def test_ellipses_longer_than_the_board_are_not_drawn(table):
         assert "pin 0" in parts_of(scene)
         assert any(part.name.startswith("ellipse") for part in scene.parts) == drawn
         assert (told in scene.notes) != drawn
-
-
-# what cannot be
 
 
 @pytest.mark.slow

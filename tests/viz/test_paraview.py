@@ -1,7 +1,5 @@
 """Files for ParaView: read back they are the parts of the scene with all their arrays, and they replace as a whole."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import pyvista
@@ -29,7 +27,7 @@ def same(found, part):
             np.testing.assert_array_equal(mine[name], theirs[name])
 
 
-def test_blocks_are_the_parts(tmp_path):
+def test_blocks_or_files_are_the_parts(tmp_path):
     written = save_vtk(scene(), tmp_path / "board.vtm")
     assert set(written) == {tmp_path / "board.vtm", tmp_path / "board"}
     blocks = pyvista.read(tmp_path / "board.vtm")
@@ -37,9 +35,6 @@ def test_blocks_are_the_parts(tmp_path):
     for part in scene().parts:
         same(blocks[part.name], part)
     assert sorted(entry.name for entry in tmp_path.iterdir()) == ["board", "board.vtm"]
-
-
-def test_a_folder_has_a_file_for_each_part(tmp_path):
     written = save_vtk(scene(), tmp_path / "board")
     assert [path.name for path in written] == ["copper_L1.vtp", "B_box.vtr", "cut.vtp"]
     for path, part in zip(written, scene().parts, strict=True):

@@ -1,7 +1,5 @@
 """What every flat plot keeps: a result and an optional axis in, the axis out, units on it, and nothing left behind."""
 
-from __future__ import annotations
-
 import importlib
 import inspect
 import itertools

@@ -1,7 +1,5 @@
 """Curves over frequency, pitch and place: every number at its place, and zeros, peaks and widths where they are."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import xarray as xr
@@ -11,17 +9,10 @@ from support import plot_results as results
 from support.plot_results import curves, legend
 
 from coilarray.compute.display_units import MM, PLAIN, DisplayUnit
+from coilarray.viz.plots import sweep_grid as sweeps
 from coilarray.viz.plots.optimize import plot_pareto, plot_search
 from coilarray.viz.plots.response import plot_bell_curve, plot_response
 from coilarray.viz.plots.style import axis_unit
-from coilarray.viz.plots.sweep_grid import (
-    plot_coupling_sweep,
-    plot_frequency_sweep,
-    plot_sweep_lines,
-    plot_sweep_map,
-    sweep_figure,
-    zero_crossings,
-)
 from coilarray.viz.plots.tolerance import plot_boards, plot_shares
 
 
@@ -32,13 +23,18 @@ def test_a_prefix_brings_the_largest_between_1_and_1000(largest, unit):
     assert shown.symbol.endswith("Ω" if unit == "ohm" else unit)
 
 
-def test_units_of_axes():
+def test_units_of_axes_and_a_map_with_gaps():
     assert axis_unit([2.2e-6], "H") == DisplayUnit("µH", 1e6)
     assert axis_unit([2.2e-6], "1").symbol == "10⁻⁶"
     assert axis_unit([2.2], "1") == DisplayUnit()
     assert axis_unit([0.0, np.nan], "H") == DisplayUnit("H")
     assert PLAIN.label("k") == "k"
     np.testing.assert_allclose(MM.of([1e-3, 0.25]), [1.0, 250.0])
+    response = results.response()
+    response.delta[1, 2, 3] = np.nan
+    ax = plot_response(response, "coil2", 1)
+    ax.figure.draw_without_rendering()
+    assert ax.child_axes[0].get_ylabel() == "δ (10⁻³)"
 
 
 @pytest.mark.slow
@@ -52,7 +48,7 @@ def test_units_of_axes():
 )
 def test_curves_over_frequency_are_the_sweeps(quantity, label, factor):
     sweep = results.frequency_sweep()
-    ax = plot_frequency_sweep(sweep, quantity)
+    ax = sweeps.plot_frequency_sweep(sweep, quantity)
     assert ax.get_xscale() == "log"
     assert list(curves(ax)) == ["a", "b"]
     for name, line in curves(ax).items():
@@ -66,19 +62,19 @@ def test_curves_over_frequency_are_the_sweeps(quantity, label, factor):
 
 def test_a_pole_is_cut_off_at_four_times_the_first_value():
     sweep = results.frequency_sweep()
-    assert plot_frequency_sweep(sweep).get_ylim() == (0, pytest.approx(4 * 60))  # µH
-    assert plot_frequency_sweep(sweep, "quality_factor").get_ylim() == (0, pytest.approx(1.08 * 37.5))
+    assert sweeps.plot_frequency_sweep(sweep).get_ylim() == (0, pytest.approx(4 * 60))  # µH
+    assert sweeps.plot_frequency_sweep(sweep, "quality_factor").get_ylim() == (0, pytest.approx(1.08 * 37.5))
     flat = sweep.isel(state=[0])
-    assert plot_frequency_sweep(flat).get_ylim() == (0, pytest.approx(1.08 * 50))
-    single = plot_frequency_sweep(sweep.isel(frequency=[0]))
+    assert sweeps.plot_frequency_sweep(flat).get_ylim() == (0, pytest.approx(1.08 * 50))
+    single = sweeps.plot_frequency_sweep(sweep.isel(frequency=[0]))
     assert all(line.get_marker() == "o" for line in single.lines)
     with pytest.raises(ValueError, match=r"quantity must be one of apparent_inductance, .*; got 'Q'"):
-        plot_frequency_sweep(sweep, "Q")
+        sweeps.plot_frequency_sweep(sweep, "Q")
 
 
 def test_coupling_over_pitch_has_its_zeros():
     sweep = results.pitch_sweep()
-    ax = plot_coupling_sweep(sweep.isel({"array.pitch_mm": [2, 0, 3, 1]}))  # in any order
+    ax = sweeps.plot_coupling_sweep(sweep.isel({"array.pitch_mm": [2, 0, 3, 1]}))  # in any order
     assert legend(ax) == ["k[coil1,coil2] = 0 at 13.5 mm", "k[coil1,coil3]"]
     lines = curves(ax)
     for name in ("k[coil1,coil2]", "k[coil1,coil3]"):
@@ -97,38 +93,42 @@ def test_coupling_over_pitch_has_its_zeros():
 def test_zeros_of_a_smooth_function_are_found(root, falling):
     x = np.linspace(-1, 1, 41)
     values = (x - root) * (2 + np.cos(3 * x)) * (-1 if falling else 1)
-    (found,) = zero_crossings(x, values)
+    (found,) = sweeps.zero_crossings(x, values)
     # monotone cubics are off by less than the third power of the step of 0.05 where the function has no turning point
     assert found == pytest.approx(root, abs=0.05**3)
 
 
 def test_zeros_are_between_samples_that_have_values():
-    assert zero_crossings([0, 1, 2, 3], [1.0, np.nan, -1.0, -2.0]).size == 0
-    assert zero_crossings([0, 1, 2], [1.0, 2.0, 1.0]).size == 0
-    assert zero_crossings([0, 1, 2, 3, 4], [1.0, -1.0, np.nan, -1.0, 1.0]) == pytest.approx([0.5, 3.5])
-    assert zero_crossings([0, 1, 2], [1.0, 0.0, -1.0]) == pytest.approx([1.0])
-    assert np.isfinite(zero_crossings([0, 1, 2, 3], [1.0, 0.0, 0.0, 1.0])).all()
-    assert zero_crossings([0.0], [0.0]).size == 0
-    assert zero_crossings([], []).size == 0
+    assert sweeps.zero_crossings([0, 1, 2, 3], [1.0, np.nan, -1.0, -2.0]).size == 0
+    assert sweeps.zero_crossings([0, 1, 2], [1.0, 2.0, 1.0]).size == 0
+    assert sweeps.zero_crossings([0, 1, 2, 3, 4], [1.0, -1.0, np.nan, -1.0, 1.0]) == pytest.approx([0.5, 3.5])
+    assert sweeps.zero_crossings([0, 1, 2], [1.0, 0.0, -1.0]) == pytest.approx([1.0])
+    assert np.isfinite(sweeps.zero_crossings([0, 1, 2, 3], [1.0, 0.0, 0.0, 1.0])).all()
+    assert sweeps.zero_crossings([0.0], [0.0]).size == 0
+    assert sweeps.zero_crossings([], []).size == 0
 
 
 def test_pairs_share_a_panel_of_a_sweep():
-    couplings, worst = sweep_figure(results.pitch_sweep()).axes
+    couplings, worst = sweeps.sweep_figure(results.pitch_sweep()).axes
     assert couplings.get_ylabel() == "coupling coefficient k"
     assert worst.get_ylabel() == "worst_k"
     texts = results.pitch_sweep().assign_coords({"array.pitch_mm": list("abcd")})
-    assert [ax.get_ylabel() for ax in sweep_figure(texts).axes] == ["k[coil1,coil2]", "k[coil1,coil3]", "worst_k"]
+    assert [ax.get_ylabel() for ax in sweeps.sweep_figure(texts).axes] == [
+        "k[coil1,coil2]",
+        "k[coil1,coil3]",
+        "worst_k",
+    ]
 
 
 def test_sweeps_of_another_shape_are_refused():
     with pytest.raises(ValueError, match=r"lines need one entry, .*; got array.pitch_mm, array.columns"):
-        plot_sweep_lines(results.grid_sweep(), "span_mm")
+        sweeps.plot_sweep_lines(results.grid_sweep(), "span_mm")
     with pytest.raises(ValueError, match=r"a map needs a grid over two entries; got array.pitch_mm"):
-        plot_sweep_map(results.pitch_sweep(), "worst_k")
+        sweeps.plot_sweep_map(results.pitch_sweep(), "worst_k")
     texts = results.pitch_sweep().assign_coords({"array.pitch_mm": list("abcd")})
     for wrong in (results.grid_sweep(), results.pitch_sweep()[["worst_k"]], texts):
         with pytest.raises(ValueError, match="must be over one entry with numbers and have k of a pair"):
-            plot_coupling_sweep(wrong)
+            sweeps.plot_coupling_sweep(wrong)
 
 
 def test_a_bell_curve_has_the_peak_and_width_of_its_bell():
@@ -179,15 +179,7 @@ def test_a_bell_curve_goes_along_y_around_gaps_and_over_the_middle():
     assert plot_bell_curve(right).get_title(loc="left") == "Bell curve of coil2"
 
 
-def test_a_map_with_gaps_is_drawn():
-    response = results.response()
-    response.delta[1, 2, 3] = np.nan
-    ax = plot_response(response, "coil2", 1)
-    ax.figure.draw_without_rendering()
-    assert ax.child_axes[0].get_ylabel() == "δ (10⁻³)"
-
-
-def test_a_pareto_front_is_that_of_the_result():
+def test_a_pareto_front_and_a_search_are_those_of_the_result():
     """Small k and large span: (0.2, 30) has the least k, (0.25, 50) the largest span; the others are beaten."""
     result = results.optimization()
     ax = plot_pareto(result, named={result.front[0].name: "least k"})
@@ -204,9 +196,6 @@ def test_a_pareto_front_is_that_of_the_result():
     assert (ax.lines[0].get_drawstyle(), turned.lines[0].get_drawstyle()) == ("steps-post", "steps-pre")
     with pytest.raises(ValueError, match="one of the goal's 2, counted from 0; got 2"):
         plot_pareto(result, (0, 2))
-
-
-def test_a_search_is_every_trial_in_turn():
     ax = plot_search(results.optimization(), 1)
     drawn = {c.get_label(): c.get_offsets() for c in ax.collections}
     np.testing.assert_allclose(drawn["keeps all bounds"], [[0, 40], [1, 30], [2, 35], [3, 50]])

@@ -1,7 +1,5 @@
 """Pictures of the response: that maps and profiles are those of the numbers given, which are made up."""
 
-from __future__ import annotations
-
 import functools
 
 import numpy as np
@@ -80,9 +78,6 @@ def test_outlines_and_names_of_the_coils():
     low, high = ax.get_ylim()
     assert low < -8 < 8 < high < 10  # all of the near coil, nothing of the far one
     assert {text.get_text(): text.get_position() for text in ax.texts} == {"coil1": (-5, 0), "coil2": (5, 0)}
-
-
-def test_a_map_that_cannot_be_drawn_is_refused():
     with pytest.raises(ValueError, match="state must be one of coil1, coil2; got 'coil9'"):
         plot_response(response(), "coil9")
     with pytest.raises(ValueError, match="depth must be the position of one of 2 depths; got 2"):
@@ -91,7 +86,7 @@ def test_a_map_that_cannot_be_drawn_is_refused():
         plot_response(response(y=(0.0,)), "coil1")
 
 
-def test_profiles_of_all_states_or_all_depths():
+def test_profiles_of_all_states_or_all_depths_along_x_or_y():
     data = response()
     states = plot_response_profile(data, depth=1)
     assert list(curves(states)) == ["coil1", "coil2"]
@@ -113,6 +108,13 @@ def test_profiles_of_all_states_or_all_depths():
     np.testing.assert_allclose(
         curves(alone)["coil1"].get_ydata() * 1e-6, row.sel(state="coil1").isel(depth=0), rtol=1e-12
     )
+    data = response(lambda x, y, state, depth: depth * (1 + state) * (x + 3 * y))
+    ax = plot_response_profile(data, "coil2", -1, along="y")
+    (line,) = curves(ax).values()
+    np.testing.assert_allclose(line.get_xdata(), [-6, -2, 3])
+    np.testing.assert_allclose(line.get_ydata(), 2e-3 * 3 * data.y * 1e6, rtol=1e-12)  # at x = 0
+    assert ax.get_xlabel() == "y (mm)"
+    assert ax.get_title(loc="left") == "Response at x = 0 mm, coil2, 1 mm deep"
 
 
 def test_profiles_mark_the_coils_differ_and_refuse_what_is_not_there():
@@ -130,19 +132,6 @@ def test_profiles_mark_the_coils_differ_and_refuse_what_is_not_there():
     assert len(looks) == 14
 
 
-def test_a_profile_along_y():
-    data = response(lambda x, y, state, depth: depth * (1 + state) * (x + 3 * y))
-    ax = plot_response_profile(data, "coil2", -1, along="y")
-    (line,) = curves(ax).values()
-    np.testing.assert_allclose(line.get_xdata(), [-6, -2, 3])
-    np.testing.assert_allclose(line.get_ydata(), 2e-3 * 3 * data.y * 1e6, rtol=1e-12)  # at x = 0
-    assert ax.get_xlabel() == "y (mm)"
-    assert ax.get_title(loc="left") == "Response at x = 0 mm, coil2, 1 mm deep"
-
-
-# the figure of all states
-
-
 def crowd(count):
     """The response of as many states, each with its number times the depth everywhere but at the edges of the map."""
     data = response(lambda x, y, state, depth: depth * (np.abs(x) < 15e-3) + 0 * y + 0 * state)
@@ -156,7 +145,8 @@ def maps_of(figure):
     return {ax.get_title(loc="left"): ax for ax in figure.axes if ax.get_title(loc="left")}
 
 
-def test_every_state_has_a_map_of_the_deepest_dent():
+@pytest.mark.slow
+def test_every_state_has_a_map_of_the_deepest_dent_or_the_middle_ones():
     outline = np.array([[-4e-3, -9e-3], [4e-3, -9e-3], [0, 9e-3]])
     figure = response_figure(crowd(3), [outline])
     maps = maps_of(figure)
@@ -176,10 +166,6 @@ def test_every_state_has_a_map_of_the_deepest_dent():
     assert len(limits) == 1
     assert figure.axes[-1].get_ylabel() == "δ (10⁻³)"
     assert figure.get_suptitle() == "Response, 1 mm deep"
-
-
-@pytest.mark.slow
-def test_of_many_states_the_middle_ones_are_shown():
     assert list(maps_of(response_figure(crowd(12)))) == [f"s{k}" for k in range(12)]
     figure = response_figure(crowd(17))
     assert list(maps_of(figure)) == [f"s{k}" for k in range(2, 14)]
@@ -187,8 +173,9 @@ def test_of_many_states_the_middle_ones_are_shown():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("count", [1, 2, 3, 5, 6, 12])
-@pytest.mark.parametrize("stretch", [0.1, 1.0, 10.0])
+@pytest.mark.parametrize(
+    ("count", "stretch"), [(1, 0.1), (1, 10.0), (2, 1.0), (3, 10.0), (5, 1.0), (6, 0.1), (12, 10.0)]
+)
 def test_figures_of_any_shape_fit_on_a_page(count, stretch):
     data = crowd(count).assign_coords(y=np.array([-6e-3, -2e-3, 3e-3]) * stretch)
     figure = response_figure(data)
@@ -210,12 +197,10 @@ def test_figures_of_any_shape_fit_on_a_page(count, stretch):
 
 def test_a_single_line_is_drawn_as_profiles():
     data = response()
-    (ax,) = response_figure(data.isel(y=[1])).axes
-    np.testing.assert_allclose(curves(ax)["coil1"].get_xdata(), data.x * 1e3)
-    np.testing.assert_allclose(curves(ax)["coil1"].get_ydata() * 1e-6, data.delta.isel(depth=-1, y=1, state=0))
-    (ax,) = response_figure(data.isel(x=[4])).axes
-    np.testing.assert_allclose(curves(ax)["coil1"].get_xdata(), data.y * 1e3)
-    np.testing.assert_allclose(curves(ax)["coil1"].get_ydata() * 1e-6, data.delta.isel(depth=-1, x=4, state=0))
+    for along, fixed in (("x", {"y": 1}), ("y", {"x": 4})):
+        (ax,) = response_figure(data.isel({name: [k] for name, k in fixed.items()})).axes
+        np.testing.assert_allclose(curves(ax)["coil1"].get_xdata(), data[along] * 1e3)
+        np.testing.assert_allclose(curves(ax)["coil1"].get_ydata() * 1e-6, data.delta.isel(depth=-1, state=0, **fixed))
     assert ax.get_title(loc="left") == "Response at x = -12 mm, 1 mm deep"
     (ax,) = response_figure(data.isel(x=[4], y=[1])).axes
     assert curves(ax)["coil1"].get_marker() == "o"  # a line of one point would not be seen

@@ -1,7 +1,5 @@
 """Scenes: what stands in them, where it is seen, and that a picture shows it; without rendering, the one line."""
 
-from __future__ import annotations
-
 import itertools
 import sys
 from dataclasses import replace
@@ -89,9 +87,6 @@ def test_bars_legend_and_notes_have_their_room():
 
 def corners(bounds):
     return np.array(list(itertools.product(*np.reshape(bounds, (3, 2)))))
-
-
-# scenes are values
 
 
 def box(**placed):

@@ -1,7 +1,5 @@
 """The studio in a real browser: what a user does on the page, and that the numbers there are the library's."""
 
-from __future__ import annotations
-
 import os
 
 import numpy as np
@@ -217,7 +215,7 @@ def test_the_indenter_is_dragged_and_located(page):
     )
     heard(page)  # the last move and the end of the drag are one place, told twice
     place = [float(page.input_value(f"[data-axis={axis}] input")) for axis in ("x", "y", "depth")]
-    model = forward_model(browser.bells(load_design_file("starter").document, "starter", lambda done, total: None))
+    model = forward_model(browser.bells(load_design_file("starter").document, "starter"))
     shown = [float(page.inner_text(f"[data-delta={name}] span:last-child").replace("−", "-")) for name in model.states]
     # the place is shown to 0.01 mm, half of which is some 5e-6 on the flank of a bell
     np.testing.assert_allclose(shown, model.delta(np.array(place) * 1e-3) * 1e6, atol=15.0)
@@ -373,9 +371,6 @@ def test_the_scene_is_turned_and_its_groups_are_hidden(page):
     picture(page, "turned")
     page.click("#scene button:has-text('copper L1')")
     page.click("#scene button:has-text('oblique')")
-
-
-# ------------------------------------------------------------------------ the program
 
 
 def test_the_program_wants_its_token_and_ends_when_the_page_is_closed(chromium, tmp_path):

@@ -1,7 +1,5 @@
 """Figures of sweeps: every number at its place, in lines, maps and dots."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import xarray as xr

@@ -1,7 +1,5 @@
 """Tables and figure of a tolerance analysis, of numbers that are known."""
 
-from __future__ import annotations
-
 import csv
 import io
 
@@ -10,14 +8,7 @@ import pytest
 import xarray as xr
 from support.tolerance_boards import loops
 
-from coilarray.report.tolerance_tables import (
-    error_table,
-    given_table,
-    sample_table,
-    share_table,
-    spread_table,
-    yield_table,
-)
+from coilarray.report import tolerance_tables as tables
 from coilarray.studies.tolerance import Limit, Spread, Tolerances, analyse
 from coilarray.viz.plots.tolerance import tolerance_figure
 
@@ -42,32 +33,29 @@ def rows_of(table):
 
 @pytest.mark.slow
 def test_the_spread_is_that_of_the_analysis(sampled, linear):
-    rows = rows_of(spread_table(sampled))
+    rows = rows_of(tables.spread_table(sampled))
     for name in (K, L):
         at, row = sampled.sel(output=name), rows[name]
         for key in ("nominal", "linear_deviation", "step_change", "sample_mean", "sample_deviation", "ratio"):
             assert row[key] == float(at[key])
         assert (row["low"], row["high"]) == tuple(at.percentiles.values.tolist())
     assert rows[K]["largest"].startswith("dielectric, board ")
-    for row in rows_of(spread_table(linear)).values():
+    for row in rows_of(tables.spread_table(linear)).values():
         assert [row[key] for key in ("sample_mean", "sample_deviation", "ratio", "ratio_error", "low", "high")] == [
             ""
         ] * 6
-    assert "nan" not in spread_table(linear).csv().lower()
-    assert yield_table(linear).rows == ()
+    assert "nan" not in tables.spread_table(linear).csv().lower()
+    assert tables.yield_table(linear).rows == ()
 
 
-def test_contributors_come_from_the_largest(linear):
-    table = share_table(linear)
+def test_contributors_come_from_the_largest_and_errors_with_their_reason(linear):
+    table = tables.share_table(linear)
     for name in (K, L):
         shares = [row[3] for row in table.rows if row[0] == name]
         assert len(shares) == linear.sizes["contributor"]
         assert shares == sorted(shares, reverse=True)
         assert sum(shares) == pytest.approx(1, rel=1e-12)
-
-
-def test_errors_are_told_with_their_reason_in_the_units_of_a_file(linear):
-    rows = rows_of(error_table(linear))
+    rows = rows_of(tables.error_table(linear))
     assert rows["etch, board"] == {
         "contributor": "etch, board",
         "distribution": "normal",
@@ -76,17 +64,17 @@ def test_errors_are_told_with_their_reason_in_the_units_of_a_file(linear):
         "assumed": "a guess",
     }
     assert rows["dielectric, board"]["assumed"] == ""
-    table = given_table(linear)
+    table = tables.given_table(linear)
     assert table.records()[0]["layer_deviation"] == 2e-6
     assert table.cells() == [["etch", "normal", "1", "2", "µm", "a guess"], ["dielectric", "uniform", "1", "", "%", ""]]
 
 
 def test_boards_and_yields_are_those_of_the_analysis(sampled):
-    rows = rows_of(yield_table(sampled))
+    rows = rows_of(tables.yield_table(sampled))
     assert list(rows) == [f"{K} ≤ 0.255", f"0 ≤ {L}", "all limits"]
     assert rows[f"0 ≤ {L}"]["sample_yield"] == rows[f"0 ≤ {L}"]["linear_yield"] == 1
     assert rows["all limits"]["sample_yield"] == rows[f"{K} ≤ 0.255"]["sample_yield"] < 1
-    table = sample_table(sampled)
+    table = tables.sample_table(sampled)
     read = list(csv.DictReader(io.StringIO(table.csv())))
     assert len(read) == 16
     assert float(read[3][K]) == sampled.value.sel(output=K).values[3]
@@ -97,7 +85,7 @@ def test_boards_and_yields_are_those_of_the_analysis(sampled):
 @pytest.mark.slow
 def test_a_board_that_failed_is_empty_with_the_reason():
     hard = Tolerances({"etch": Spread(board=12e-6)})
-    rows = sample_table(analyse(loops(), hard, samples=64, quantities=[K])).records()
+    rows = tables.sample_table(analyse(loops(), hard, samples=64, quantities=[K])).records()
     failed = [row for row in rows if row["failure"]]
     assert failed
     assert all(row[K] == "" and "no board" in row["failure"] for row in failed)

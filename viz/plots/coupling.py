@@ -145,13 +145,10 @@ def plot_effective_inductance(coupling: xr.Dataset, ax: Axes | None = None) -> A
     shown = axis_unit(np.concatenate((before, after)), str(coupling.open_effective_inductance.attrs["units"]))
     ax = ax or new_axes(6.0, 1.3 + 0.35 * len(names))
     rows = np.arange(len(names))
-    grounded = (coupling.termination.values == "short").all()
+    closed = "grounded" if (coupling.termination.values == "short").all() else "as terminated"
     ax.hlines(rows, shown.of(before), shown.of(after), color=PALE, linewidth=3, zorder=1)
     ax.scatter(shown.of(before), rows, s=45, color=BLUE, label="others open", zorder=2)
-    ax.scatter(
-        shown.of(after), rows, s=45, color=VERMILLION, marker="D", zorder=2,
-        label="others grounded" if grounded else "others as terminated",
-    )  # fmt: skip
+    ax.scatter(shown.of(after), rows, s=45, color=VERMILLION, marker="D", label=f"others {closed}", zorder=2)
     lower, change = shown.of(np.minimum(before, after)), 100 * (after / before - 1)
     for row, low, percent in zip(rows.tolist(), lower.tolist(), change.tolist(), strict=True):
         look: dict[str, Any] = {"xytext": (-9, 0), "textcoords": "offset points", "ha": "right", "va": "center"}

@@ -116,8 +116,6 @@ class _Making:
             raise GeometryError(f"there is nothing to see of {', '.join(self.view.show) or 'nothing'}{reason}")
         return scene
 
-    # the board
-
     def _currents(self) -> Scene:
         design, view = self.design, self.view
         currents = operating_currents(design, self._coupling, self._coil, terminated=not view.others_open)
@@ -125,8 +123,6 @@ class _Making:
         board = scene_of_board(design.array, layers=view.layers, colours=colours, name_heights=self._name_heights)
         note = f"Orange: {self._coil} is measured, the others {self._others}; current per its ampere."
         return board + Scene(notes=(note,))
-
-    # inputs of several items
 
     @property
     def _others(self) -> str:
@@ -153,8 +149,6 @@ class _Making:
     def _at(self) -> tuple[float, float]:
         """X and y of the indenter from the map's origin."""
         return off_middle(self._setup) if self.view.at is None else self.view.at
-
-    # the elastomer
 
     def _dent(self) -> Scene:
         design, opacity = self.design, 1.0 if self._covered else VEILED
@@ -243,8 +237,6 @@ class _Making:
             top=sum(sheet.thickness for sheet in self.design.sheets),
             truth=self._at if self.view.reading is None else None,
         )
-
-    # the field
 
     def _require_memory(self) -> None:
         shown = set(self.view.show)

@@ -54,8 +54,7 @@ class Scale:
 def symmetric(array: str, title: str, unit: str, values: npt.ArrayLike) -> Scale:
     """Return a scale symmetric about zero that ends at the largest magnitude of the values."""
     numbers = np.abs(np.asarray(values, dtype=np.float64))
-    largest = float(np.nanmax(numbers)) if np.isfinite(numbers).any() else 0.0
-    largest = largest or 1.0
+    largest = float(numbers[np.isfinite(numbers)].max(initial=0.0)) or 1.0
     return Scale(array, title, unit, -largest, largest, _DIVERGING)
 
 

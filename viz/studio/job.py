@@ -70,16 +70,6 @@ class Job:
         self._thread = threading.Thread(target=self._listen, daemon=True)
         self._thread.start()
 
-    @property
-    def pid(self) -> int | None:
-        """Process ID."""
-        return self._process.pid
-
-    @property
-    def running(self) -> bool:
-        """True while its process exists."""
-        return self._process.exitcode is None
-
     def stop(self) -> None:
         """Ask it to end and return at once; the outcome comes as for any other end. May be called again."""
         if not self._stopped.is_set():

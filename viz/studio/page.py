@@ -56,9 +56,9 @@ class Page:
         self.calculator = Calculator(setup.threads)
         self._loop = asyncio.get_running_loop()
         self._jobs: dict[str, Job] = {}
-        self._endpoint: Any = None
+        self.endpoint: Any = None  # of its messages
         self.state.update({"problem": "", "job": _NO_JOB})
-        self.trigger("cancel_job", self._cancel)
+        self.trigger("cancel_job", lambda: self.stop_job(self.state.job["name"]))
         self.scene = ScenePanel(self)
         self.numbers = NumbersPanel(self)
         self.switches = SwitchesPanel(self)
@@ -77,11 +77,6 @@ class Page:
         self.take(work)
 
     # ---------------------------------------------------------------- for the server
-
-    @property
-    def endpoint(self) -> Any:
-        """Endpoint of the page's messages."""
-        return self._endpoint
 
     async def close(self) -> None:
         """End all computations and processes of the page."""
@@ -209,11 +204,8 @@ class Page:
         if name in self._jobs:
             self._jobs[name].stop()
 
-    def _cancel(self) -> None:
-        self.stop_job(self.state.job["name"])
-
     def _bind(self, server: Any) -> None:
-        self._endpoint = server["ws"]
+        self.endpoint = server["ws"]
 
     def _on_loop(self, function: Callable[[Any], None]) -> Callable[[Any], None]:
         def call(value: Any) -> None:

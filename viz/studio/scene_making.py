@@ -62,5 +62,4 @@ def touched_scene(board: BoardParts, dent: xr.Dataset, touch: Touched) -> Scene:
 
 def coloured_by_delta(board: BoardParts, delta: Mapping[str, float | None]) -> Scene:
     """Return the board with δ of every coil as the colour of its copper."""
-    by_coil = delta_by_coil(board.design, delta)
-    return board.coloured(overlays.colours_of_delta([np.nan if value is None else value for value in by_coil.values()]))
+    return board.coloured(overlays.colours_of_delta(delta_by_coil(board.design, delta)))

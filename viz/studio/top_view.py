@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from scipy.spatial.distance import pdist
 
 from coilarray.design.model import Design
@@ -126,16 +127,15 @@ def pins(view: TopView, location: Location) -> list[dict[str, Any]]:
 
 def delta_fills(design: Design, delta: Mapping[str, float | None]) -> dict[str, str]:
     """Return a colour for each coil by its δ, symmetric about zero."""
-    by_coil = delta_by_coil(design, delta)
-    colours = colours_of_delta([math.nan if value is None else value for value in by_coil.values()])
-    red_green_blue = colours.scale.colours_of(colours.values)
-    return {name: f"rgb({r}, {g}, {b})" for name, (r, g, b) in zip(by_coil, red_green_blue.tolist(), strict=True)}
+    colours = colours_of_delta(delta_by_coil(design, delta))
+    red_green_blue = colours.scale.colours_of(colours.values).tolist()
+    return {name: f"rgb({r}, {g}, {b})" for name, (r, g, b) in zip(design.array.names, red_green_blue, strict=True)}
 
 
-def delta_by_coil(design: Design, delta: Mapping[str, float | None]) -> dict[str, float | None]:
-    """Return δ of the first state that measures each coil; None for a coil without one."""
+def delta_by_coil(design: Design, delta: Mapping[str, float | None]) -> npt.NDArray[np.float64]:
+    """Return δ of the first state that measures each coil; NaN for a coil without one."""
     states = first_states(design)
-    return {name: delta.get(states.get(name, "")) for name in design.array.names}
+    return np.array([delta.get(states.get(name, "")) for name in design.array.names], dtype=np.float64)  # None is NaN
 
 
 def delta_bars(delta: Iterable[tuple[str, float | None]], least: float = 1e-4) -> list[dict[str, Any]]:
