@@ -350,6 +350,7 @@ def main():
     parser.add_argument("--port", type=int)
     parser.add_argument("--no-browser", action="store_true")
     parser.add_argument("--host")
+    parser.add_argument("--pages", type=int, default=12)
     parser.add_argument("--linger", type=float, default=0.0)
     given = parser.parse_args()
     # functions of this module by its name, under which other processes import it too
@@ -357,6 +358,7 @@ def main():
 
     # on a busy machine pages may be slow to connect and to answer, and are there all the same
     server._UNUSED = server._HEARTBEAT = 3600.0  # s
+    server._MOST_PAGES = given.pages
     view._SAMPLES = 2  # pictures at rest cost as many times the processor
     numbers_panel.circuit_of = browser.ideal_circuit
 

@@ -8,15 +8,8 @@ import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import chdtr
-from support.boards import reference_board
 
-from coilarray import load_design
-from coilarray.circuit.active_coil import active_coil
-from coilarray.circuit.coupling import couple_design
-from coilarray.geometry.solids import solids
 from coilarray.viz.datasets import overlays
-from coilarray.viz.datasets.board import copper_mesh, path_lines, with_coil_values
-from coilarray.viz.scenes.overlays import colours_of_currents
 
 CENTRES = np.array([[-10e-3, 0.0], [0.0, 1e-3], [10e-3, 0.0], [3e-3, 15e-3]])
 K = np.array([[1, -0.05, 0.001, 0.02], [-0.05, 1, -0.04, 0], [0.001, -0.04, 1, -0.01], [0.02, 0, -0.01, 1]])
@@ -54,40 +47,6 @@ def test_tubes_are_as_thick_as_the_coupling():
         line = np.asarray(arcs.get_cell(n).points)
         nearest = np.linalg.norm(points[k == one][:, None] - line, axis=2).min(axis=1)
         assert nearest.max() == pytest.approx(0.5 * abs(one) / 0.05, rel=1e-3)
-
-
-@pytest.mark.slow
-def test_copper_carries_the_currents_of_its_coil():
-    board = reference_board()
-    values = np.array([1.0, -0.05, np.nan, 0.001, 0.0, 2.0])
-    copper = copper_mesh(solids(board), board.names, "L1")
-    mesh = with_coil_values(copper, values, "I (A/A)")
-    np.testing.assert_array_equal(mesh.cell_data["I (A/A)"], values[copper.cell_data["coil"]])
-    assert "I (A/A)" not in copper.cell_data
-    lines = with_coil_values(path_lines(board.conductors()), values, "I (A/A)")
-    np.testing.assert_array_equal(lines.cell_data["I (A/A)"], values)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("active", [0, 1])
-def test_colours_of_passive_coils_are_the_currents_of_the_circuit(active):
-    coupling = couple_design(load_design("starter"), ideal=True)
-    shown = coupling.isel(coil=active)
-    colours = colours_of_currents(shown.current_real.values + 1j * shown.current_imag.values, active)
-    solved = active_coil(
-        coupling.inductance.values,
-        coupling.resistance.values,
-        active,
-        float(shown.frequency),
-        short_resistance=coupling.attrs["short_resistance_ohm"],
-    )
-    expected = solved.currents.real.copy()
-    assert np.isnan(colours.values[active])
-    passive = np.arange(len(expected)) != active
-    # the same linear system solved at the frequency that was found: rounding
-    np.testing.assert_allclose(colours.values[passive], expected[passive], rtol=1e-9)
-    assert colours.scale.high == pytest.approx(np.abs(expected[passive]).max())
-    assert colours.scale.low == -colours.scale.high
 
 
 def hills(nan=False):

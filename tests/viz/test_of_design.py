@@ -35,7 +35,7 @@ def coupling(design):
 def table(design):
     """Response at few places: enough for a position."""
     x, y = np.linspace(-14e-3, 14e-3, 11), np.linspace(-5e-3, 5e-3, 5)
-    return response_map(design, depths=[0.3e-3, 0.6e-3], x=x, y=y)
+    return response_map(design, depths=[0.3e-3, 0.6e-3], x=x, y=y, ideal=True)
 
 
 def parts_of(scene):
@@ -100,6 +100,8 @@ def test_copper_is_coloured_by_the_currents_of_the_circuit(design, coupling):
             np.testing.assert_allclose(value[coil > 0], solved.currents.real[coil[coil > 0]], rtol=1e-9)
             seen |= set(coil.tolist())
     assert seen == {0, 1, 2}
+    (scale,) = scene.scales
+    assert (-scale.low, scale.high) == pytest.approx([np.abs(solved.currents.real[1:]).max()] * 2, rel=1e-9)
     # (R + Z + jωL) i = −jωM i_1: without strays the currents of that network solve the passive loops
     ideal = resonate(design_circuit(design, ideal=True), design.plan[0])
     L, R, omega = coupling.inductance.values, coupling.resistance.values, 2j * np.pi * ideal.frequency

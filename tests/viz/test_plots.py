@@ -1,6 +1,5 @@
 """Plots: what is drawn, where, and that the numbers written are the numbers given."""
 
-import matplotlib
 import numpy as np
 import pytest
 import xarray as xr
@@ -208,11 +207,3 @@ def test_a_field_map_stands_the_right_way_round(ax):
     assert area(ax.patches[0]) == pytest.approx(1.0)  # mm²
     assert ax.child_axes[0].get_ylabel() == "$B_z$ (µT per A)"
     assert ax.get_title(loc="left") == "$B_z$ of coil1, 1 mm above the board; others open"
-
-
-def test_plots_leave_no_global_state(board, tmp_path):
-    before = dict(matplotlib.rcParams)
-    ax = viz.plot_board(board)
-    ax.figure.savefig(tmp_path / "board.svg")
-    assert dict(matplotlib.rcParams) == before
-    assert (tmp_path / "board.svg").read_text().count("<path") > 20

@@ -13,7 +13,6 @@ from coilarray.viz.plots import sweep_grid as sweeps
 from coilarray.viz.plots.optimize import plot_pareto, plot_search
 from coilarray.viz.plots.response import plot_bell_curve, plot_response
 from coilarray.viz.plots.style import axis_unit
-from coilarray.viz.plots.tolerance import plot_boards, plot_shares
 
 
 @given(st.floats(1e-22, 1e22), st.sampled_from(["H", "ohm", "T", "Hz", "N"]))
@@ -203,13 +202,3 @@ def test_a_pareto_front_and_a_search_are_those_of_the_result():
     assert ax.get_ylabel() == "span_mm"
     with pytest.raises(ValueError, match="got -1"):
         plot_search(results.optimization(), -1)
-
-
-def test_shares_add_up_and_a_histogram_counts_the_boards():
-    result = results.tolerances()
-    bars = {bar.get_facecolor(): bar for bar in plot_shares(result).patches}
-    assert sorted(bar.get_width() for bar in bars.values()) == pytest.approx([0, 25, 75])
-    ax = plot_boards(result, "worst_k")
-    assert legend(ax)[0] == "9 boards"
-    # density times width is the part of the boards
-    assert sum(bar.get_width() * bar.get_height() for bar in ax.patches) == pytest.approx(1.0)

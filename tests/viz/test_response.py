@@ -117,7 +117,7 @@ def test_profiles_of_all_states_or_all_depths_along_x_or_y():
     assert ax.get_title(loc="left") == "Response at x = 0 mm, coil2, 1 mm deep"
 
 
-def test_profiles_mark_the_coils_differ_and_refuse_what_is_not_there():
+def test_profiles_mark_the_coils_and_refuse_what_is_not_there():
     ax = plot_response_profile(response())
     marks = [line.get_xdata()[0] for line in ax.lines if isinstance(line, Line2D) and line.get_linestyle() == ":"]
     assert {-5.0, 5.0} <= {round(float(mark), 9) for mark in marks}
@@ -127,9 +127,6 @@ def test_profiles_mark_the_coils_differ_and_refuse_what_is_not_there():
         plot_response_profile(response(), depth=-3)
     given = plot_response_profile(response()).figure.add_subplot()
     assert plot_response_profile(response(), ax=given) is given
-    many = crowd(14)
-    looks = {(line.get_color(), line.get_linestyle()) for line in curves(plot_response_profile(many)).values()}
-    assert len(looks) == 14
 
 
 def crowd(count):

@@ -5,20 +5,6 @@ import os
 import numpy as np
 import pytest
 from support import browser
-from support.browser import (
-    Opened,
-    at_rest,
-    drawn,
-    enter,
-    field,
-    heard,
-    matrix,
-    opened,
-    picture,
-    profile,
-    redrawn,
-    served,
-)
 from support.patience import until
 
 from coilarray import load_design
@@ -46,24 +32,40 @@ def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("designs")
 
 
-@pytest.fixture(scope="module")
-def studio(folder):
-    with served("starter", "--folder", folder) as started:
-        yield started
+def served_page(**environment):
+    """A page for most tests, and its studio."""
+
+    @pytest.fixture(scope="module")
+    def opened(chromium, folder):
+        with browser.served("starter", "--folder", folder, **environment) as started:
+            one = browser.Opened(chromium, started.url)
+            yield one, started
+            one.context.close()
+
+    return opened
 
 
-@pytest.fixture(scope="module")
-def shared(chromium, studio):
-    one = Opened(chromium, studio.url)
-    yield one
-    one.context.close()
+with_scenes, without_scenes = served_page(), served_page(COILARRAY_NO_RENDERING="1")
+# scenes cost more than all the rest: only tests with this mark have them
+scenes = pytest.mark.parametrize("shared", ["with_scenes"], indirect=True)
+
+
+@pytest.fixture
+def shared(request):
+    return request.getfixturevalue(getattr(request, "param", "without_scenes"))
+
+
+@pytest.fixture
+def studio(shared):
+    return shared[1]
 
 
 @pytest.fixture
 def page(shared):
-    """One page for most tests, each of which begins with the design as it is and the first tab."""
-    page = shared.page
-    at_rest(page)
+    """Each test begins with the design as it is and the first tab."""
+    opened = shared[0]
+    page = opened.page
+    browser.at_rest(page)
     page.click("#tab-numbers")
     if page.inner_text("#file") != "starter" or page.locator("[role=alert]").count():
         page.evaluate("trame.trigger('open_design', ['starter'])")
@@ -71,9 +73,9 @@ def page(shared):
             "document.querySelector('#file').innerText === 'starter' && !document.querySelector('[role=alert]')"
         )
     page.wait_for_function("document.querySelectorAll('#matrix td').length === 9")
-    at_rest(page)
+    browser.at_rest(page)
     yield page
-    wrong, shared.wrong[:] = list(shared.wrong), []
+    wrong, opened.wrong[:] = list(opened.wrong), []
     assert wrong == []
 
 
@@ -93,29 +95,30 @@ def press_at(page, axis, text):
     page.press(f"[data-axis={axis}] input", "Enter")
 
 
+@scenes
 def test_a_slider_changes_the_matrix_to_what_the_library_gives(page):
     page.evaluate("trame.trigger('open_design', ['gast2020'])")
     page.wait_for_function("document.querySelectorAll('#matrix td').length === 36")
-    at_rest(page)
-    np.testing.assert_array_equal(matrix(page), numbers_of(load_design("gast2020")).k)
+    browser.at_rest(page)
+    np.testing.assert_array_equal(browser.matrix(page), numbers_of(load_design("gast2020")).k)
     clipped = "inputs => inputs.filter(one => one.scrollWidth > one.clientWidth).map(one => one.value)"
     shown = page.locator(".studio-entry input[type=text]:visible")
     assert shown.evaluate_all(clipped) == []
     assert "13.28" in shown.evaluate_all("all => all.map(one => one.value)")
-    before = drawn(page)
-    picture(page, "first")
+    before = browser.drawn(page)
+    browser.picture(page, "first")
     page.locator("[data-key='array.pitch_mm'] [role=slider]").focus()
     page.keyboard.press("ArrowRight")
     page.wait_for_selector("#changed")
-    at_rest(page)
-    pitch = float(field(page, "array.pitch_mm").input_value())
+    browser.at_rest(page)
+    pitch = float(browser.field(page, "array.pitch_mm").input_value())
     assert 13.28 < pitch < 13.5
     wider = numbers_of(vary(load_design("gast2020"), {"array.pitch_mm": pitch}))
-    np.testing.assert_array_equal(matrix(page), wider.k)
-    redrawn(page, before)
+    np.testing.assert_array_equal(browser.matrix(page), wider.k)
+    browser.redrawn(page, before)
     page.click("#show-L")
     page.wait_for_selector("#matrix td[title^=L]")
-    np.testing.assert_array_equal(matrix(page), wider.inductance)
+    np.testing.assert_array_equal(browser.matrix(page), wider.inductance)
     page.click("#show-k")
 
 
@@ -139,45 +142,46 @@ def test_dragging_a_slider_shows_rough_numbers_then_full_ones(page):
     until(rough)
     page.evaluate("telling.disconnect()")
     page.mouse.up()
-    at_rest(page)
-    pitch = float(field(page, "array.pitch_mm").input_value())
+    browser.at_rest(page)
+    pitch = float(browser.field(page, "array.pitch_mm").input_value())
     assert pitch > 11.5
-    np.testing.assert_array_equal(matrix(page), numbers_of(changed(array__pitch_mm=pitch)).k)
+    np.testing.assert_array_equal(browser.matrix(page), numbers_of(changed(array__pitch_mm=pitch)).k)
 
 
 def test_a_wrong_value_is_told_at_its_field_and_changes_nothing_else(page):
-    before = matrix(page)
-    enter(page, "array.pitch_mm", "wide")
+    before = browser.matrix(page)
+    browser.enter(page, "array.pitch_mm", "wide")
     line = page.wait_for_selector("[data-key='array.pitch_mm'] [role=alert]")
     assert line.inner_text() == "array.pitch_mm must be a number; got 'wide'."
     assert page.locator("[role=alert]").count() == 1
-    assert field(page, "array.columns").input_value() == "3"
+    assert browser.field(page, "array.columns").input_value() == "3"
     assert page.query_selector("#changed") is None
-    np.testing.assert_array_equal(matrix(page), before)
-    enter(page, "array.columns", "2.5")
+    np.testing.assert_array_equal(browser.matrix(page), before)
+    browser.enter(page, "array.columns", "2.5")
     page.wait_for_selector("[data-key='array.columns'] [role=alert]")
     assert page.locator("[role=alert]").count() == 2
-    picture(page, "wrong_values")
-    enter(page, "array.pitch_mm", "12")  # right again; the other one stays wrong, and as it was in the design
+    browser.picture(page, "wrong_values")
+    browser.enter(page, "array.pitch_mm", "12")  # right again; the other one stays wrong, and as it was in the design
     page.wait_for_selector("[data-key='array.pitch_mm'] [role=alert]", state="detached")
     page.wait_for_selector("#changed")
-    at_rest(page)
-    assert field(page, "array.columns").input_value() == "2.5"
-    np.testing.assert_array_equal(matrix(page), numbers_of(changed(array__pitch_mm=12)).k)
+    browser.at_rest(page)
+    assert browser.field(page, "array.columns").input_value() == "2.5"
+    np.testing.assert_array_equal(browser.matrix(page), numbers_of(changed(array__pitch_mm=12)).k)
 
 
 def test_rules_that_break_are_red(page):
     assert page.wait_for_selector("#rules").inner_text() == "rules kept"
-    enter(page, "coils.hexagon.gap_mm", "0.05")
+    browser.enter(page, "coils.hexagon.gap_mm", "0.05")
     page.wait_for_selector("#rules:has-text('rules broken')")
     assert "spacing within net" in page.locator("#margins tr.broken").first.inner_text()
-    picture(page, "broken_rules")
+    browser.picture(page, "broken_rules")
 
 
+@scenes
 def test_switches_change_what_the_converter_sees_and_the_field(page):
     page.click("#tab-switches")
     page.wait_for_selector("#scene :text('magnitude of B')")
-    before = drawn(page)
+    before = browser.drawn(page)
     design = load_design("starter")
     network = design_circuit(design, ideal=True)
     settings = dict(zip(design.array.names, ("ground", "measure", "ground"), strict=True))
@@ -187,8 +191,8 @@ def test_switches_change_what_the_converter_sees_and_the_field(page):
         page.click(f"[data-coil={coil}] button[value={setting}]")
         settings[coil] = setting
         page.wait_for_function(sees, arg=resonate(network, state_of(settings)).effective_inductance)
-    redrawn(page, before)
-    picture(page, "switches")
+    browser.redrawn(page, before)
+    browser.picture(page, "switches")
     for coil in ("coil1", "coil2"):
         page.click(f"[data-coil={coil}] button[value=ground]")
     assert page.wait_for_selector("#switch-problem").inner_text() == "at least one coil must be measured."
@@ -196,6 +200,7 @@ def test_switches_change_what_the_converter_sees_and_the_field(page):
     page.wait_for_selector("#switched td")
 
 
+@scenes
 def test_the_indenter_is_dragged_and_located(page):
     page.click("#tab-touch")
     page.click("#compute-table")
@@ -213,7 +218,7 @@ def test_the_indenter_is_dragged_and_located(page):
         " return Math.abs((document.querySelector('#indenter').cx.baseVal.value - v.x) / v.width - part) < 3e-3 }",
         arg=across,  # to a pixel or two
     )
-    heard(page)  # the last move and the end of the drag are one place, told twice
+    browser.heard(page)  # the last move and the end of the drag are one place, told twice
     place = [float(page.input_value(f"[data-axis={axis}] input")) for axis in ("x", "y", "depth")]
     model = forward_model(browser.bells(load_design_file("starter").document, "starter"))
     shown = [float(page.inner_text(f"[data-delta={name}] span:last-child").replace("−", "-")) for name in model.states]
@@ -226,24 +231,24 @@ def test_the_indenter_is_dragged_and_located(page):
     )
     assert "ellipses of " in located
     page.wait_for_selector("#scene :text('hemisphere')")
-    picture(page, "touch")
+    browser.picture(page, "touch")
     press_at(page, "depth", "deep")
     assert page.wait_for_selector("#place-error").inner_text() == "depth must be a number; got 'deep'."
     press_at(page, "depth", "99")
     page.wait_for_selector("#place-error:has-text('mm; got 99.')")
     press_at(page, "depth", "0.3")
     page.wait_for_selector("#place-error", state="detached")
-    enter(page, "array.pitch_mm", "12")  # another board: the response is no longer its own
+    browser.enter(page, "array.pitch_mm", "12")  # another board: the response is no longer its own
     page.wait_for_selector("#touch-note:has-text('computed anew')")
     assert page.query_selector("#indenter") is None
 
 
 def test_a_design_is_saved_opened_and_kept_through_a_reload(page, folder):
-    enter(page, "array.pitch_mm", "12.5")
+    browser.enter(page, "array.pitch_mm", "12.5")
     page.wait_for_selector("#changed")
     save(page, "../outside.toml")
     assert "plain, short name" in page.wait_for_selector("#file-problem").inner_text()
-    picture(page, "save")
+    browser.picture(page, "save")
     page.fill("#save-name", "better.toml")
     page.click("#save-now")
     page.wait_for_selector("#file:has-text('better.toml')")
@@ -259,38 +264,38 @@ def test_a_design_is_saved_opened_and_kept_through_a_reload(page, folder):
     save(page, "better.toml")
     page.click("#save-now:has-text('Replace')")
     page.wait_for_selector("#file:has-text('better.toml')")
-    field(page, "array.columns").fill("2")
-    field(page, "array.columns").press("Tab")  # to leave a field enters it too
+    browser.field(page, "array.columns").fill("2")
+    browser.field(page, "array.columns").press("Tab")  # to leave a field enters it too
     page.wait_for_selector("#changed")
     page.reload()
-    at_rest(page)
-    assert [field(page, key).input_value() for key in ("array.pitch_mm", "array.columns")] == ["12.5", "2"]
+    browser.at_rest(page)
+    assert [browser.field(page, key).input_value() for key in ("array.pitch_mm", "array.columns")] == ["12.5", "2"]
     assert page.inner_text("#file").startswith("better.toml")
-    np.testing.assert_array_equal(matrix(page), numbers_of(changed(array__pitch_mm=12.5, array__columns=2)).k)
+    np.testing.assert_array_equal(browser.matrix(page), numbers_of(changed(array__pitch_mm=12.5, array__columns=2)).k)
     page.click("#open")
     page.wait_for_selector("#shelf >> text=better.toml")
-    picture(page, "open")
+    browser.picture(page, "open")
     page.click("#shelf >> text=better.toml")
     page.wait_for_selector("#changed", state="detached")
     page.wait_for_function("document.querySelectorAll('#matrix td').length === 9")
-    assert field(page, "array.columns").input_value() == "3"
+    assert browser.field(page, "array.columns").input_value() == "3"
 
 
 def test_two_browsers_do_not_disturb_each_other(page, chromium, studio):
-    with opened(chromium, studio.url) as other:
-        enter(page, "array.pitch_mm", "13")
+    with browser.opened(chromium, studio.url) as other:
+        browser.enter(page, "array.pitch_mm", "13")
         page.wait_for_selector("#changed")
-        enter(other, "array.columns", "2")
+        browser.enter(other, "array.columns", "2")
         other.wait_for_selector("#changed")
         page.click("#tab-switches")
-        at_rest(other)
-        at_rest(page)
+        browser.at_rest(other)
+        browser.at_rest(page)
         assert other.locator("#matrix").is_visible()
-        assert [field(page, key).input_value() for key in ("array.pitch_mm", "array.columns")] == ["13", "3"]
-        assert [field(other, key).input_value() for key in ("array.pitch_mm", "array.columns")] == ["11", "2"]
+        assert [browser.field(page, key).input_value() for key in ("array.pitch_mm", "array.columns")] == ["13", "3"]
+        assert [browser.field(other, key).input_value() for key in ("array.pitch_mm", "array.columns")] == ["11", "2"]
         page.click("#tab-numbers")
-        np.testing.assert_array_equal(matrix(page), numbers_of(changed(array__pitch_mm=13)).k)
-        np.testing.assert_array_equal(matrix(other), numbers_of(changed(array__columns=2)).k)
+        np.testing.assert_array_equal(browser.matrix(page), numbers_of(changed(array__pitch_mm=13)).k)
+        np.testing.assert_array_equal(browser.matrix(other), numbers_of(changed(array__columns=2)).k)
 
 
 def test_runs_of_an_optimisation_are_shown_and_taken_over(page, folder):
@@ -298,22 +303,23 @@ def test_runs_of_an_optimisation_are_shown_and_taken_over(page, folder):
     result = browser.quick_run(folder / "found")
     page.click("#tab-runs")
     page.click("#look-for-runs")
-    heard(page)
+    browser.heard(page)
     page.click("#run-folder-box .v-field")
     page.click(".v-overlay >> text=found")
     page.wait_for_selector("#pareto")
     assert page.inner_text("#run-summary").startswith(f"{len(result.trials)} points tried")
     assert page.locator("#front tbody tr").count() == len(result.front)
-    picture(page, "runs")
+    browser.picture(page, "runs")
     name = page.inner_text("#front tbody tr >> nth=0 >> td >> nth=0")
     (trial,) = (one for one in result.front if one.name == name)
     page.click("#front button >> nth=0")
     page.wait_for_selector("#changed")
-    assert int(field(page, "array.columns").input_value()) == trial.changes["array.columns"]
-    pitch = float(field(page, "array.pitch_mm").input_value())
+    assert int(browser.field(page, "array.columns").input_value()) == trial.changes["array.columns"]
+    pitch = float(browser.field(page, "array.pitch_mm").input_value())
     assert pitch == pytest.approx(trial.changes["array.pitch_mm"], rel=1e-11)  # shown with twelve digits
 
 
+@scenes
 def test_a_board_is_watched_and_stopped(page, studio):
     before = set(studio.children())
     page.click("#tab-board")
@@ -326,7 +332,7 @@ def test_a_board_is_watched_and_stopped(page, studio):
         page.screenshot(path=os.path.join(os.environ[browser.ARTIFACTS], "studio_board.png"))  # it is never at rest
     (child,) = set(studio.children()) - before
     box = page.get_attribute("#board-view", "viewBox")
-    enter(page, "array.pitch_mm", "13")  # the board that runs stays what it is
+    browser.enter(page, "array.pitch_mm", "13")  # the board that runs stays what it is
     page.wait_for_selector("#changed")
     scan = int(page.get_attribute("#board-line", "data-scan"))
     page.wait_for_function("scan => Number(document.querySelector('#board-line').dataset.scan) > scan + 1", arg=scan)
@@ -341,9 +347,9 @@ def test_a_board_is_watched_and_stopped(page, studio):
 def test_a_report_is_written_beside_the_page_and_can_be_cancelled(page, studio, folder):
     page.click("#report")
     page.wait_for_selector("#job [role=progressbar][aria-valuenow]")
-    enter(page, "array.pitch_mm", "12")  # the page goes on meanwhile
+    browser.enter(page, "array.pitch_mm", "12")  # the page goes on meanwhile
     page.wait_for_selector("#changed")
-    picture(page, "job")
+    browser.picture(page, "job")
     page.click("#cancel")
     page.wait_for_selector("#job", state="detached")
     assert not (folder / "starter-report").exists()
@@ -355,8 +361,9 @@ def test_a_report_is_written_beside_the_page_and_can_be_cancelled(page, studio, 
     assert "A report." in answer.text()
 
 
+@scenes
 def test_the_scene_is_turned_and_its_groups_are_hidden(page):
-    first = drawn(page)
+    first = browser.drawn(page)
     box = page.locator("#scene img").first.bounding_box()
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
     page.mouse.move(x, y)
@@ -364,11 +371,11 @@ def test_the_scene_is_turned_and_its_groups_are_hidden(page):
     for k in range(6):
         page.mouse.move(x + 12 * k, y + 6 * k)
     page.mouse.up()
-    turned = redrawn(page, first)
+    turned = browser.redrawn(page, first)
     page.click("#scene button:has-text('copper L1')")
     page.wait_for_selector("#scene button.off:has-text('copper L1')")
-    redrawn(page, turned)
-    picture(page, "turned")
+    browser.redrawn(page, turned)
+    browser.picture(page, "turned")
     page.click("#scene button:has-text('copper L1')")
     page.click("#scene button:has-text('oblique')")
 
@@ -376,13 +383,13 @@ def test_the_scene_is_turned_and_its_groups_are_hidden(page):
 def test_the_program_wants_its_token_and_ends_when_the_page_is_closed(chromium, tmp_path):
     arguments = ("starter", "--linger", "0.5", "--host", "127.0.0.1")
     said = {"COILARRAY_CACHE": str(tmp_path / "cache"), "COILARRAY_NO_RENDERING": "1"}
-    with served(*arguments, program=True, cwd=tmp_path, **said) as started:
-        context = profile(chromium)
+    with browser.served(*arguments, program=True, cwd=tmp_path, **said) as started:
+        context = browser.profile(chromium)
         refused = context.new_page()
         assert refused.goto(started.url.partition("?")[0]).status == 403
         assert "the address lacks its token" in refused.inner_text("body")
         context.close()
-        with opened(chromium, started.url) as page:
+        with browser.opened(chromium, started.url) as page:
             page.click("#tab-touch")
             page.click("#compute-table")
             page.wait_for_selector("#job")
@@ -394,14 +401,14 @@ def test_the_program_wants_its_token_and_ends_when_the_page_is_closed(chromium, 
 
 @pytest.mark.skipif(os.name != "posix", reason="no Ctrl-C to be sent here")
 def test_ctrl_c_ends_it_with_a_page_open_and_nothing_to_render(chromium, tmp_path):
-    with served("starter", program=True, cwd=tmp_path, COILARRAY_NO_RENDERING="1") as started:
-        context = profile(chromium)
+    with browser.served("starter", program=True, cwd=tmp_path, COILARRAY_NO_RENDERING="1") as started:
+        context = browser.profile(chromium)
         page = context.new_page()
         page.goto(started.url)
         page.wait_for_selector("#scene-problem:has-text('COILARRAY_NO_RENDERING')")
-        at_rest(page)
-        np.testing.assert_array_equal(matrix(page), numbers_of(load_design("starter")).k)
-        picture(page, "no_rendering")
+        browser.at_rest(page)
+        np.testing.assert_array_equal(browser.matrix(page), numbers_of(load_design("starter")).k)
+        browser.picture(page, "no_rendering")
         said = started.end()
         context.close()
         assert started.process.returncode == 0
