@@ -15,18 +15,10 @@ _LARGEST_DIGITS, _MOST_DECIMALS = 4, 9
 
 @dataclass(frozen=True)
 class DisplayUnit:
-    """A unit for people: its symbol, the factor from SI, and the digits that are written.
+    """A unit for people: its symbol, empty for a pure number, the factor from SI, and the digits that are written.
 
-    Parameters
-    ----------
-    symbol : str
-        Symbol of the unit, such as "µH"; empty for a pure number.
-    factor : float
-        Factor from SI to this unit.
-    digits : int, optional
-        Number of decimal places. By default as many as give the largest of the numbers four significant digits.
-    significant : bool
-        Whether `digits` are significant digits of each number, for numbers that span many powers of ten.
+    `digits` are decimal places, by default as many as give the largest of the numbers four significant digits; or
+    `significant` digits of each number, for numbers that span many powers of ten.
 
     Examples
     --------
@@ -65,13 +57,7 @@ class DisplayUnit:
 
 
 def number_text(number: float, digits: int) -> str:
-    """Return a number with so many decimal places as text, with a true minus sign, and none before a zero.
-
-    Examples
-    --------
-    >>> number_text(-0.0004, 3), number_text(-12.35, 1)
-    ('0.000', '−12.3')
-    """
+    """Return a number with so many decimal places as text, with a true minus sign, and none before a zero."""
     return true_minus(f"{round(number, digits) + 0.0:.{digits}f}")
 
 
@@ -100,38 +86,17 @@ PER_MILLION = DisplayUnit("10⁻⁶", 1e6, 2)
 """Relative changes of inductance, δ."""
 
 _UNITS = {
-    "1": PLAIN,
-    "A": DisplayUnit("µA", 1e6, 0),
-    "A/A": DisplayUnit("A/A", 1.0, 5),
-    "F": DisplayUnit("pF", 1e12, 2),
-    "H": DisplayUnit("µH", 1e6, 4),
-    "Hz": DisplayUnit("MHz", 1e-6, 4),
-    "N": DisplayUnit("mN", 1e3, 2),
-    "N/m": DisplayUnit("N/m", 1.0, 3),
-    "T/A": DisplayUnit("µT/mA", 1e3, 4),
-    "V": DisplayUnit("V", 1.0, 2),
-    "m": MM,
-    "ohm": DisplayUnit("Ω", 1.0, 3),
+    "1": DisplayUnit(), "A": DisplayUnit("µA", 1e6, 0), "A/A": DisplayUnit("A/A", 1.0, 5),
+    "F": DisplayUnit("pF", 1e12, 2), "H": DisplayUnit("µH", 1e6, 4), "Hz": DisplayUnit("MHz", 1e-6, 4),
+    "N": DisplayUnit("mN", 1e3, 2), "N/m": DisplayUnit("N/m", 1.0, 3), "T/A": DisplayUnit("µT/mA", 1e3, 4),
+    "V": DisplayUnit("V", 1.0, 2), "m": DisplayUnit("mm", 1e3, 3), "ohm": DisplayUnit("Ω", 1.0, 3),
     "rad": DisplayUnit("mrad", 1e3, 3),
-}
+}  # fmt: skip
 
 
 def display_unit(unit: str) -> DisplayUnit:
-    """Return the unit in which people read values that are stored in an SI unit.
+    """Return the unit in which people read values stored in an SI unit, which is itself where no other is customary.
 
-    Parameters
-    ----------
-    unit : str
-        SI unit as the attribute ``units`` of a dataset has it, such as "H" or "ohm"; "" and "1" are pure numbers.
-
-    Returns
-    -------
-    DisplayUnit
-        The unit itself where no other one is customary for planar coils.
-
-    Examples
-    --------
-    >>> display_unit("Hz").symbol, display_unit("ohm").symbol, display_unit("Pa").symbol
-    ('MHz', 'Ω', 'Pa')
+    The SI unit is as the attribute ``units`` of a dataset has it, such as "H" or "ohm"; "" and "1" are pure numbers.
     """
     return _UNITS.get(unit or "1", DisplayUnit(unit))
