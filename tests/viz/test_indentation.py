@@ -144,7 +144,6 @@ def test_dents_and_grooves_take_their_volume_from_sheets_that_share_their_interf
     assert meshes["magnetic"].points[:, 2].max() <= 8.0
     axis = np.hypot(*(meshes["magnetic"].points[:, :2] - np.multiply(CENTRE, 1e3)).T) < 1e-9
     assert sorted(meshes["magnetic"].points[axis, 2].tolist()) == pytest.approx([6 - 0.75, 7.0])
-    meshes = bodies(dents())
     upper = {tuple(point) for point in np.round(meshes["base"].points, 9).tolist() if point[2] > 4.5}
     lower = {tuple(point) for point in np.round(meshes["magnetic"].points, 9).tolist() if point[2] <= 6.0}
     assert upper <= lower

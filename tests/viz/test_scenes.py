@@ -130,9 +130,7 @@ def test_colours_of_scales():
 @pytest.mark.parametrize(
     ("scale", "factor", "title"),
     [
-        (Scale("B", "B", "T", 1e-8, 2e-6), 1e6, "B (µT)"),
         (Scale("I", "I", "A/A", -0.05, 0.05), 1e3, "I (mA/A)"),
-        (Scale("k", "k", "", -0.05, 0.05), 1.0, "k"),
         (Scale("d", "δ", "", -8e-4, 8e-4), 1e6, "δ (10⁻⁶)"),
     ],
 )
