@@ -36,8 +36,8 @@ def parts_of(scene):
 def test_a_touch_has_the_response_along_its_way(design, monkeypatch):
     ideal_map = functools.partial(response_map, ideal=True)  # the true circuit takes seconds
     monkeypatch.setattr("coilarray.viz.scenes.touch.response_map", ideal_map)
-    touch = touch_along(design, [(-4e-3, 0.0), (4e-3, 3e-3)], count=5, depth=0.6e-3)
-    np.testing.assert_allclose(touch.places, np.linspace([-4e-3, 0], [4e-3, 3e-3], 5), atol=1e-15)
+    touch = touch_along(design, [(-1e-3, 0.0), (1e-3, 1e-3)], count=5, depth=0.6e-3)
+    np.testing.assert_allclose(touch.places, np.linspace([-1e-3, 0], [1e-3, 1e-3], 5), atol=1e-15)
     x, y = touch.places[1]
     exact = ideal_map(design, depths=[0.6e-3], x=[x], y=[y]).delta.values.ravel()
     # splines through positions a fifth of the sheets' thickness apart: 1e-6 on gast2020
@@ -52,11 +52,21 @@ def test_a_touch_has_the_response_along_its_way(design, monkeypatch):
     tips = [parts_of(frame)["indenter"].mesh for frame in frames]
     lowest = [mesh.points[mesh.points[:, 2].argmin(), 0] * 1e-3 for mesh in tips]
     np.testing.assert_allclose(lowest, touch.places[:, 0] + design.indentation.origin_point[0], atol=1e-8)
-    touch = touch_along(design, count=3)
-    on_board = touch.places[:, 0] + design.indentation.origin_point[0]
+
+
+def test_a_touch_goes_over_all_coils_by_default(design, monkeypatch):
+    asked = []
+
+    def stop(_, *, x, depths, **others):
+        asked.extend((np.array(x) + design.indentation.origin_point[0], depths))
+        raise GeometryError("asked")
+
+    monkeypatch.setattr("coilarray.viz.scenes.touch.response_map", stop)
+    with pytest.raises(GeometryError, match="asked"):
+        touch_along(design, count=3)
     outlines = np.concatenate([place.to_board(place.coil.outline) for place in design.array.placements])
-    assert on_board[[0, -1]] == pytest.approx([outlines[:, 0].min(), outlines[:, 0].max()])
-    assert touch.depth == max(design.indentation.depths)
+    assert asked[0][[0, -1]] == pytest.approx([outlines[:, 0].min(), outlines[:, 0].max()])
+    assert asked[1] == [max(design.indentation.depths)]
 
 
 def test_ways_and_designs_without_a_film_are_refused(design):

@@ -133,7 +133,6 @@ def test_words_stand_over_their_places_and_on_no_others(page):
     page.click("button[data-side=top]")
     settled(page)
     assert page.locator(".words span", has_text="left").bounding_box() != away
-    page, *_ = opened
     seen = {}
     for side in ("front", "right", "top"):
         page.click(f"button[data-side={side}]")
@@ -172,7 +171,6 @@ def test_legend_bar_and_notes_say_what_is_seen_beside_all_of_it(page):
         box = page.locator(selector).bounding_box()
         assert min(box["x"], box["y"]) >= 0
         assert (box["x"] + box["width"] <= WIDTH, box["y"] + box["height"] <= HEIGHT) == (True, True)
-    page, *_ = opened
     panel, bars = page.locator(".panel").bounding_box(), page.locator(".bars").bounding_box()
     left, _ = where(page, (0, 0))
     right, _ = where(page, (30, 10))

@@ -35,11 +35,11 @@ def test_blocks_or_files_are_the_parts(tmp_path):
     for part in scene().parts:
         same(blocks[part.name], part)
     assert sorted(entry.name for entry in tmp_path.iterdir()) == ["board", "board.vtm"]
-    written = save_vtk(scene(), tmp_path / "board")
+    written = save_vtk(scene(), tmp_path / "parts")
     assert [path.name for path in written] == ["copper_L1.vtp", "B_box.vtr", "cut.vtp"]
     for path, part in zip(written, scene().parts, strict=True):
         same(pyvista.read(path), part)
-    assert sorted(entry.name for entry in (tmp_path / "board").iterdir()) == sorted(path.name for path in written)
+    assert sorted(entry.name for entry in (tmp_path / "parts").iterdir()) == sorted(path.name for path in written)
 
 
 def test_written_again_it_is_the_new_scene_and_names_are_kept_apart(tmp_path):

@@ -151,9 +151,9 @@ class _Making:
         return off_middle(self._setup) if self.view.at is None else self.view.at
 
     def _dent(self) -> Scene:
-        design, opacity = self.design, 1.0 if self._covered else VEILED
+        design, where, opacity = self.design, self._on_board, 1.0 if self._covered else VEILED
         dent, indenter = dent_of_design(design, self._depth), self._setup.indenter
-        return scene_of_dent(design.array, design.sheets, dent, indenter, self._on_board, opacity=opacity)
+        return scene_of_dent(design.array, design.sheets, dent, indenter, where, opacity=opacity)
 
     @property
     def _on_board(self) -> tuple[float, float]:
