@@ -3,14 +3,7 @@
 from coilarray.geometry.array import CoilArray, Lattice, Placement, lattice, lattice_array
 from coilarray.geometry.coil import Coil, Leads, PlatedHole, Wound, hull_outline, path_coil, spiral_coil
 from coilarray.geometry.conductor import Conductor
-from coilarray.geometry.connectivity import (
-    Barrel,
-    NetCheck,
-    NetFault,
-    board_layers,
-    check_nets,
-    connected_pieces,
-)
+from coilarray.geometry.connectivity import Barrel, NetCheck, NetFault, board_layers, check_nets, connected_pieces
 from coilarray.geometry.copper import CopperFeature, Drill, board_outline, copper_by_layer, copper_features, drills
 from coilarray.geometry.indenter import Cone, CylinderEdge, FlatPunch, Hemisphere, Indenter, Paraboloid
 from coilarray.geometry.rules import FabRules, Margin, check_rules, require_kept, require_rules

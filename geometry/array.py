@@ -282,12 +282,7 @@ def lattice_array(
 
 
 def lattice(
-    kind: LatticeKind,
-    pitch: float,
-    columns: int,
-    rows: int = 1,
-    *,
-    direction: float = 0.0,
+    kind: LatticeKind, pitch: float, columns: int, rows: int = 1, *, direction: float = 0.0
 ) -> tuple[FloatArray, npt.NDArray[np.int64]]:
     """Points of a regular lattice about the origin.
 

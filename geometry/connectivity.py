@@ -181,11 +181,7 @@ def board_layers(board: BoardCopper) -> tuple[dict[str, list[BaseGeometry]], lis
 
 
 def check_nets(
-    array: CoilArray,
-    layers: Mapping[str, Sequence[BaseGeometry]],
-    holes: Sequence[Barrel],
-    *,
-    tolerance: float = 2e-6,
+    array: CoilArray, layers: Mapping[str, Sequence[BaseGeometry]], holes: Sequence[Barrel], *, tolerance: float = 2e-6
 ) -> NetCheck:
     """Compare the copper of a file with the coils it should hold.
 
@@ -277,10 +273,7 @@ def check_names(array: CoilArray, board: BoardCopper) -> tuple[NetFault, ...]:
 
 
 def _misnamed(
-    what: str,
-    layer: str,
-    places: Sequence[tuple[shapely.Point, str | None]],
-    coils: Sequence[tuple[str, BaseGeometry]],
+    what: str, layer: str, places: Sequence[tuple[shapely.Point, str | None]], coils: Sequence[tuple[str, BaseGeometry]]
 ) -> Iterator[NetFault]:
     """Compare the net at every place with the name of the nearest coil."""
     if not coils or not places:
@@ -407,11 +400,7 @@ def _bridges(
 
 
 def _meetings(
-    piece: Mapping[str, BaseGeometry],
-    a: _Coil,
-    b: _Coil,
-    owners: Sequence[_Coil],
-    foreign_holes: Sequence[Barrel],
+    piece: Mapping[str, BaseGeometry], a: _Coil, b: _Coil, owners: Sequence[_Coil], foreign_holes: Sequence[Barrel]
 ) -> Iterator[tuple[str, float, float]]:
     """Layer and place of what joins two coils: a hole, copper of both, or copper of neither beside both."""
     for hole in foreign_holes:

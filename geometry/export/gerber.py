@@ -34,12 +34,7 @@ _ZIP_TIME = (1980, 1, 1, 0, 0, 0)
 
 
 def write_gerbers(
-    array: CoilArray,
-    path: Path,
-    *,
-    name: str,
-    revision: str = "1",
-    check: Callable[[Path], None] | None = None,
+    array: CoilArray, path: Path, *, name: str, revision: str = "1", check: Callable[[Path], None] | None = None
 ) -> None:
     """Write everything a board house needs as one zip.
 

@@ -116,8 +116,7 @@ def test_placements_that_cannot_be():
     with pytest.raises(GeometryError, match="has 2 lines and must be given as many copper layers; got 1"):
         Placement("A", COIL, ("L1",), 0, 0)
     with pytest.raises(
-        GeometryError,
-        match="lines 0 and 1 of A are joined by a via and must lie on different copper layers; got L1",
+        GeometryError, match="lines 0 and 1 of A are joined by a via and must lie on different copper layers; got L1"
     ):
         Placement("A", COIL, ("L1", "L1"), 0, 0)
 

@@ -14,23 +14,8 @@ from hypothesis import strategies as st
 from support.boards import LEADS, VIA, many_layers, one_coil, reference_board
 
 from coilarray.errors import GeometryError
-from coilarray.geometry import (
-    CoilArray,
-    Placement,
-    PlatedHole,
-    Spiral,
-    copper_by_layer,
-    drills,
-    path_coil,
-    spiral_coil,
-)
-from coilarray.geometry.connectivity import (
-    Barrel,
-    NetCheck,
-    check_names,
-    check_nets,
-    connected_pieces,
-)
+from coilarray.geometry import CoilArray, Placement, PlatedHole, Spiral, copper_by_layer, drills, path_coil, spiral_coil
+from coilarray.geometry.connectivity import Barrel, NetCheck, check_names, check_nets, connected_pieces
 from coilarray.geometry.readers.board_copper import BoardCopper, Hole, SurfacePad, Track
 
 Layers = dict[str, list[shapely.geometry.base.BaseGeometry]]
@@ -43,10 +28,7 @@ BRIDGE = shapely.box(-1.35e-3, 0.2e-3, 1.15e-3, 0.3e-3)
 def two_coils() -> CoilArray:
     """Two small coils beside each other on L1 and L2 of four layers, vias through the board."""
     coil = spiral_coil(Spiral(4, 3e-3, 4, 0.2e-3, 0.2e-3, first_corner=0.75 * np.pi), 2, VIA, LEADS)
-    placements = (
-        Placement("A", coil, ("L1", "L2"), -4e-3, 0),
-        Placement("B", coil, ("L1", "L2"), 4e-3, 0),
-    )
+    placements = (Placement("A", coil, ("L1", "L2"), -4e-3, 0), Placement("B", coil, ("L1", "L2"), 4e-3, 0))
     return CoilArray(many_layers(4), placements)
 
 
@@ -89,13 +71,7 @@ def faults(check: NetCheck) -> list[tuple[str, tuple[str, ...], str]]:
     return [(fault.kind, fault.coils, fault.layer) for fault in check.faults]
 
 
-@given(
-    st.lists(
-        st.tuples(*[st.integers(0, 12)] * 2, *[st.integers(1, 4)] * 2),
-        min_size=1,
-        max_size=12,
-    )
-)
+@given(st.lists(st.tuples(*[st.integers(0, 12)] * 2, *[st.integers(1, 4)] * 2), min_size=1, max_size=12))
 @settings(max_examples=60)
 def test_pieces_of_one_layer_are_the_parts_of_the_union(boxes: list[tuple[int, int, int, int]]) -> None:
     # on a grid of 1 mm, turned by 0.3 rad so that no edges lie on one another; corners that touch are left out

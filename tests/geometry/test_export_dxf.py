@@ -166,11 +166,7 @@ def test_holes_that_are_not_through_lie_on_layers_of_their_own(tmp_path):
 
 @pytest.mark.slow
 @settings(max_examples=15)
-@given(
-    rotation=st.floats(-math.pi, math.pi),
-    x=st.floats(-0.2, 0.2),
-    y=st.floats(-0.2, 0.2),
-)
+@given(rotation=st.floats(-math.pi, math.pi), x=st.floats(-0.2, 0.2), y=st.floats(-0.2, 0.2))
 def test_wherever_the_coil_lies(tmp_path_factory, rotation, x, y):
     placement = BOARDS["two widths"].placements[0]
     moved = Placement("A", placement.coil, placement.layers, x, y, rotation)

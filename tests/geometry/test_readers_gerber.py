@@ -529,10 +529,7 @@ def changed(name: str, old: str, new: str) -> dict[str, str]:
             {k: v for k, v in BOARD.items() if k != "bottom.gbr"} | {"in.gbr": gerber("Copper,L2,Inr", *BOTTOM)},
             r"board\.zip: copper layers are missing: the bottom below L2\.$",
         ),
-        (
-            {**BOARD, "other.gbr": BOARD["top.gbr"]},
-            r"/top\.gbr: is copper layer L1, and so is .*/other\.gbr",
-        ),
+        ({**BOARD, "other.gbr": BOARD["top.gbr"]}, r"/top\.gbr: is copper layer L1, and so is .*/other\.gbr"),
         ({**BOARD, "x.gbr": gerber("Copper,Lx,Inr")}, r"/x\.gbr: a copper layer must be L1, L2, …; got Copper,Lx,Inr"),
         (
             {k: v for k, v in BOARD.items() if k != "holes.drl"},

@@ -411,12 +411,7 @@ def test_pads_turn_on_the_sheet_not_in_their_footprint(read):
 # ---- arcs
 
 
-@given(
-    radius=st.floats(0.05e-3, 20e-3),
-    first=st.floats(-4, 4),
-    turn=st.floats(-6.2, 6.2),
-    part=st.floats(0.1, 0.9),
-)
+@given(radius=st.floats(0.05e-3, 20e-3), first=st.floats(-4, 4), turn=st.floats(-6.2, 6.2), part=st.floats(0.1, 0.9))
 @settings(max_examples=80)
 def test_pieces_of_an_arc_stay_on_it_and_keep_its_area(radius, first, turn, part):
     assume(abs(turn) > 0.05)

@@ -283,10 +283,7 @@ def test_holes_that_lead_nowhere_are_noted():
             r"^file:1: net A must be one piece of copper; it has 2 that do not meet, at \(0, 0\) mm on top "
             r"\(file:1\) and at \(0, 3\) mm on top \(file:2\)",
         ),
-        (
-            [*line((0, 0), (5, 0)), *line((5, 0), (5, 3), layer="bottom")],
-            "it has 2 that do not meet",
-        ),
+        ([*line((0, 0), (5, 0)), *line((5, 0), (5, 3), layer="bottom")], "it has 2 that do not meet"),
         (
             line((0, 0), (9, 0), (9, 5), (5, 5), (5, -5)),
             r"^file:1: net A must be one path; it crosses itself on top at \(5, 0\) mm \(file:4\)",
