@@ -472,27 +472,11 @@ def _fan(
     *,
     inside: bool,
 ) -> FloatArray:
-    """Nearest points on rays from `end` where the pads clear all other copper and one another by the gap.
+    """Nearest points in m, shape (m, 2), on rays from `end` where pads clear all copper and one another by the gap.
 
-    Parameters
-    ----------
-    spiral : Spiral
-        Gives trace width and gap.
-    end : ndarray, shape (2,)
-        Corner where the windings end, in m.
-    pads : ndarray, shape (m,)
-        Diameters of the pads in m.
-    lines : sequence of ndarray, each of shape (n, 2)
-        Centre lines to be cleared, in m.
-    fixed : sequence of (ndarray of shape (2,), float)
-        Holes to be cleared: point and pad diameter in m.
-    inside : bool
-        Whether the rays run towards the centre.
-
-    Returns
-    -------
-    ndarray, shape (m, 2)
-        Points in m.
+    `end` is the corner, shape (2,), where the windings end, `pads` are the diameters, shape (m,), `lines` the centre
+    lines to be cleared, each of shape (n, 2), `fixed` the holes to be cleared, place and pad diameter, all in m. The
+    rays run towards the centre where `inside`.
     """
     m = len(pads)
     outwards = end / float(np.hypot(*end))

@@ -241,19 +241,9 @@ def check_nets(
 
 
 def check_names(array: CoilArray, board: BoardCopper) -> tuple[NetFault, ...]:
-    """Compare the nets that a board's tracks, holes and pads have with the coils on which they lie.
+    """Compare the nets of a board's copper, which passed `check_nets`, with the coils on which it lies.
 
-    Parameters
-    ----------
-    array : CoilArray
-        The design.
-    board : BoardCopper
-        Its copper, which has passed `check_nets`.
-
-    Returns
-    -------
-    tuple of NetFault
-        One for each piece that has another net than the name of its coil, or none.
+    One fault for each track, hole or pad that has another net than the name of its coil, or none.
     """
     lines: list[tuple[str, str, BaseGeometry]] = [
         (layer, placement.name, shapely.LineString(placement.to_board(line)))

@@ -175,38 +175,18 @@ def disc(x: float, y: float, diameter: float) -> shapely.Polygon:
 
 
 def uniform_runs(line: FloatArray, widths: FloatArray) -> list[tuple[FloatArray, float]]:
-    """Cut a line where its width changes.
+    """Cut a centre line, shape (n, 2), where its width, shape (n − 1,), changes, all in m.
 
-    Parameters
-    ----------
-    line : ndarray, shape (n, 2)
-        Centre line in m.
-    widths : ndarray, shape (n − 1,)
-        Width of every segment in m.
-
-    Returns
-    -------
-    list of (ndarray of shape (m, 2), float)
-        Pieces in order, each with its one width in m; every piece begins where the one before ends.
+    The pieces come in order, each with its one width; every piece begins where the one before ends.
     """
     starts = [0, *(np.flatnonzero(np.diff(widths)) + 1).tolist(), len(widths)]
     return [(line[first : last + 1], float(widths[first])) for first, last in pairwise(starts)]
 
 
 def trace_outline(line: FloatArray, widths: npt.ArrayLike) -> shapely.Polygon:
-    """Outline of a trace: flat ends, mitred corners, round ones where the width changes.
+    """Outline in m of a trace: flat ends, mitred corners, round ones where the width changes.
 
-    Parameters
-    ----------
-    line : ndarray, shape (n, 2)
-        Centre line in m.
-    widths : array_like, shape (n − 1,) or scalar
-        Width of every segment in m.
-
-    Returns
-    -------
-    shapely.Polygon
-        In m.
+    `line` is its centre line, shape (n, 2), and `widths` the width of every segment, shape (n − 1,) or scalar, in m.
     """
     runs = uniform_runs(line, np.broadcast_to(np.asarray(widths, dtype=np.float64), (len(line) - 1,)))
     ribbons = [_ribbon(piece, width) for piece, width in runs]

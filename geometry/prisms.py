@@ -16,14 +16,9 @@ from coilarray.geometry.sheet import Sheet
 
 @dataclass(frozen=True)
 class Prism:
-    """A flat piece with upright walls.
+    """A flat piece with upright walls: its outline and the heights of its two faces, in m.
 
-    Parameters
-    ----------
-    shape : shapely.Polygon or shapely.MultiPolygon
-        Outline in m; circles are those of `coilarray.geometry.copper.disc`.
-    bottom, top : float
-        Heights of the two faces in m.
+    Circles of the outline are those of `coilarray.geometry.copper.disc`.
     """
 
     shape: BaseGeometry
@@ -32,26 +27,7 @@ class Prism:
 
 
 def board_prisms(array: CoilArray) -> dict[str, Prism]:
-    """Divide a board into copper, barrels and laminate.
-
-    Parameters
-    ----------
-    array : CoilArray
-        The board.
-
-    Returns
-    -------
-    dict of str to Prism
-        Prisms by the keys of `coilarray.geometry.solids`.
-
-    Examples
-    --------
-    >>> from coilarray.geometry import Placement, PlatedHole, Stackup, path_coil
-    >>> coil = path_coil([[(0, 0), (1e-2, 0)]], 0.2e-3, 0.2e-3, PlatedHole(0.3e-3, 0.6e-3))
-    >>> board = CoilArray(Stackup(("top",), (35e-6,), (), ()), (Placement("A", coil, ("top",), 0, 0),))
-    >>> [(key, prism.bottom) for key, prism in board_prisms(board).items()]
-    [('copper/top/A', -3.5e-05)]
-    """
+    """Divide a board into copper, barrels and laminate, by the keys of `coilarray.geometry.solids`."""
     stackup = array.stackup
     holes = [hole for hole in drills(array) if hole.drilled]
     pieces: dict[str, Prism] = {}
@@ -72,25 +48,7 @@ def board_prisms(array: CoilArray) -> dict[str, Prism]:
 
 
 def sheet_prisms(array: CoilArray, sheets: Sequence[Sheet]) -> dict[str, Prism]:
-    """Stack sheets on a board, upwards from z = 0.
-
-    Parameters
-    ----------
-    array : CoilArray
-        The board; each sheet covers all of it.
-    sheets : sequence of Sheet
-        Sheets from the board upwards; names all different.
-
-    Returns
-    -------
-    dict of str to Prism
-        Prisms by ``sheet/<name>``.
-
-    Raises
-    ------
-    GeometryError
-        Two sheets of the same name.
-    """
+    """Stack sheets as large as the board upwards from z = 0, by ``sheet/<name>``; GeometryError for two of one name."""
     names = [sheet.name for sheet in sheets]
     if len(set(names)) != len(names):
         raise GeometryError(f"sheet names must differ; got {', '.join(names)}.")

@@ -415,29 +415,13 @@ def _nearest_beyond(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Nearest places of pairs of segments that are at least `way` apart along both.
 
-    Parameters
-    ----------
-    apart : ndarray, shape (n, 2)
-        Vectors from the end of segment i to the beginning of segment j in m.
-    along_i, along_j : ndarray, shape (n, 2)
-        Unit vectors.
-    length_i, length_j : ndarray, shape (n,)
-        Lengths of the segments in m.
-    way : ndarray, shape (n,)
-        Least a + b in m.
+    Lengths are in m, arrays of shape (n,), vectors (n, 2): `apart` from the end of segment i to the beginning of
+    segment j, `along_…` unit vectors. The places a on i, back from its end, and b on j, onwards from its beginning,
+    have a + b ≥ way; their distance is inf where the segments are too short for it.
 
-    Returns
-    -------
-    a, b : ndarray, shape (n,)
-        The place on i, back from its end, and on j, onwards from its beginning, in m.
-    distance : ndarray, shape (n,)
-        Distances in m; inf where the segments are too short for `way`.
-
-    Notes
-    -----
-    The difference apart + a·t_i + b·t_j is linear in (a, b), so its length is convex on the polygon
-    0 ≤ a ≤ l_i, 0 ≤ b ≤ l_j, a + b ≥ way: the minimum is zero inside, where the segments cross, or lies on one of
-    the polygon's five edges, each of which is the distance of a point to a segment.
+    The difference apart + a·t_i + b·t_j is linear in (a, b), so its length is convex on the polygon 0 ≤ a ≤ l_i, 0 ≤ b
+    ≤ l_j, a + b ≥ way: the minimum is zero inside, where the segments cross, or lies on one of the polygon's five
+    edges, each of which is the distance of a point to a segment.
     """
     zero, least = np.zeros_like(way), np.maximum(way, 0.0)
     one = np.ones_like(way)

@@ -63,13 +63,7 @@ def solids(array: CoilArray, sheets: Sequence[Sheet] = ()) -> dict[str, trimesh.
 
 
 def sheet_solids(array: CoilArray, sheets: Sequence[Sheet]) -> dict[str, trimesh.Trimesh]:
-    """Build the sheets of `solids` alone, which takes much less time.
-
-    Raises
-    ------
-    GeometryError
-        Two sheets of the same name.
-    """
+    """Build the sheets of `solids` alone, which takes much less time; GeometryError for two of the same name."""
     return {key: _extruded(prism) for key, prism in sheet_prisms(array, sheets).items()}
 
 

@@ -122,15 +122,7 @@ def write_kicad(
 
 
 def board_text(array: CoilArray, name: str, title: str) -> str:
-    """Text of the ``.kicad_pcb`` file of `write_kicad`.
-
-    Parameters
-    ----------
-    array : CoilArray
-        The board.
-    name, title : str
-        Name and title of the project.
-    """
+    """Text of the ``.kicad_pcb`` file of `write_kicad`."""
     layers = copper_names(array.stackup)
     paper, drawing = _sheet(array, name, layers)
     origin = (drawing.x0, drawing.y0)

@@ -32,23 +32,11 @@ _NO_PART = ("exclude_from_pos_files", "exclude_from_bom")
 
 
 def library_footprints(array: CoilArray) -> dict[str, str]:
-    """Write a footprint for every coil shape and set of layers, named after the first coil that has them.
+    """Write a footprint for every coil shape and set of layers, by the name of the first coil that has them.
 
-    Parameters
-    ----------
-    array : CoilArray
-        The board.
-
-    Returns
-    -------
-    dict of str to str
-        Name and text of each footprint, in the order of the coils.
-
-    Notes
-    -----
-    Pads 1 and 2 are the terminals. A footprint has no vias: they are pads V1, V2, … without a net. The winding is
-    drawn as lines on the copper layers, and the footprint is a net tie, which is KiCad's word for a part that joins
-    nets on purpose: its check then lets the terminals have different nets, as those of a coil have in a circuit.
+    Pads 1 and 2 are the terminals. A footprint has no vias: they are pads V1, V2, … without a net. The winding is drawn
+    as lines on the copper layers, and the footprint is a net tie, which is KiCad's word for a part that joins nets on
+    purpose: its check then lets the terminals have different nets, as those of a coil have in a circuit.
 
     All holes go through the board, as pads of a footprint have no blind ones.
     """
@@ -85,25 +73,10 @@ def _winding(array: CoilArray, alike: Sequence[Placement]) -> str:
 
 
 def terminal_footprint(array: CoilArray, placement: Placement, label: Label | None, net: str, drawing: Drawing) -> str:
-    """Write the footprint that carries a coil's terminals and name on the board.
+    """Write the footprint that carries a coil's terminals and, where there is a label, its name on the board.
 
-    Parameters
-    ----------
-    array : CoilArray
-        The board.
-    placement : Placement
-        The coil; its name becomes the reference.
-    label : Label or None
-        Where the name is printed; None where it is not.
-    net : str
-        The ``(net …)`` of its pads.
-    drawing : Drawing
-        The coil's part of the board's.
-
-    Returns
-    -------
-    str
-        The ``(footprint …)``. It belongs to no library: the tracks of the board are the winding.
+    `net` is the ``(net …)`` of its pads, `drawing` the coil's part of the board's. It belongs to no library: the tracks
+    of the board are the winding.
     """
     children = [
         drawing.identifier("footprint"),
@@ -117,20 +90,7 @@ def terminal_footprint(array: CoilArray, placement: Placement, label: Label | No
 
 
 def segments(placement: Placement, drawing: Drawing) -> Iterator[tuple[IntArray, IntArray, str, str]]:
-    """Straight pieces of a coil's path, in its direction.
-
-    Parameters
-    ----------
-    placement : Placement
-        The coil.
-    drawing : Drawing
-        Drawing of the board file.
-
-    Yields
-    ------
-    tuple
-        Both ends on the sheet in nm, ``(width …)`` and ``(layer …)``.
-    """
+    """Give the straight pieces of a coil's path in order: both ends on the sheet in nm, (width …) and (layer …)."""
     last: IntArray | None = None
     for line, widths, layer in zip(placement.coil.lines, placement.coil.widths, placement.layers, strict=True):
         points = drawing.points(placement.to_board(line))
@@ -204,8 +164,8 @@ def _via_pads(array: CoilArray, placement: Placement, drawing: Drawing) -> Itera
 def _terminal_pads(array: CoilArray, placement: Placement, net: Sequence[str], drawing: Drawing) -> Iterator[str]:
     """Yield the pads 1 and 2 at the ends of the path.
 
-    A pad without a hole lies on its own layer. A bare end has a pad as wide as its
-    trace, under the solder mask, that adds no copper: it tells KiCad's check that the track is meant to end there.
+    A pad without a hole lies on its own layer. A bare end has a pad as wide as its trace, under the solder mask, that
+    adds no copper: it tells KiCad's check that the track is meant to end there.
     """
     coil = placement.coil
     origin = drawing.point(placement.x, placement.y)

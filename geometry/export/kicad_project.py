@@ -10,26 +10,10 @@ from coilarray.geometry.rules import FabRules
 
 
 def project_text(array: CoilArray, name: str, rules: FabRules) -> str:
-    """Text of a ``.kicad_pro`` file.
+    """Text of a ``.kicad_pro`` file; the first coil gives the sizes that KiCad offers for new tracks and vias.
 
-    Parameters
-    ----------
-    array : CoilArray
-        The board; its first coil gives the sizes that KiCad offers for new tracks and vias.
-    name : str
-        Name of the file without its suffix.
-    rules : FabRules
-        The limits.
-
-    Returns
-    -------
-    str
-        JSON, without severities, so that KiCad's own hold.
-
-    Notes
-    -----
-    KiCad has no limit for turns of one net, so `FabRules.min_gap` holds between nets only. The distance of foreign
-    copper to a hole's wall takes the same limit.
+    JSON, without severities, so that KiCad's own hold. KiCad has no limit for turns of one net, so `FabRules.min_gap`
+    holds between nets only. The distance of foreign copper to a hole's wall takes the same limit.
     """
     coil = array.placements[0].coil
     gap = _mm(rules.min_gap)
@@ -61,13 +45,7 @@ def project_text(array: CoilArray, name: str, rules: FabRules) -> str:
 
 
 def library_table_text(name: str) -> str:
-    """Text of the ``fp-lib-table`` that lets KiCad find the project's own footprints.
-
-    Parameters
-    ----------
-    name : str
-        Name of the project and of its library.
-    """
+    """Text of the ``fp-lib-table`` that lets KiCad find the footprints of the project, whose name the library has."""
     folder = quoted(f"${{KIPRJMOD}}/{name}.pretty")
     library = node(
         "lib",

@@ -106,16 +106,10 @@ def at(name: str, point: npt.ArrayLike) -> str:
 
 @dataclass(frozen=True)
 class Drawing:
-    """How a design is put into one file: its layers, its place on the sheet, and what its pieces are called.
+    """How a design is put into one file.
 
-    Parameters
-    ----------
-    root : str
-        What the identifiers of the file's pieces begin with.
-    layers : dict of str to str
-        Names of the stack-up's copper layers in KiCad.
-    x0, y0 : int
-        Origin of the design on the sheet, whose y axis points down, in nm.
+    `root` begins the identifiers of the file's pieces, `layers` are KiCad's names of the stack-up's copper layers, and
+    `x0`, `y0` the origin of the design on the sheet, whose y axis points down, in nm.
     """
 
     root: str
@@ -145,22 +139,9 @@ class Drawing:
 
 
 def copper_names(stackup: Stackup) -> dict[str, str]:
-    """KiCad's name of each copper layer: F.Cu, In1.Cu, …, B.Cu; only F.Cu where there is one layer.
+    """KiCad's name of each copper layer, top to bottom: F.Cu, In1.Cu, …, B.Cu; only F.Cu where there is one layer.
 
-    Parameters
-    ----------
-    stackup : Stackup
-        The board's layers.
-
-    Returns
-    -------
-    dict of str to str
-        KiCad's name of each layer of the stack-up, top to bottom.
-
-    Raises
-    ------
-    OutputError
-        An odd number of layers above one, more than 32, or a name that KiCad cannot hold.
+    OutputError for an odd number of layers above one, more than 32, or a name that KiCad cannot hold.
 
     Examples
     --------

@@ -28,15 +28,7 @@ _STEP = 0.5e-3
 
 @dataclass(frozen=True)
 class Label:
-    """Where a coil's name stands.
-
-    Parameters
-    ----------
-    x, y : float
-        Middle of the text in m, in the frame of the board.
-    size : float
-        Height of its letters in m.
-    """
+    """Where a coil's name stands: the middle of the text on the board, and the height of its letters, in m."""
 
     x: float
     y: float
@@ -46,15 +38,7 @@ class Label:
 def silk_labels(array: CoilArray) -> tuple[Label | None, ...]:
     """Place the name of every coil as near to its centre as it meets no pad, no other name and no edge.
 
-    Parameters
-    ----------
-    array : CoilArray
-        The board.
-
-    Returns
-    -------
-    tuple of Label or None
-        One a coil; None where the name fits nowhere within the coil's winding.
+    None stands for a name that fits nowhere within the coil's winding.
     """
     holes = [disc(hole.x, hole.y, hole.pad + 2 * _CLEARANCE) for hole in drills(array)]
     inside = board_outline(array).buffer(-_EDGE, join_style="mitre")

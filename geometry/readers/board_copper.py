@@ -185,17 +185,9 @@ Slab = tuple[float | None, float | None]
 
 
 def united(parts: Sequence[Slab]) -> Slab:
-    """Return one dielectric of the thickness and the capacitance of several in series.
+    """Return one dielectric of the thickness and the capacitance of several in series between two copper layers.
 
-    Parameters
-    ----------
-    parts : sequence of Slab
-        Dielectrics from one copper layer to the next.
-
-    Returns
-    -------
-    Slab
-        Without a thickness where one part has none: then the permittivity is that of equal parts.
+    Without a thickness where one part has none: then the permittivity is that of equal parts.
 
     Examples
     --------
@@ -222,25 +214,10 @@ def filled_copper(given: Sequence[float | None], files: str, assumed: dict[str, 
 def filled_dielectrics(
     slabs: Sequence[Slab], copper: Sequence[float], board: float | None, files: str, assumed: dict[str, str]
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Put usual values where a dielectric has none, and say so in `assumed`.
+    """Put usual values where a dielectric, top to bottom, has none, and say so in `assumed` (as in `BoardCopper`).
 
-    Parameters
-    ----------
-    slabs : sequence of Slab
-        Top to bottom.
-    copper : sequence of float
-        Thicknesses in m.
-    board : float or None
-        Thickness of the whole board in m; None where it is not said.
-    files : str
-        What does not say it: "the files do", "the board file does".
-    assumed : dict of str to str
-        Assumed values as in `BoardCopper`; this function adds to them.
-
-    Returns
-    -------
-    tuple of tuple of float
-        Thicknesses in m, not positive where the board is too thin for its copper, and relative permittivities.
+    `copper` are thicknesses in m, `board` is that of the whole board where it is said, `files` is "the files do".
+    Returns thicknesses in m, not positive where the board is too thin for its copper, and relative permittivities.
     """
     missing = sum(thickness is None for thickness, _ in slabs)
     share = 0.0

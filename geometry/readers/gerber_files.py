@@ -32,17 +32,8 @@ _NOT_PLATED = re.compile(r"npth|(non|un)\W?plated", re.IGNORECASE)
 class DataFile:
     """One Gerber, Excellon or job file.
 
-    Parameters
-    ----------
-    label : str
-        Place of the file for messages: path of the zip or folder and name in it.
-    text : str
-        Its content.
-    kind : {"gerber", "excellon", "job"}
-        The format.
-    function : tuple of str
-        Fields of the X2 attribute .FileFunction, from the file or from the rules for its name; empty where neither
-        says it.
+    `label` is its place for messages, path of the zip or folder and name in it. `function` has the fields of the X2
+    attribute .FileFunction, from the file or from the rules for its name; it is empty where neither says it.
     """
 
     label: str
@@ -52,26 +43,11 @@ class DataFile:
 
 
 def find_files(path: Path) -> list[DataFile]:
-    """Find the Gerber, Excellon and job files of a board and what each is for.
+    """Find the Gerber, Excellon and job files of a board in a zip or folder, among others, and what each is for.
 
-    Parameters
-    ----------
-    path : Path
-        A zip or a folder; files of other kinds in it are passed over.
-
-    Returns
-    -------
-    list of DataFile
-        The functions of the layers come from the X2 attributes where at least one file of copper has one, otherwise
-        from gerbonara's rules for the names that the usual programs give.
-
-    Raises
-    ------
-    BoardError
-        A path that is neither, an archive that is damaged, a file that is named as a layer and holds none, or two
-        files for one layer.
-    MissingDependencyError
-        gerbonara is not installed.
+    The functions of the layers come from the X2 attributes where at least one file of copper has one, otherwise from
+    gerbonara's rules for the names that the usual programs give. BoardError for a path that is neither, an archive that
+    is damaged, a file that is named as a layer and holds none, or two files for one layer.
     """
     files = [file for label, data in _contents(path) if (file := _recognized(label, data)) is not None]
     if not any(file.function[:1] == ("Copper",) for file in files):
@@ -214,28 +190,10 @@ class _Given:
 
 
 def job_stackup(job: DataFile | None, copper_layers: int, source: str) -> tuple[Stackup, dict[str, str]]:
-    """Take the stack-up from a job file and usual values for what it does not say.
+    """Take the stack-up, and what of it is assumed as in `BoardCopper`, from a job file, where there is one.
 
-    Parameters
-    ----------
-    job : DataFile or None
-        The job file, where there is one.
-    copper_layers : int
-        Number of the files of copper.
-    source : str
-        Zip or folder, for messages.
-
-    Returns
-    -------
-    stackup : Stackup
-        Layers named as in the job file, otherwise L1, L2, ….
-    assumed : dict of str to str
-        Assumed values as in `BoardCopper`.
-
-    Raises
-    ------
-    BoardError
-        A file that is not JSON, another number of layers, or thicknesses that cannot be.
+    Layers are named as in the job file, otherwise L1, L2, …; `source` is the zip or folder, for messages. BoardError
+    for a file that is not JSON, another number of layers, or thicknesses that cannot be.
     """
     given = _Given() if job is None else _read(job, copper_layers)
     assumed: dict[str, str] = {}

@@ -143,14 +143,7 @@ def _origin(root: Node) -> Point:
 class _Board:
     """What the nodes of one file are read with.
 
-    Parameters
-    ----------
-    layers : KicadLayers
-        The copper layers.
-    nets : dict of str to str
-        Names by number.
-    origin : tuple of float
-        Origin of the design on KiCad's sheet in mm.
+    The copper layers, the names of the nets by number, and the origin of the design on KiCad's sheet in mm.
     """
 
     layers: KicadLayers

@@ -20,14 +20,8 @@ _PER_M = 1e3  # numbers in the file are in mm
 class KicadLayers:
     """Copper layers of a board, top to bottom.
 
-    Parameters
-    ----------
-    stackup : Stackup
-        With the names that the user gave the layers, KiCad's own where there are none.
-    names : dict of str to str
-        Name in the stack-up of each of KiCad's layers (F.Cu, In1.Cu, …, B.Cu) to those of the stack-up, top to bottom.
-    assumed : dict of str to str
-        Assumed values as in `BoardCopper`.
+    The stack-up has the names that the user gave the layers, KiCad's own where there are none. `names` leads from
+    KiCad's layers (F.Cu, In1.Cu, …, B.Cu) to those of the stack-up; `assumed` are assumed values as in `BoardCopper`.
     """
 
     stackup: Stackup
@@ -60,19 +54,9 @@ class KicadLayers:
 
 
 def read_layers(root: Node, stackup: Stackup | None = None) -> KicadLayers:
-    """Read the copper layers and what the board says of their thickness.
+    """Read the copper layers of a whole board and what it says of their thickness; a given stack-up is taken instead.
 
-    Parameters
-    ----------
-    root : Node
-        The whole board.
-    stackup : Stackup, optional
-        Taken in place of the board's own; as many copper layers.
-
-    Raises
-    ------
-    BoardError
-        No copper layer, a stack-up of other layers, or thicknesses that cannot be.
+    BoardError for no copper layer, a stack-up of other layers, or thicknesses that cannot be.
     """
     table = root.need("layers")
     user_names = {}

@@ -146,12 +146,7 @@ def _filled(node: Node, kind: str) -> bool:
 def pad_shape(pad: Node, to_board: ToBoard) -> BaseGeometry:
     """Return what a pad covers, in m in the frame of the board; of a shape that is not known, its rectangle.
 
-    Parameters
-    ----------
-    pad : Node
-        Its (pad …).
-    to_board : callable
-        Transforms points from the footprint's frame.
+    `to_board` transforms points from the footprint's frame.
     """
     place = pad.need("at")
     x0, y0 = to_board(*pair(place))
@@ -199,14 +194,9 @@ _LINE = 1.7  # distance of lines over the size
 
 
 def other_copper(node: Node, to_board: ToBoard) -> Iterator[tuple[BaseGeometry, str]]:
-    """Give the rectangle in m around a node that is no track and no shape, and what it is; none where it is hidden.
+    """Give the rectangle in m around a text, text box, dimension or unknown node, and what it is, unless it is hidden.
 
-    Parameters
-    ----------
-    node : Node
-        A text, a text box, a dimension, or one that is not known.
-    to_board : callable
-        Transforms points from the frame of the node.
+    `to_board` transforms points from the frame of the node.
     """
     if node.name in _NO_COPPER or _is_hidden(node):
         return

@@ -22,16 +22,9 @@ class Quoted(str):
 
 @dataclass(frozen=True, eq=False)
 class Node:
-    """A list ``(name item …)``.
+    """A list ``(name item …)``: its first word, empty where it has none, and what follows in order.
 
-    Parameters
-    ----------
-    name : str
-        Its first word; empty where it has none.
-    items : tuple of Node or str
-        What follows, in order; words that stood in quotes are `Quoted`.
-    where : str
-        "file:line" of its opening parenthesis.
+    Words that stood in quotes are `Quoted`. `where` is "file:line" of its opening parenthesis.
     """
 
     name: str
@@ -78,22 +71,9 @@ class Node:
 
 
 def read_sexpr(path: Path) -> Node:
-    """Read a file that holds one s-expression.
+    """Read a file of UTF-8 text that holds one s-expression, the outermost list.
 
-    Parameters
-    ----------
-    path : Path
-        UTF-8 text.
-
-    Returns
-    -------
-    Node
-        The outermost list.
-
-    Raises
-    ------
-    BoardError
-        A file that cannot be read, is no text, ends too early, or holds anything beside one list.
+    BoardError for a file that cannot be read, is no text, ends too early, or holds anything beside one list.
     """
     try:
         text = path.read_text(encoding="utf-8-sig")

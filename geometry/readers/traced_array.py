@@ -211,22 +211,10 @@ def _with_margin(array: CoilArray, board: BoardCopper, assumed: dict[str, str], 
 
 
 def turn_gap(lines: Sequence[FloatArray], layers: Sequence[str], widths: Sequence[FloatArray]) -> float | None:
-    """Median distance, edge to edge, of traces side by side with the current in the same direction.
+    """Median distance in m, edge to edge, weighted by length, of traces side by side with the current in one direction.
 
-    Parameters
-    ----------
-    lines : sequence of ndarray, each of shape (n, 2)
-        Centre lines in m.
-    layers : sequence of str
-        Copper layer of each line.
-    widths : sequence of ndarray, each of shape (n − 1,)
-        Width of every segment in m.
-
-    Returns
-    -------
-    float or None
-        Distance in m, weighted by length. None where no two traces of a layer run so: leads, opposite sides of a loop
-        and the legs of a hairpin do not count.
+    `lines` are centre lines, each of shape (n, 2), and `widths` those of their segments, each of shape (n − 1,), in m.
+    None where no two traces of a layer run so: leads, opposite sides of a loop and the legs of a hairpin do not count.
 
     Examples
     --------

@@ -279,21 +279,10 @@ class Obstacles:
 
 
 def refuse_bridges(what: str, coil: TracedCoil, items: Sequence[Copper]) -> None:
-    """Raise where pads or holes, each with all that overlap it, meet a path in more than one stretch.
+    """Raise where pads or holes of a coil's own net, each with all that overlap it, meet its path in several stretches.
 
-    Parameters
-    ----------
-    what : str
-        The coil in messages.
-    coil : TracedCoil
-        The path.
-    items : sequence of Track, Hole, SurfacePad
-        Copper of the coil's own net.
-
-    Notes
-    -----
     Along the path the stretches within a pad's copper must follow each other: out of the copper it may run no longer
-    than its width there, which is a bend beside the pad.
+    than its width there, which is a bend beside the pad. `what` is the coil in messages.
     """
     segments = list(_segments(coil))
     tree = shapely.STRtree([segment.line for segment in segments])

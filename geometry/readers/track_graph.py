@@ -24,18 +24,10 @@ JOINED = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class TrackNode:
-    """A place where ends of tracks meet.
+    """A place in m where ends of tracks meet: the centre of its hole or pad, else the first end that lies there.
 
-    Parameters
-    ----------
-    x, y : float
-        Position in m: the centre of its hole or pad, else the first end that lies there.
-    hole : Hole or None
-        What joins its layers.
-    pad : Hole or SurfacePad or None
-        The pad of a footprint that it lies on.
-    edges : tuple of int
-        Indices of the edges that end here.
+    `hole` is what joins its layers, `pad` that of a footprint that it lies on, `edges` the indices of those that end
+    here.
     """
 
     x: float
@@ -47,19 +39,7 @@ class TrackNode:
 
 @dataclass(frozen=True)
 class TrackEdge:
-    """Straight copper between two nodes.
-
-    Parameters
-    ----------
-    ends : tuple of int
-        Indices of its nodes.
-    layer : str
-        Copper layer.
-    width : float
-        Width in m.
-    track : int
-        Index of the track that it is a part of.
-    """
+    """Straight copper between two nodes, given by index, and its width in m; `track` is the index of its track."""
 
     ends: tuple[int, int]
     layer: str
@@ -129,24 +109,13 @@ class _Sets:
 
 
 def track_graph(tracks: Sequence[Track], holes: Sequence[Hole], pads: Sequence[SurfacePad]) -> TrackGraph:
-    """Join tracks of one net at their ends, at holes and at pads.
+    """Join tracks of one net, or of none, at their ends, at holes and at pads.
 
-    Parameters
-    ----------
-    tracks, holes, pads : sequences
-        Copper of one net, or of copper whose nets are not known.
-
-    Returns
-    -------
-    TrackGraph
-
-    Notes
-    -----
     A track is divided wherever another track's end, a hole or a pad lies on its centre line to within `JOINED`; parts
     that then lie on each other count once, with the larger width. So tracks that overlap lengthwise become one path,
     and a track that ends on the middle of another one gives a node of three edges. A loose end, where nothing else
-    stands or ends, is led on to the centre of the hole or pad that it lies in, or to another loose end that its
-    round cap reaches.
+    stands or ends, is led on to the centre of the hole or pad that it lies in, or to another loose end that its round
+    cap reaches.
 
     Examples
     --------
@@ -282,42 +251,16 @@ def _numbered(
 
 
 def natural_order(name: str) -> list[tuple[bool, int, str]]:
-    """Return a key that sorts "A2" before "A10", and numbers before letters.
-
-    Examples
-    --------
-    >>> sorted(["A10", "A2", "B1", "7"], key=natural_order)
-    ['7', 'A2', 'A10', 'B1']
-    """
+    """Return a key that sorts "A2" before "A10", and numbers before letters: 7, A2, A10, B1."""
     parts = re.findall(r"[0-9]+|[^0-9]+", name)
     return [(not part.isdecimal(), int(part) if part.isdecimal() else 0, part) for part in parts]
 
 
 def follow(name: str, what: str, graph: TrackGraph, piece: Sequence[int], tracks: Sequence[Track]) -> TracedCoil:
-    """Follow a piece of copper.
+    """Follow a connected piece of copper, by the indices of its edges, from the end that `trace_coils` says.
 
-    Parameters
-    ----------
-    name : str
-        Name of the coil.
-    what : str
-        What the piece is called in messages: "net A".
-    graph : TrackGraph
-        What the piece is a part of.
-    piece : sequence of int
-        Indices of its edges, all connected.
-    tracks : sequence of Track
-        Tracks from which the graph was made.
-
-    Returns
-    -------
-    TracedCoil
-        The coil; `trace_coils` says at which end it begins.
-
-    Raises
-    ------
-    BoardError
-        A piece that branches, is closed or crosses itself.
+    `name` is that of the coil, `what` the piece in messages: "net A"; the graph was made from `tracks`. BoardError for
+    a piece that branches, is closed or crosses itself.
     """
     numbers = sorted({node for index in piece for node in graph.edges[index].ends})
     for number in numbers:
