@@ -131,12 +131,9 @@ class Lattice:
     names: tuple[str, ...] | None = None
 
     def placements(self, coil: Coil) -> tuple[Placement, ...]:
-        """Return the coil placed on every point of the lattice, row by row.
+        """Return the coil placed on every point, row by row.
 
-        Raises
-        ------
-        GeometryError
-            As `lattice` and `Placement`; no layers, or a number of names that is not that of the points.
+        GeometryError as `lattice` and `Placement`, for no layers, or for a number of names that is not that of the points.
         """
         points, indices = lattice(self.kind, self.pitch, self.columns, self.rows, direction=self.direction)
         names = tuple(f"coil{k + 1}" for k in range(len(points))) if self.names is None else self.names
@@ -255,14 +252,12 @@ def lattice_array(
 
     Parameters
     ----------
-    stackup : Stackup
-        The board's layers.
+    stackup, board_margin, through_holes
+        As in `CoilArray`.
     coil : Coil
         The shape of all coils.
     lattice : Lattice
         Where they lie, and on which layers.
-    board_margin, through_holes
-        As in `CoilArray`.
 
     Raises
     ------

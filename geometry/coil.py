@@ -98,13 +98,7 @@ class Leads:
 
 @dataclass(frozen=True)
 class Wound:
-    """What `spiral_coil` wound a coil from.
-
-    Parameters
-    ----------
-    spiral, winding_layers, via, leads, return_lead
-        Arguments of `spiral_coil`.
-    """
+    """What `spiral_coil` wound a coil from: its arguments."""
 
     spiral: Spiral
     winding_layers: int
@@ -242,10 +236,6 @@ def spiral_coil(
         terminal. Needs `leads`.
     name : str
         Name of the shape in a design file.
-
-    Returns
-    -------
-    Coil
 
     Raises
     ------

@@ -152,18 +152,9 @@ def connected_pieces(
 
 
 def board_layers(board: BoardCopper) -> tuple[dict[str, list[BaseGeometry]], list[Barrel]]:
-    """Copper and holes of a board that was read from a file, as `check_nets` takes them.
+    """Copper and holes of a board, as any reader gives it, as `check_nets` takes them.
 
-    Parameters
-    ----------
-    board : BoardCopper
-        As any reader gives it. Tracks count with round ends, pads as round.
-
-    Returns
-    -------
-    layers : dict of str to list of shapely geometry
-        Outlines of the copper in m, for every layer of the stack-up.
-    holes : list of Barrel
+    Tracks count with round ends, pads as round. The copper is outlines in m, for every layer of the stack-up.
     """
     layers: dict[str, list[BaseGeometry]] = {layer: [] for layer in board.stackup.names}
     ways = shapely.linestrings(np.array([(track.start, track.end) for track in board.tracks]).reshape(-1, 2, 2))

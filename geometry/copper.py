@@ -139,12 +139,7 @@ def _drills_of(array: CoilArray, placement: Placement) -> list[Drill]:
 
 
 def copper_by_layer(array: CoilArray) -> dict[str, dict[str, BaseGeometry]]:
-    """Unite the copper of every net on every layer.
-
-    Parameters
-    ----------
-    array : CoilArray
-        The board.
+    """Unite the copper of every net of a board on every layer.
 
     Returns
     -------

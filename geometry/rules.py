@@ -186,14 +186,7 @@ def check_rules(array: CoilArray, rules: FabRules) -> tuple[Margin, ...]:
 
 
 def require_rules(array: CoilArray, rules: FabRules) -> None:
-    """Raise where a rule is broken.
-
-    Parameters
-    ----------
-    array : CoilArray
-        The board.
-    rules : FabRules
-        The limits.
+    """Raise where a rule is broken; `array` and `rules` are those of `check_rules`.
 
     Raises
     ------
@@ -204,18 +197,7 @@ def require_rules(array: CoilArray, rules: FabRules) -> None:
 
 
 def require_kept(margins: Iterable[Margin]) -> None:
-    """Raise where one of the margins is broken; for those that `check_rules` has measured already.
-
-    Parameters
-    ----------
-    margins : iterable of Margin
-        Margins in the order of `check_rules`.
-
-    Raises
-    ------
-    RuleViolationError
-        As `require_rules`.
-    """
+    """Raise as `require_rules` where one of the margins that `check_rules` has measured already is broken."""
     broken = [margin for margin in margins if not margin.kept]
     if not broken:
         return

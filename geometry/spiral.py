@@ -133,12 +133,7 @@ class Spiral:
         return self.outer_apothem - self.trace_width / 2 - self.pitch * self.turns
 
     def centre_line(self, layer: int = 0) -> npt.NDArray[np.float64]:
-        """Vertices of one layer in the direction of the current.
-
-        Parameters
-        ----------
-        layer : int
-            0-based layer: even layers run inwards, odd ones outwards.
+        """Vertices of one layer in the direction of the current: even layers, from 0, run inwards, odd ones outwards.
 
         Returns
         -------

@@ -52,12 +52,10 @@ class Hole:
         Diameter of the pad in m; of a pad that is not round, the smaller one.
     layers : tuple of str
         Copper layers that it joins, top to bottom.
-    net : str or None
-        None where the file names none.
+    net, where
+        As of `Track`.
     kind : {"via", "pad"}
         Pads are where a net may begin and end.
-    where : str
-        "file:line" or "file", for messages.
     number : str
         Number of a pad in its footprint ("1", "A4"); empty for vias and where the file has none.
     shapes : mapping of str to shapely geometry
@@ -89,14 +87,8 @@ class SurfacePad:
     ----------
     x, y : float
         Centre in m.
-    layer : str
-        Name of the copper layer in the stack-up.
-    net : str or None
-        None where the file names none.
-    where : str
-        "file:line" or "file", for messages.
-    number : str
-        Number of the pad in its footprint; empty where the file has none.
+    layer, net, where, number
+        As of `Track` and `Hole`.
     size : float
         Smaller side or diameter in m; a track that ends within half of it from the centre is joined to the pad.
     shape : shapely geometry, optional
@@ -124,16 +116,12 @@ class CopperArea:
 
     Parameters
     ----------
-    layer : str
-        Name of the copper layer in the stack-up.
+    layer, net, where
+        As of `Track`.
     shape : shapely geometry
         The copper (of a zone without fill, its outline) in m.
-    net : str or None
-        None where the file names none.
     what : str
         What it is, for messages: "a filled zone", "a drawn line".
-    where : str
-        "file:line" or "file", for messages.
     """
 
     layer: str

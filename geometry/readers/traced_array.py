@@ -59,10 +59,6 @@ def traced_array(board: BoardCopper, coils: Sequence[TracedCoil]) -> TracedArray
     coils : sequence of TracedCoil
         At least one.
 
-    Returns
-    -------
-    TracedArray
-
     Raises
     ------
     BoardError

@@ -56,10 +56,6 @@ def trace_coils(board: BoardCopper, nets: Sequence[str] | None = None) -> Tracin
         Names of the nets that are coils. Without them, every net (and every piece of copper that has no net) that
         is one path from end to end with at least `LEAST_TURNS` turns is one; the others are left out.
 
-    Returns
-    -------
-    Tracing
-
     Raises
     ------
     BoardError
