@@ -14,8 +14,7 @@ import shapely
 
 from coilarray.errors import GeometryError
 from coilarray.geometry.spiral import Spiral
-
-FloatArray = npt.NDArray[np.float64]
+from coilarray.geometry.values import FloatArray, place_in_mm, require_positive
 
 
 @dataclass(frozen=True)
@@ -38,9 +37,7 @@ class PlatedHole:
 
     def __post_init__(self) -> None:
         for name in ("drill", "pad", "plating"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0):
-                raise GeometryError(f"{name} of a hole must be positive and finite; got {value * 1e3:g} mm.")
+            require_positive(f"{name} of a hole", getattr(self, name), " mm")
         if self.pad <= self.drill:
             raise GeometryError(
                 f"pad of a hole must be larger than its drill of {self.drill * 1e3:g} mm; got {self.pad * 1e3:g} mm."
@@ -86,9 +83,7 @@ class Leads:
 
     def __post_init__(self) -> None:
         for name in ("length", "spacing"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0):
-                raise GeometryError(f"{name} of the leads must be positive and finite; got {value * 1e3:g} mm.")
+            require_positive(f"{name} of the leads", getattr(self, name), " mm")
         if self.length < self.spacing / 2:
             raise GeometryError(
                 f"length of the leads must be at least half their spacing of {self.spacing * 1e3:g} mm; "
@@ -152,8 +147,7 @@ class Coil:
     wound: Wound | None = field(default=None, init=False, repr=False)
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.gap) and self.gap > 0):
-            raise GeometryError(f"gap must be positive and finite; got {self.gap} m.")
+        require_positive("gap", self.gap)
         if not self.lines:
             raise GeometryError("a coil must have at least one line; got none.")
         for k, line in enumerate(self.lines):
@@ -381,14 +375,10 @@ def _refuse_self_crossing(line: FloatArray, index: int) -> None:
     crossing = _first_crossing(line)
     if crossing is not None:
         i, j, point = crossing
-        raise GeometryError(
-            f"line {index} of a coil crosses itself: segments {i} and {j} meet at "
-            f"({point[0] * 1e3:.4g}, {point[1] * 1e3:.4g}) mm."
-        )
-    raise GeometryError(
-        f"line {index} of a coil must have two separate ends; it is closed at "
-        f"({line[0][0] * 1e3:.4g}, {line[0][1] * 1e3:.4g}) mm."
-    )
+        at = place_in_mm(*point)
+        raise GeometryError(f"line {index} of a coil crosses itself: segments {i} and {j} meet at {at}.")
+    at = place_in_mm(*line[0])
+    raise GeometryError(f"line {index} of a coil must have two separate ends; it is closed at {at}.")
 
 
 def _first_crossing(line: FloatArray) -> tuple[int, int, FloatArray] | None:

@@ -8,8 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from coilarray.errors import GeometryError
-
-FloatArray = npt.NDArray[np.float64]
+from coilarray.geometry.values import FloatArray
 
 SMALLEST, LARGEST = 1e-30, 1e30
 """Lengths in m between which powers of them, up to the sixth in the kernels, stay within the range of float64."""
@@ -67,7 +66,9 @@ class Conductor:
         if points.ndim != 2 or points.shape[1] != 3 or points.shape[0] < 2:
             raise GeometryError(f"vertices of {name} must have shape (n + 1 >= 2, 3); got {points.shape}.")
         if not np.isfinite(points).all():
-            raise GeometryError(f"vertices of {name} must be finite; vertex {_first_bad(points)} is not.")
+            raise GeometryError(
+                f"vertices of {name} must be finite; vertex {np.argmin(np.isfinite(points).all(axis=1))} is not."
+            )
         if np.abs(points).max() > LARGEST:
             raise GeometryError(f"vertices of {name} must be at most {LARGEST:g} m; got {np.abs(points).max():g} m.")
         n = len(points) - 1
@@ -99,10 +100,6 @@ class Conductor:
     def is_filament(self) -> bool:
         """True where any segment has no cross-section."""
         return bool((self.widths == 0).any())
-
-
-def _first_bad(points: FloatArray) -> int:
-    return int(np.flatnonzero(~np.isfinite(points).all(axis=1))[0])
 
 
 def _per_segment(value: npt.ArrayLike, n: int, key: str, name: str) -> FloatArray:

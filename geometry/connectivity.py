@@ -17,8 +17,7 @@ from shapely.geometry.base import BaseGeometry
 from coilarray.geometry.array import CoilArray, Placement
 from coilarray.geometry.copper import Drill, disc, drills, trace_outline
 from coilarray.geometry.readers.board_copper import BoardCopper
-
-FloatArray = npt.NDArray[np.float64]
+from coilarray.geometry.values import FloatArray, Point
 
 # Copper closer than this is one piece: files round to 1 nm, no board house separates 10 nm.
 _TOUCHING = 1e-8
@@ -237,9 +236,9 @@ def check_names(array: CoilArray, board: BoardCopper) -> tuple[NetFault, ...]:
     One fault for each track, hole or pad that has another net than the name of its coil, or none.
     """
     lines: list[tuple[str, str, BaseGeometry]] = [
-        (layer, placement.name, shapely.LineString(placement.to_board(line)))
+        (layer, placement.name, shapely.LineString(line))
         for placement in array.placements
-        for line, layer in zip(placement.coil.lines, placement.layers, strict=True)
+        for line, _, layer in placement.traces()
     ]
     middles = [shapely.LineString([track.start, track.end]).centroid for track in board.tracks]
     faults: list[NetFault] = []
@@ -285,11 +284,10 @@ class _Coil:
 
     @staticmethod
     def of(placement: Placement, design_holes: Iterable[Drill], tolerance: float) -> _Coil:
-        lines = tuple(placement.to_board(line) for line in placement.coil.lines)
         own = tuple(drill for drill in design_holes if drill.net == placement.name)
         least: dict[str, list[BaseGeometry]] = {}
         most: dict[str, list[BaseGeometry]] = {}
-        for line, widths, layer in zip(lines, placement.coil.widths, placement.layers, strict=True):
+        for line, widths, layer in placement.traces():
             least.setdefault(layer, []).extend(_rectangles(line, widths - 2 * tolerance))
             most.setdefault(layer, []).append(trace_outline(line, widths + 2 * tolerance))
             most[layer] += _round_ends(line, widths + 2 * tolerance)
@@ -300,7 +298,7 @@ class _Coil:
         bored = shapely.union_all([disc(d.x, d.y, d.diameter + 2 * tolerance) for d in own if d.drilled])
         return _Coil(
             placement.name,
-            lines,
+            tuple(line for line, _, _ in placement.traces()),
             placement.layers,
             own,
             {layer: shapely.union_all(shapes) - bored for layer, shapes in least.items()},
@@ -432,7 +430,7 @@ def _same(hole: Barrel, drill: Drill, tolerance: float) -> bool:
     )
 
 
-def _places(parts: Iterable[BaseGeometry], smallest: float = 0.0) -> list[tuple[float, float]]:
+def _places(parts: Iterable[BaseGeometry], smallest: float = 0.0) -> list[Point]:
     """Find a point in m inside every part with more than the smallest area in m²."""
     points = [part.representative_point() for part in parts if part.area > smallest]
     return [(point.x, point.y) for point in points]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal, cast
@@ -13,8 +12,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from coilarray.geometry.array import CoilArray, Placement
-
-FloatArray = npt.NDArray[np.float64]
+from coilarray.geometry.values import FloatArray
 
 # A mitre longer than this many half widths is cut off flat. 2 is the tip of an equilateral triangle; 4 leaves room
 # for corners down to 29°.
@@ -101,9 +99,9 @@ def copper_features(array: CoilArray) -> tuple[CopperFeature, ...]:
     [('top', 'trace'), ('bottom', 'trace'), ('top', 'via'), ('bottom', 'via')]
     """
     traces = [
-        CopperFeature(layer, placement.name, "trace", trace_outline(placement.to_board(line), widths))
+        CopperFeature(layer, placement.name, "trace", trace_outline(line, widths))
         for placement in array.placements
-        for line, widths, layer in zip(placement.coil.lines, placement.coil.widths, placement.layers, strict=True)
+        for line, widths, layer in placement.traces()
     ]
     pads = [
         CopperFeature(layer, drill.net, drill.kind, disc(drill.x, drill.y, drill.pad))
@@ -147,16 +145,13 @@ def copper_by_layer(array: CoilArray) -> dict[str, dict[str, BaseGeometry]]:
         By layer, from top to bottom: copper of each net in m, in the order of the coils; nets without copper on the
         layer are left out.
     """
-    features = copper_features(array)
-    return {layer: _united(features, layer, array.names) for layer in array.stackup.names}
-
-
-def _united(features: Iterable[CopperFeature], layer: str, nets: Iterable[str]) -> dict[str, BaseGeometry]:
-    shapes: dict[str, list[shapely.Polygon]] = {}
-    for feature in features:
-        if feature.layer == layer:
-            shapes.setdefault(feature.net, []).append(feature.shape)
-    return {net: shapely.union_all(shapes[net]) for net in nets if net in shapes}
+    shapes: dict[str, dict[str, list[shapely.Polygon]]] = {layer: {} for layer in array.stackup.names}
+    for feature in copper_features(array):  # traces come before pads, so that every coil on a layer has its turn
+        shapes[feature.layer].setdefault(feature.net, []).append(feature.shape)
+    return {
+        layer: {net: shapely.union_all(nets[net]) for net in array.names if net in nets}
+        for layer, nets in shapes.items()
+    }
 
 
 def board_outline(array: CoilArray) -> shapely.Polygon:

@@ -14,8 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from coilarray.errors import GeometryError
-
-FloatArray = npt.NDArray[np.float64]
+from coilarray.geometry.values import FloatArray, require_positive
 
 Symmetry = Literal["axial", "plane"]
 """``"axial"``: a body of revolution; ``"plane"``: infinitely long along y."""
@@ -30,8 +29,7 @@ class _Body:
     symmetry: ClassVar[Symmetry] = "axial"
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.radius) and self.radius > 0):
-            raise GeometryError(f"radius of a {self.name} must be positive and finite; got {self.radius} m.")
+        require_positive(f"radius of a {self.name}", self.radius)
 
     @property
     def reach(self) -> float:

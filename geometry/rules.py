@@ -15,8 +15,7 @@ from shapely.geometry.base import BaseGeometry
 from coilarray.errors import GeometryError, RuleViolationError
 from coilarray.geometry.array import CoilArray, Placement
 from coilarray.geometry.copper import Drill, copper_by_layer, drills
-
-FloatArray = npt.NDArray[np.float64]
+from coilarray.geometry.values import FloatArray, place_in_mm
 
 # Margins above −1 µm count as kept. The sides of successive turns of a polygonal spiral are not quite parallel, as
 # every corner lies a fraction of a pitch further in than the one before: turns of nominal gap s come as close as
@@ -204,7 +203,7 @@ def require_kept(margins: Iterable[Margin]) -> None:
     worst = broken[0]
     more = "" if len(broken) == 1 else f"; {len(broken) - 1} more {'is' if len(broken) == 2 else 'are'} broken"
     layer = f" on layer {worst.layer}" if worst.layer else ""
-    place = "" if worst.x is None or worst.y is None else f" at ({worst.x * 1e3:.4g}, {worst.y * 1e3:.4g}) mm"
+    place = "" if worst.x is None or worst.y is None else f" at {place_in_mm(worst.x, worst.y)}"
     value, margin, limit = (
         f"{number * 1e3:.4g} mm" if worst.unit == "m" else f"{number:.4g}"
         for number in (worst.value, worst.margin, worst.limit)
@@ -332,13 +331,17 @@ def _penetration(a: BaseGeometry, b: BaseGeometry) -> tuple[float, FloatArray | 
     return 2 * float(shapely.length(radii[k])), shapely.get_coordinates(radii[k])[0]
 
 
+_Gap = tuple[float, FloatArray]
+"""Distance in m of two places of one net, edge to edge, and the place between them, shape (2,)."""
+
+
 def _spacing_within(placement: Placement, layer: str, holes: list[Drill], rules: FabRules) -> Iterator[Margin]:
     """Smallest distance of the separate pieces of one net on one layer."""
     limit, coil = rules.min_gap, placement.coil
     traces = [(placement.to_board(coil.lines[k]), coil.widths[k] / 2) for k in placement.lines_on(layer)]
-    found = [_pads_apart([line for line, _ in traces], holes, limit)]
+    found = [*_pads_apart([line for line, _ in traces], holes, limit)]
     for line, half in traces:
-        found += [_pads_to_trace(line, half, holes, limit)]
+        found += _pads_to_trace(line, half, holes, limit)
         near = _trace_to_itself(line, half, limit, reach=2 * limit)
         found += [near if near is not None else _trace_to_itself(line, half, limit, reach=_HORIZON * limit)]
     found += [_trace_to_trace(one, other, reach=_HORIZON * limit) for one, other in combinations(traces, 2)]
@@ -354,8 +357,8 @@ def _segments(line: FloatArray) -> npt.NDArray[np.object_]:
 
 def _trace_to_trace(
     one: tuple[FloatArray, FloatArray], other: tuple[FloatArray, FloatArray], reach: float
-) -> tuple[float, FloatArray] | None:
-    """Smallest gap in m of two traces, each with half its widths, up to `reach`; and its place."""
+) -> _Gap | None:
+    """Smallest gap of two traces, each with half its widths, up to `reach` (m)."""
     segments, others = _segments(one[0]), _segments(other[0])
     i, j = shapely.STRtree(others).query(segments, predicate="dwithin", distance=one[1].max() + other[1].max() + reach)
     if not len(i):
@@ -366,8 +369,8 @@ def _trace_to_trace(
     return float(gaps[k]), bridge.mean(axis=0)
 
 
-def _trace_to_itself(line: FloatArray, half: FloatArray, limit: float, reach: float) -> tuple[float, FloatArray] | None:
-    """Smallest gap in m of the trace to itself up to `reach`, and its place; None where there is none."""
+def _trace_to_itself(line: FloatArray, half: FloatArray, limit: float, reach: float) -> _Gap | None:
+    """Smallest gap of the trace to itself up to `reach` (m)."""
     segments = _segments(line)
     i, j = shapely.STRtree(segments).query(segments, predicate="dwithin", distance=2 * half.max() + reach)
     i, j = i[j > i + 1], j[j > i + 1]
@@ -442,11 +445,8 @@ def _end_at(line: FloatArray, hole: Drill) -> str | None:
     return None
 
 
-def _pads_to_trace(
-    line: FloatArray, half: FloatArray, holes: list[Drill], limit: float
-) -> tuple[float, FloatArray] | None:
-    """Smallest gap in m of a pad and the part of the trace that does not lead into it, and its place."""
-    best: tuple[float, FloatArray] | None = None
+def _pads_to_trace(line: FloatArray, half: FloatArray, holes: list[Drill], limit: float) -> Iterator[_Gap]:
+    """Gaps of every pad and the part of the trace that does not lead into it."""
     for hole in holes:
         end = _end_at(line, hole)
         points, reach = (line[::-1], half[::-1]) if end == "last" else (line, half)
@@ -462,24 +462,16 @@ def _pads_to_trace(
         if end is not None:
             distance[start + t < _PAD_DETOUR * distance] = np.inf
         k = int(np.argmin(distance - reach))
-        value = float(distance[k]) - hole.pad / 2 - float(reach[k])
-        if best is None or value < best[0]:
-            best = value, points[k] + t[k] * along[k]
-    return best
+        yield float(distance[k]) - hole.pad / 2 - float(reach[k]), points[k] + t[k] * along[k]
 
 
-def _pads_apart(lines: list[FloatArray], holes: list[Drill], limit: float) -> tuple[float, FloatArray] | None:
-    """Smallest gap in m of two pads of one net, and its place; pads joined by a short trace are one piece."""
+def _pads_apart(lines: list[FloatArray], holes: list[Drill], limit: float) -> Iterator[_Gap]:
+    """Gaps of every two pads of one net; pads joined by a short trace are one piece."""
     lengths = [float(np.hypot(*np.diff(line, axis=0).T).sum()) for line in lines]
-    best: tuple[float, FloatArray] | None = None
     for a, b in combinations(holes, 2):
-        short = _PAD_DETOUR * ((a.pad + b.pad) / 2 + limit)
-        if any(
-            length <= short and None not in (_end_at(line, a), _end_at(line, b))
+        copper = (a.pad + b.pad) / 2
+        if not any(
+            length <= _PAD_DETOUR * (copper + limit) and None not in (_end_at(line, a), _end_at(line, b))
             for line, length in zip(lines, lengths, strict=True)
         ):
-            continue
-        value = math.hypot(a.x - b.x, a.y - b.y) - (a.pad + b.pad) / 2
-        if best is None or value < best[0]:
-            best = value, np.array([0.5 * (a.x + b.x), 0.5 * (a.y + b.y)])
-    return best
+            yield math.hypot(a.x - b.x, a.y - b.y) - copper, np.array([0.5 * (a.x + b.x), 0.5 * (a.y + b.y)])

@@ -22,8 +22,7 @@ from coilarray.geometry.array import CoilArray
 from coilarray.geometry.copper import Drill, drills
 from coilarray.geometry.export.silk import silk_labels
 from coilarray.geometry.readers.gerber_files import gerbonara
-
-FloatArray = npt.NDArray[np.float64]
+from coilarray.geometry.values import FloatArray
 
 _MM = 1e3
 _DIGITS = 6  # of a coordinate in mm, 1 nm: the finest that the Gerber format recommends

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 import shutil
@@ -13,7 +14,6 @@ from coilarray.compute.files import make_folder
 from coilarray.errors import OutputError
 from coilarray.geometry.array import CoilArray, Placement
 from coilarray.geometry.export.kicad_footprint import holes_of, library_footprints, segments, terminal_footprint
-from coilarray.geometry.export.kicad_project import library_table_text, project_text
 from coilarray.geometry.export.kicad_text import (
     FILE_VERSION,
     GENERATOR,
@@ -112,8 +112,8 @@ def write_kicad(
             )
     texts = {
         f"{name}.kicad_pcb": board_text(array, name, title or name),
-        f"{name}.kicad_pro": project_text(array, name, rules),
-        "fp-lib-table": library_table_text(name),
+        f"{name}.kicad_pro": _project_text(array, name, rules),
+        "fp-lib-table": _library_table_text(name),
     }
     for footprint, text in library_footprints(array).items():
         texts[f"{name}.pretty/{footprint}.kicad_mod"] = text
@@ -258,6 +258,59 @@ def _edge(array: CoilArray, drawing: Drawing) -> str:
         node("fill", "none"),
         drawing.identifier("edge"),
     )
+
+
+def _project_text(array: CoilArray, name: str, rules: FabRules) -> str:
+    """Text of a ``.kicad_pro`` file; the first coil gives the sizes that KiCad offers for new tracks and vias.
+
+    JSON, without severities, so that KiCad's own hold. KiCad has no limit for turns of one net, so `FabRules.min_gap`
+    holds between nets only. The distance of foreign copper to a hole's wall takes the same limit.
+    """
+
+    def mm(metres: float) -> float:
+        return round(metres * 1e3, 6)  # to 1 nm
+
+    coil = array.placements[0].coil
+    gap = mm(rules.min_gap)
+    limits = {
+        "allow_blind_buried_vias": not array.through_holes,
+        "allow_microvias": False,
+        "min_clearance": gap,
+        "min_copper_edge_clearance": mm(rules.min_edge_clearance),
+        "min_hole_clearance": gap,
+        "min_hole_to_hole": mm(rules.min_hole_spacing),
+        "min_through_hole_diameter": mm(rules.min_drill),
+        "min_track_width": mm(rules.min_trace),
+        "min_via_annular_width": mm(rules.min_annular_ring),
+        "min_via_diameter": mm(rules.min_drill + 2 * rules.min_annular_ring),
+    }
+    default_class = {
+        "name": "Default",
+        "clearance": gap,
+        "track_width": mm(coil.trace_width),
+        "via_diameter": mm(coil.via.pad),
+        "via_drill": mm(coil.via.drill),
+    }
+    project = {
+        "board": {"design_settings": {"meta": {"version": 2}, "rules": limits}},
+        "meta": {"filename": f"{name}.kicad_pro", "version": 1},
+        "net_settings": {"classes": [default_class], "meta": {"version": 2}},
+    }
+    return json.dumps(project, indent=2) + "\n"
+
+
+def _library_table_text(name: str) -> str:
+    """Text of the ``fp-lib-table`` that lets KiCad find the footprints of the project, whose name the library has."""
+    folder = quoted(f"${{KIPRJMOD}}/{name}.pretty")
+    library = node(
+        "lib",
+        node("name", quoted(name)),
+        node("type", quoted("KiCad")),
+        node("uri", folder),
+        node("options", quoted("")),
+        node("descr", quoted("windings of the coils")),
+    )
+    return block("fp_lib_table", (), (library,)) + "\n"
 
 
 def _write_folder(path: Path, texts: Mapping[str, str], check: Callable[[Path], None] | None) -> None:

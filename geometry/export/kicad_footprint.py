@@ -13,7 +13,6 @@ from coilarray.geometry.export.kicad_text import (
     FILE_VERSION,
     GENERATOR,
     Drawing,
-    IntArray,
     at,
     block,
     copper_names,
@@ -22,6 +21,7 @@ from coilarray.geometry.export.kicad_text import (
     quoted,
 )
 from coilarray.geometry.export.silk import Label, silk_labels
+from coilarray.geometry.values import IntArray
 
 # Height in m of the letters that are not printed.
 _FAB_LETTERS = 1e-3
@@ -92,8 +92,8 @@ def terminal_footprint(array: CoilArray, placement: Placement, label: Label | No
 def segments(placement: Placement, drawing: Drawing) -> Iterator[tuple[IntArray, IntArray, str, str]]:
     """Give the straight pieces of a coil's path in order: both ends on the sheet in nm, (width …) and (layer …)."""
     last: IntArray | None = None
-    for line, widths, layer in zip(placement.coil.lines, placement.coil.widths, placement.layers, strict=True):
-        points = drawing.points(placement.to_board(line))
+    for line, widths, layer in placement.traces():
+        points = drawing.points(line)
         if last is not None:
             points[0] = last  # a line begins where the one before ended, but to 1 nm only
         last = points[-1]

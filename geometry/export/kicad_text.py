@@ -11,9 +11,7 @@ import numpy.typing as npt
 
 from coilarray.errors import OutputError
 from coilarray.geometry.stackup import Stackup
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
+from coilarray.geometry.values import IntArray
 
 # The format of KiCad 6, the oldest one with a stack-up in today's form; later versions read it too.
 FILE_VERSION = "20211014"

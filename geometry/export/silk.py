@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 import shapely
 from shapely.geometry.base import BaseGeometry
 
 from coilarray.geometry.array import CoilArray, Placement
 from coilarray.geometry.copper import board_outline, disc, drills
-
-FloatArray = npt.NDArray[np.float64]
+from coilarray.geometry.values import FloatArray
 
 # Heights of the letters in m, the first that fits; below 0.8 mm KiCad warns and screens blur.
 _SIZES = (1.0e-3, 0.8e-3)

@@ -19,10 +19,9 @@ from coilarray.errors import OutputError
 from coilarray.geometry.array import CoilArray
 from coilarray.geometry.copper import disc, drills
 from coilarray.geometry.extras import import_extra
-from coilarray.geometry.prisms import Prism, board_prisms, sheet_prisms
 from coilarray.geometry.sheet import Sheet
-
-FloatArray = npt.NDArray[np.float64]
+from coilarray.geometry.solids import Prism, board_prisms, sheet_prisms
+from coilarray.geometry.values import FloatArray
 
 _MM = 1e3
 # red, green, blue, opacity of each kind of solid, the first part of its key

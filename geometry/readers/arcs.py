@@ -5,10 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
-Point = tuple[float, float]
+from coilarray.geometry.values import FloatArray, Point
 
 CHORD_ERROR = 0.9e-6
 """Largest distance in m of a straight piece from its arc."""

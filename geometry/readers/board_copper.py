@@ -10,6 +10,7 @@ from shapely.geometry.base import BaseGeometry
 
 from coilarray.geometry.copper import disc
 from coilarray.geometry.stackup import BOARD_THICKNESS, COPPER_THICKNESS, EPSILON_R, Stackup
+from coilarray.geometry.values import Point
 
 
 @dataclass(frozen=True)
@@ -31,8 +32,8 @@ class Track:
     """
 
     layer: str
-    start: tuple[float, float]
-    end: tuple[float, float]
+    start: Point
+    end: Point
     width: float
     net: str | None
     where: str

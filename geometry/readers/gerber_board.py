@@ -26,6 +26,7 @@ from coilarray.geometry.readers.gerber_parse import (
     parse_gerber,
 )
 from coilarray.geometry.stackup import Stackup
+from coilarray.geometry.values import Point
 
 _LAYER = re.compile(r"L0*([1-9]\d*)")
 
@@ -223,7 +224,7 @@ def _has_pad(bore: _Bore, tracks: Iterable[Track]) -> bool:
     return False
 
 
-def _hole(bore: _Bore, openings: Sequence[tuple[float, float]]) -> Hole:
+def _hole(bore: _Bore, openings: Sequence[Point]) -> Hole:
     flashes = [land.flash for land in bore.pads]
     nets = [flash.net for flash in flashes if flash.net is not None]
     pins = [flash.pin for flash in flashes if flash.pin]
@@ -244,7 +245,7 @@ def _hole(bore: _Bore, openings: Sequence[tuple[float, float]]) -> Hole:
     )
 
 
-def _kind(bore: _Bore, openings: Sequence[tuple[float, float]], *, has_pin: bool) -> Literal["via", "pad"]:
+def _kind(bore: _Bore, openings: Sequence[Point], *, has_pin: bool) -> Literal["via", "pad"]:
     functions = {bore.hole.function, *(land.flash.function for land in bore.pads)}
     if has_pin or functions & {"ComponentDrill", "ComponentPad"}:
         return "pad"

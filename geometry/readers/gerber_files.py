@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
-import importlib.util
 import json
 import os
 import re
@@ -16,7 +14,8 @@ from pathlib import Path, PurePosixPath
 from types import ModuleType
 from typing import Any, Literal
 
-from coilarray.errors import BoardError, GeometryError, MissingDependencyError
+from coilarray.errors import BoardError, GeometryError
+from coilarray.geometry.extras import import_extra
 from coilarray.geometry.readers.board_copper import Slab, filled_copper, filled_dielectrics, united
 from coilarray.geometry.stackup import Stackup
 
@@ -67,16 +66,7 @@ def find_files(path: Path) -> list[DataFile]:
 
 def gerbonara(module: str) -> ModuleType:
     """Import one of gerbonara's modules; MissingDependencyError with one line where it is not there or broken."""
-    try:
-        return importlib.import_module(f"gerbonara.{module}")
-    except ImportError as error:
-        if importlib.util.find_spec("gerbonara") is None:
-            raise MissingDependencyError(
-                'Gerber files need gerbonara, which is not installed: pip install "coilarray[fab]".'
-            ) from None
-        raise MissingDependencyError(
-            f"Gerber files need gerbonara, which is installed and cannot be loaded: {error}."
-        ) from error
+    return import_extra(f"gerbonara.{module}", "Gerber files", package="gerbonara", extra="fab")
 
 
 def _contents(path: Path) -> Iterator[tuple[str, bytes]]:

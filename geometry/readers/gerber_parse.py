@@ -16,8 +16,7 @@ from coilarray.errors import BoardError
 from coilarray.geometry.copper import disc
 from coilarray.geometry.readers.arcs import arc_points
 from coilarray.geometry.readers.gerber_files import DataFile, gerbonara
-
-Point = tuple[float, float]
+from coilarray.geometry.values import Point
 
 # What gerbonara 1.5 warns of and then passes over or gets wrong, or says in its own words, and what we say of it.
 _REFUSED = {

@@ -18,7 +18,6 @@ from coilarray.geometry.readers.board_copper import BoardCopper, CopperArea, Hol
 from coilarray.geometry.readers.kicad_layers import KicadLayers, read_layers
 from coilarray.geometry.readers.kicad_shapes import (
     GRAPHICS,
-    Point,
     ToBoard,
     drawn_copper,
     drawn_outline,
@@ -30,6 +29,7 @@ from coilarray.geometry.readers.kicad_shapes import (
 )
 from coilarray.geometry.readers.sexpr import Node, Quoted, read_sexpr
 from coilarray.geometry.stackup import Stackup
+from coilarray.geometry.values import Point
 
 OLDEST_VERSION = 20211014
 """Format of KiCad 6."""

@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable, Iterator
 
 import numpy as np
-import numpy.typing as npt
 import shapely
 from shapely import affinity
 from shapely.geometry.base import BaseGeometry
@@ -15,8 +14,8 @@ from coilarray.errors import BoardError
 from coilarray.geometry.readers.arcs import arc_points
 from coilarray.geometry.readers.kicad_layers import KicadLayers
 from coilarray.geometry.readers.sexpr import Node
+from coilarray.geometry.values import FloatArray, Point
 
-Point = tuple[float, float]
 ToBoard = Callable[[float, float], Point]  # from the numbers of the file, in mm, to the frame of the board, in m
 
 _DRAWN = {
@@ -128,7 +127,7 @@ def _bezier(node: Node, points: list[Point]) -> list[Point]:
     return _as_list(p0 * (1 - t) ** 3 + 3 * p1 * t * (1 - t) ** 2 + 3 * p2 * t**2 * (1 - t) + p3 * t**3)
 
 
-def _as_list(points: npt.NDArray[np.float64]) -> list[Point]:
+def _as_list(points: FloatArray) -> list[Point]:
     return [(x, y) for x, y in points.tolist()]
 
 

@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from coilarray.errors import BoardError, GeometryError
 from coilarray.geometry.array import CoilArray, Placement
@@ -15,8 +14,7 @@ from coilarray.geometry.coil import PlatedHole, path_coil
 from coilarray.geometry.readers.board_copper import BoardCopper, Hole, SurfacePad
 from coilarray.geometry.readers.traced_coil import TracedCoil
 from coilarray.geometry.stackup import Stackup
-
-FloatArray = npt.NDArray[np.float64]
+from coilarray.geometry.values import FloatArray, place_in_mm
 
 SAME_SHAPE = 2e-9
 """Coils whose points and widths agree to so many m, but for a shift, are one shape: board files round to 1 nm."""
@@ -175,8 +173,7 @@ def _notes(coil: TracedCoil) -> Iterator[str]:
 
 
 def _begin(coil: TracedCoil) -> str:
-    x, y = coil.path[0] * 1e3
-    at = f"({x:.4g}, {y:.4g}) mm on {coil.layers[0]}"
+    at = f"{place_in_mm(*coil.path[0])} on {coil.layers[0]}"
     first, last = ("" if end is None else end.number for end in coil.ends)
     if first == last:
         return f"{at}, where its first track is, for its ends have no numbers to tell them apart"

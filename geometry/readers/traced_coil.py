@@ -6,11 +6,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from coilarray.geometry.readers.board_copper import Hole, SurfacePad
-
-FloatArray = npt.NDArray[np.float64]
+from coilarray.geometry.values import FloatArray, Point
 
 # Of the squared length of a path: an area that it runs around below this is none.
 _NO_AREA = 1e-6
@@ -68,7 +66,7 @@ class TracedCoil:
         return float(np.hypot(*np.diff(self.path, axis=0).T).sum())
 
     @property
-    def centre(self) -> tuple[float, float]:
+    def centre(self) -> Point:
         """Centre in m of the area that the path runs around; the middle of its bounds where it runs around none."""
         path = self.path
         x, y = 0.5 * (path.min(axis=0) + path.max(axis=0)) if _runs_around_nothing(path) else _centroid(path)

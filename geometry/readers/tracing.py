@@ -19,6 +19,7 @@ from coilarray.errors import BoardError
 from coilarray.geometry.readers.board_copper import BoardCopper, CopperArea, Hole, SurfacePad, Track
 from coilarray.geometry.readers.traced_coil import TracedCoil
 from coilarray.geometry.readers.track_graph import JOINED, TrackGraph, follow, natural_order, place, track_graph, where
+from coilarray.geometry.values import Point, place_in_mm
 
 LEAST_TURNS = 0.9
 """Turns from which a net counts as a coil: a single loop lacks the space between its two leads. A track that goes out
@@ -126,14 +127,9 @@ class _NetCopper:
 def _by_net(board: BoardCopper) -> tuple[dict[str, _NetCopper], _NetCopper]:
     """Sort a board's copper by net, in the order of the tracks, then of the rest; and give what has none."""
     found: dict[str | None, _NetCopper] = {}
-    for track in board.tracks:
-        found.setdefault(track.net, _NetCopper()).tracks.append(track)
-    for hole in board.holes:
-        found.setdefault(hole.net, _NetCopper()).holes.append(hole)
-    for pad in board.pads:
-        found.setdefault(pad.net, _NetCopper()).pads.append(pad)
-    for area in board.areas:
-        found.setdefault(area.net, _NetCopper()).areas.append(area)
+    for kind in ("tracks", "holes", "pads", "areas"):
+        for item in getattr(board, kind):
+            getattr(found.setdefault(item.net, _NetCopper()), kind).append(item)
     return {net: copper for net, copper in found.items() if net is not None}, found.get(None, _NetCopper())
 
 
@@ -270,7 +266,7 @@ class Obstacles:
         for k, index in self._tree.query(lines, predicate="dwithin", distance=reach).T.tolist():
             item, layer, _ = self._found[index]
             if layer == segments[k].layer and id(item) not in own:
-                at = _mm(*lines[k].coords[0])
+                at = place_in_mm(*lines[k].coords[0])
                 raise BoardError(f"{item.where}: {_kind(item)} {self._whose} touches {what} on {layer} at {at}.")
 
 
@@ -297,7 +293,7 @@ def refuse_bridges(what: str, coil: TracedCoil, items: Sequence[Copper]) -> None
             segment = segments[index]
             if begin - covered > segment.width:
                 item = items[group[0]]
-                at = _mm(*segment.line.interpolate(begin - segment.begin).coords[0])
+                at = place_in_mm(*segment.line.interpolate(begin - segment.begin).coords[0])
                 raise BoardError(
                     f"{item.where}: {_kind(item)} bridges turns of {what}: it also touches it on {segment.layer} at "
                     f"{at}."
@@ -323,7 +319,7 @@ def _segments(coil: TracedCoil) -> Iterator[_Segment]:
             along += dist(a, b)
 
 
-def _stretch(segment: _Segment, shape: BaseGeometry, reach: float) -> tuple[float, float]:
+def _stretch(segment: _Segment, shape: BaseGeometry, reach: float) -> Point:
     """Begin and end, along the path, of the part of a segment whose copper meets a shape."""
     part = shapely.get_coordinates(segment.line & shape.buffer(reach + _OVERLAP))
     along = shapely.line_locate_point(segment.line, shapely.points(part))
@@ -349,7 +345,3 @@ def _kind(item: Copper) -> str:
     if isinstance(item, Hole):
         return f"a {item.kind}"
     return "a track" if isinstance(item, Track) else "a pad"
-
-
-def _mm(x: float, y: float) -> str:
-    return f"({x * 1e3:.4g}, {y * 1e3:.4g}) mm"

@@ -15,8 +15,7 @@ import shapely
 from coilarray.errors import BoardError
 from coilarray.geometry.readers.board_copper import Hole, SurfacePad, Track
 from coilarray.geometry.readers.traced_coil import TracedCoil
-
-Point = tuple[float, float]
+from coilarray.geometry.values import Point, place_in_mm
 
 JOINED = 1e-6
 """Ends closer than this many m are one place, whatever lies there."""
@@ -269,7 +268,7 @@ def follow(name: str, what: str, graph: TrackGraph, piece: Sequence[int], tracks
             ways = ", ".join(dict.fromkeys(where(graph, index, tracks) for index in node.edges))
             raise BoardError(
                 f"{where(graph, node.edges[0], tracks)}: {what} must have two ends; {len(node.edges)} ways meet at "
-                f"{_at(node)} ({ways})."
+                f"{place_in_mm(node.x, node.y)} ({ways})."
             )
     ends = [number for number in numbers if len(graph.nodes[number].edges) == 1]
     if not ends:
@@ -286,16 +285,13 @@ def follow(name: str, what: str, graph: TrackGraph, piece: Sequence[int], tracks
 
 def place(graph: TrackGraph, edge: int) -> str:
     """Where an edge begins, for messages."""
-    return _at(graph.nodes[graph.edges[edge].ends[0]])
+    node = graph.nodes[graph.edges[edge].ends[0]]
+    return place_in_mm(node.x, node.y)
 
 
 def where(graph: TrackGraph, edge: int, tracks: Sequence[Track]) -> str:
     """File and line of an edge, for messages."""
     return tracks[graph.edges[edge].track].where
-
-
-def _at(node: TrackNode) -> str:
-    return f"({node.x * 1e3:.4g}, {node.y * 1e3:.4g}) mm"
 
 
 def _precedence(graph: TrackGraph, number: int) -> tuple[bool, list[tuple[bool, int, str]], int, bool]:
@@ -316,10 +312,10 @@ def _refuse_crossing(what: str, graph: TrackGraph, piece: Sequence[int], tracks:
     for i, j in shapely.STRtree(lines).query(lines, predicate="intersects").T.tolist():
         one, other = graph.edges[piece[i]], graph.edges[piece[j]]
         if i < j and one.layer == other.layer and not set(one.ends) & set(other.ends):
-            x, y = shapely.get_coordinates(lines[i].intersection(lines[j]))[0] * 1e3
+            at = place_in_mm(*shapely.get_coordinates(lines[i].intersection(lines[j]))[0])
             raise BoardError(
-                f"{where(graph, piece[i], tracks)}: {what} must be one path; it crosses itself on {one.layer} at "
-                f"({x:.4g}, {y:.4g}) mm ({where(graph, piece[j], tracks)})."
+                f"{where(graph, piece[i], tracks)}: {what} must be one path; it crosses itself on {one.layer} at {at} "
+                f"({where(graph, piece[j], tracks)})."
             )
 
 

@@ -23,7 +23,7 @@ from coilarray.geometry import CoilArray, Placement, Sheet, Spiral, drills, path
 from coilarray.geometry.copper import disc
 from coilarray.geometry.export import step
 from coilarray.geometry.export.step import write_step
-from coilarray.geometry.prisms import board_prisms, sheet_prisms
+from coilarray.geometry.solids import board_prisms, sheet_prisms
 
 pytestmark = pytest.mark.slow
 
