@@ -286,15 +286,9 @@ def _wound(of: Wound, name: str) -> Coil:
         lines.append(np.vstack((holes[last], last_lead)))
     else:
         lines[last] = np.vstack((lines[last], last_lead))
-    coil = Coil(
-        lines=tuple(lines),
-        widths=tuple(np.full(len(line) - 1, spiral.trace_width) for line in lines),
-        gap=spiral.gap,
-        via=via,
-        terminal=None if leads is None else leads.terminal,
-        outline=spiral.outline(),
-        name=name,
-    )
+    widths = tuple(np.full(len(line) - 1, spiral.trace_width) for line in lines)
+    terminal = None if leads is None else leads.terminal
+    coil = Coil(tuple(lines), widths, spiral.gap, via, terminal, spiral.outline(), name)
     object.__setattr__(coil, "wound", of)
     return coil
 

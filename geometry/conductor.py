@@ -65,10 +65,9 @@ class Conductor:
             raise GeometryError(f"vertices of {name} must be numbers of shape (n + 1, 3).") from None
         if points.ndim != 2 or points.shape[1] != 3 or points.shape[0] < 2:
             raise GeometryError(f"vertices of {name} must have shape (n + 1 >= 2, 3); got {points.shape}.")
-        if not np.isfinite(points).all():
-            raise GeometryError(
-                f"vertices of {name} must be finite; vertex {np.argmin(np.isfinite(points).all(axis=1))} is not."
-            )
+        wild = ~np.isfinite(points).all(axis=1)
+        if wild.any():
+            raise GeometryError(f"vertices of {name} must be finite; vertex {np.argmax(wild)} is not.")
         if np.abs(points).max() > LARGEST:
             raise GeometryError(f"vertices of {name} must be at most {LARGEST:g} m; got {np.abs(points).max():g} m.")
         n = len(points) - 1

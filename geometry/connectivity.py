@@ -10,12 +10,10 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 import shapely
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from shapely.geometry.base import BaseGeometry
 
 from coilarray.geometry.array import CoilArray, Placement
-from coilarray.geometry.copper import Drill, disc, drills, trace_outline
+from coilarray.geometry.copper import Drill, disc, drills, groups, trace_outline
 from coilarray.geometry.readers.board_copper import BoardCopper
 from coilarray.geometry.values import FloatArray, Point
 
@@ -127,21 +125,16 @@ def connected_pieces(
     count = sum(map(len, parts.values()))
     centres = np.array([shapely.Point(hole.x, hole.y) for hole in holes], dtype=object)
     reach = np.array([hole.drill / 2 + _BARREL_REACH for hole in holes])
-    a, b = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
+    met = []
     for layer, shapes in parts.items():
         tree = shapely.STRtree(shapes)
         i, j = tree.query(shapes, predicate="dwithin", distance=_TOUCHING)
-        a.append(i + first[layer])
-        b.append(j + first[layer])
+        met.append(np.column_stack((i, j)) + first[layer])
         piercing = np.array([k for k, hole in enumerate(holes) if layer in hole.layers], dtype=np.int64)
         if len(piercing):
             h, j = tree.query(centres[piercing], predicate="dwithin", distance=reach[piercing])
-            a.append(piercing[h] + count)
-            b.append(j + first[layer])
-    rows, columns = np.concatenate(a), np.concatenate(b)
-    size = count + len(holes)
-    graph = coo_array((np.ones(len(rows), dtype=bool), (rows, columns)), shape=(size, size))
-    label = connected_components(graph, directed=False)[1]
+            met.append(np.column_stack((piercing[h] + count, j + first[layer])))
+    label = np.array(groups(count + len(holes), np.vstack(met) if met else ()))
     pieces: dict[int, dict[str, BaseGeometry]] = {}
     for layer, shapes in parts.items():
         of_layer = label[first[layer] : first[layer] + len(shapes)]

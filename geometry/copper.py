@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal, cast
@@ -9,6 +10,8 @@ from typing import Literal, cast
 import numpy as np
 import numpy.typing as npt
 import shapely
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from shapely.geometry.base import BaseGeometry
 
 from coilarray.geometry.array import CoilArray, Placement
@@ -146,7 +149,7 @@ def copper_by_layer(array: CoilArray) -> dict[str, dict[str, BaseGeometry]]:
         layer are left out.
     """
     shapes: dict[str, dict[str, list[shapely.Polygon]]] = {layer: {} for layer in array.stackup.names}
-    for feature in copper_features(array):  # traces come before pads, so that every coil on a layer has its turn
+    for feature in copper_features(array):
         shapes[feature.layer].setdefault(feature.net, []).append(feature.shape)
     return {
         layer: {net: shapely.union_all(nets[net]) for net in array.names if net in nets}
@@ -171,6 +174,14 @@ def uniform_runs(line: FloatArray, widths: FloatArray) -> list[tuple[FloatArray,
     """
     starts = [0, *(np.flatnonzero(np.diff(widths)) + 1).tolist(), len(widths)]
     return [(line[first : last + 1], float(widths[first])) for first, last in pairwise(starts)]
+
+
+def groups(count: int, pairs: Iterable[tuple[int, int]]) -> list[int]:
+    """Lowest index with which each of `count` indices hangs together through the pairs."""
+    i, j = np.array(list(pairs), dtype=np.int64).reshape(-1, 2).T
+    graph = coo_array((np.ones(len(i), dtype=bool), (i, j)), shape=(count, count))
+    label = connected_components(graph, directed=False)[1]
+    return cast(list[int], np.unique(label, return_index=True)[1][label].tolist())
 
 
 def trace_outline(line: FloatArray, widths: npt.ArrayLike) -> shapely.Polygon:

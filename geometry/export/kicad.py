@@ -25,6 +25,7 @@ from coilarray.geometry.export.kicad_text import (
     copper_number,
     length,
     node,
+    on_layer,
     quoted,
 )
 from coilarray.geometry.export.silk import silk_labels
@@ -174,14 +175,11 @@ def _layer_table(layers: dict[str, str]) -> str:
     if len(layers) == 1:
         table.append((copper_number("B.Cu"), "B.Cu", "signal", "B.Cu"))
     table += [(number, kicad, "user", shown) for number, kicad, shown in OTHER_LAYERS]
-    return block(
-        "layers",
-        (),
-        (
-            node(str(number), quoted(kicad), kind, *([quoted(shown)] if shown not in ("", kicad) else []))
-            for number, kicad, kind, shown in table
-        ),
+    rows = (
+        node(str(number), quoted(kicad), kind, *([quoted(shown)] if shown not in ("", kicad) else []))
+        for number, kicad, kind, shown in table
     )
+    return block("layers", (), rows)
 
 
 def _stackup(stackup: Stackup, layers: dict[str, str]) -> str:
@@ -190,12 +188,9 @@ def _stackup(stackup: Stackup, layers: dict[str, str]) -> str:
     if len(layers) == 1:
         copper.append(("B.Cu", stackup.copper_thickness[0]))
         slabs.append((_BACKING, _BACKING_EPSILON_R))
-    lines = [
-        _stackup_layer("F.SilkS", "Top Silk Screen"),
-        # KiCad drops the whole stack-up where a layer of the board is missing in it
-        _stackup_layer("F.Paste", "Top Solder Paste"),
-        _stackup_layer("F.Mask", "Top Solder Mask"),
-    ]
+    # KiCad drops the whole stack-up where a layer of the board, as its paste, is missing in it
+    outer = (("SilkS", "Silk Screen"), ("Paste", "Solder Paste"), ("Mask", "Solder Mask"))
+    lines = [_stackup_layer(f"F.{layer}", f"Top {kind}") for layer, kind in outer]
     for k, (kicad, thickness) in enumerate(copper):
         lines.append(_stackup_layer(kicad, "copper", node("thickness", length(thickness))))
         if k < len(slabs):
@@ -203,11 +198,7 @@ def _stackup(stackup: Stackup, layers: dict[str, str]) -> str:
             kind = "core" if (k - len(slabs) // 2) % 2 == 0 else "prepreg"
             epsilon = node("epsilon_r", repr(float(slabs[k][1])))
             lines.append(_stackup_layer(f"dielectric {k + 1}", kind, node("thickness", length(slabs[k][0])), epsilon))
-    lines += [
-        _stackup_layer("B.Mask", "Bottom Solder Mask"),
-        _stackup_layer("B.Paste", "Bottom Solder Paste"),
-        _stackup_layer("B.SilkS", "Bottom Silk Screen"),
-    ]
+    lines += [_stackup_layer(f"B.{layer}", f"Bottom {kind}") for layer, kind in reversed(outer)]
     # no (dielectric_constraints yes): it would put permittivities into KiCad's job file, and order impedance control
     return block("stackup", (), lines)
 
@@ -235,29 +226,16 @@ def _vias(array: CoilArray, placement: Placement, net: str, drawing: Drawing) ->
     for k, (hole, point) in enumerate(holes_of(array, placement, "via", drawing)):
         through = hole.layers == array.stackup.names
         ends = (drawing.layers[hole.layers[0]], drawing.layers[hole.layers[-1]])
-        yield node(
-            "via",
-            *(() if through else ("blind",)),
-            at("at", point),
-            node("size", length(hole.pad)),
-            node("drill", length(hole.diameter)),
-            node("layers", *map(quoted, ends)),
-            net,
-            drawing.identifier("via", k),
-        )
+        sizes = (node("size", length(hole.pad)), node("drill", length(hole.diameter)))
+        rest = (at("at", point), *sizes, node("layers", *map(quoted, ends)), net, drawing.identifier("via", k))
+        yield node("via", *(() if through else ("blind",)), *rest)
 
 
 def _edge(array: CoilArray, drawing: Drawing) -> str:
     x_min, y_min, x_max, y_max = array.bounds
-    return node(
-        "gr_rect",
-        at("start", drawing.point(x_min, y_max)),
-        at("end", drawing.point(x_max, y_min)),
-        node("layer", quoted("Edge.Cuts")),
-        node("width", "0.05"),
-        node("fill", "none"),
-        drawing.identifier("edge"),
-    )
+    corners = (at("start", drawing.point(x_min, y_max)), at("end", drawing.point(x_max, y_min)))
+    style = (on_layer("Edge.Cuts"), node("width", "0.05"), node("fill", "none"))
+    return node("gr_rect", *corners, *style, drawing.identifier("edge"))
 
 
 def _project_text(array: CoilArray, name: str, rules: FabRules) -> str:
@@ -301,15 +279,9 @@ def _project_text(array: CoilArray, name: str, rules: FabRules) -> str:
 
 def _library_table_text(name: str) -> str:
     """Text of the ``fp-lib-table`` that lets KiCad find the footprints of the project, whose name the library has."""
-    folder = quoted(f"${{KIPRJMOD}}/{name}.pretty")
-    library = node(
-        "lib",
-        node("name", quoted(name)),
-        node("type", quoted("KiCad")),
-        node("uri", folder),
-        node("options", quoted("")),
-        node("descr", quoted("windings of the coils")),
-    )
+    folder = f"${{KIPRJMOD}}/{name}.pretty"
+    fields = {"name": name, "type": "KiCad", "uri": folder, "options": "", "descr": "windings of the coils"}
+    library = node("lib", *(node(key, quoted(value)) for key, value in fields.items()))
     return block("fp_lib_table", (), (library,)) + "\n"
 
 

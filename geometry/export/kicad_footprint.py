@@ -18,6 +18,7 @@ from coilarray.geometry.export.kicad_text import (
     copper_names,
     length,
     node,
+    on_layer,
     quoted,
 )
 from coilarray.geometry.export.silk import Label, silk_labels
@@ -60,7 +61,7 @@ def _winding(array: CoilArray, alike: Sequence[Placement]) -> str:
         _attributes(placement),
         _reference(placement, silk_labels(single)[0], drawing),
         _value(name, drawing),
-        *_outline(placement, drawing),
+        _outline(placement, drawing),
         *(
             node("fp_line", at("start", start), at("end", end), layer, width, drawing.identifier("line", k))
             for k, (start, end, width, layer) in enumerate(segments(placement, drawing))
@@ -68,7 +69,7 @@ def _winding(array: CoilArray, alike: Sequence[Placement]) -> str:
         *_via_pads(single, placement, drawing),
         *_terminal_pads(single, placement, (), drawing),
     ]
-    head = (quoted(name), node("version", FILE_VERSION), node("generator", GENERATOR), node("layer", quoted("F.Cu")))
+    head = (quoted(name), node("version", FILE_VERSION), node("generator", GENERATOR), on_layer("F.Cu"))
     return block("footprint", head, children) + "\n"
 
 
@@ -86,7 +87,7 @@ def terminal_footprint(array: CoilArray, placement: Placement, label: Label | No
         _value("coil", drawing),
         *_terminal_pads(array, placement, (net,), drawing),
     ]
-    return block("footprint", (quoted("coil_terminals"), node("layer", quoted("F.Cu"))), children)
+    return block("footprint", (quoted("coil_terminals"), on_layer("F.Cu")), children)
 
 
 def segments(placement: Placement, drawing: Drawing) -> Iterator[tuple[IntArray, IntArray, str, str]]:
@@ -129,28 +130,15 @@ def _value(value: str, drawing: Drawing) -> str:
 def _text(kind: str, text: str, place: str, layer: str, height: float, drawing: Drawing) -> str:
     size = node("size", length(height), length(height))
     font = node("font", size, node("thickness", length(_STROKE * height)))
-    return node(
-        "fp_text",
-        kind,
-        quoted(text),
-        place,
-        node("layer", quoted(layer)),
-        node("effects", font),
-        drawing.identifier(kind),
-    )
+    rest = (on_layer(layer), node("effects", font), drawing.identifier(kind))
+    return node("fp_text", kind, quoted(text), place, *rest)
 
 
-def _outline(placement: Placement, drawing: Drawing) -> Iterator[str]:
+def _outline(placement: Placement, drawing: Drawing) -> str:
     """Outline of the winding for the assembly drawing; no courtyard, since coils of an array may overlap."""
-    points = drawing.points(placement.coil.outline)
-    yield node(
-        "fp_poly",
-        node("pts", *(at("xy", point) for point in points)),
-        node("layer", quoted("F.Fab")),
-        node("width", "0.1"),
-        node("fill", "none"),
-        drawing.identifier("outline"),
-    )
+    points = node("pts", *(at("xy", point) for point in drawing.points(placement.coil.outline)))
+    style = (on_layer("F.Fab"), node("width", "0.1"), node("fill", "none"))
+    return node("fp_poly", points, *style, drawing.identifier("outline"))
 
 
 def _via_pads(array: CoilArray, placement: Placement, drawing: Drawing) -> Iterator[str]:

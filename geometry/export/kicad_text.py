@@ -27,21 +27,11 @@ _NAMESPACE = uuid.uuid5(uuid.NAMESPACE_URL, "coilarray")
 
 # The layers of a board beside its copper: number, name, and the name shown where it differs.
 OTHER_LAYERS = (
-    (34, "B.Paste", ""),
-    (35, "F.Paste", ""),
-    (36, "B.SilkS", "B.Silkscreen"),
-    (37, "F.SilkS", "F.Silkscreen"),
-    (38, "B.Mask", ""),
-    (39, "F.Mask", ""),
-    (40, "Dwgs.User", "User.Drawings"),
-    (41, "Cmts.User", "User.Comments"),
-    (44, "Edge.Cuts", ""),
-    (45, "Margin", ""),
-    (46, "B.CrtYd", "B.Courtyard"),
-    (47, "F.CrtYd", "F.Courtyard"),
-    (48, "B.Fab", ""),
-    (49, "F.Fab", ""),
-)
+    (34, "B.Paste", ""), (35, "F.Paste", ""), (36, "B.SilkS", "B.Silkscreen"), (37, "F.SilkS", "F.Silkscreen"),
+    (38, "B.Mask", ""), (39, "F.Mask", ""), (40, "Dwgs.User", "User.Drawings"), (41, "Cmts.User", "User.Comments"),
+    (44, "Edge.Cuts", ""), (45, "Margin", ""), (46, "B.CrtYd", "B.Courtyard"), (47, "F.CrtYd", "F.Courtyard"),
+    (48, "B.Fab", ""), (49, "F.Fab", ""),
+)  # fmt: skip
 _MOST_COPPER_LAYERS = 32
 _BOTTOM = 31
 # What KiCad's own dialogue refuses in a layer's name.
@@ -59,6 +49,11 @@ def block(name: str, head: Iterable[str], children: Iterable[str]) -> str:
     for child in children:
         lines += [f"  {line}" for line in child.split("\n")]
     return "\n".join((*lines, ")"))
+
+
+def on_layer(name: str) -> str:
+    """Write the ``(layer …)`` of one of KiCad's layers."""
+    return node("layer", quoted(name))
 
 
 def quoted(text: str) -> str:
@@ -129,7 +124,7 @@ class Drawing:
 
     def layer(self, name: str) -> str:
         """Write the ``(layer …)`` of a copper layer of the stack-up."""
-        return node("layer", quoted(self.layers[name]))
+        return on_layer(self.layers[name])
 
     def identifier(self, *parts: object) -> str:
         """Write the ``(tstamp …)`` of the piece that the parts name; the same for the same design."""

@@ -8,7 +8,7 @@ import re
 import zipfile
 import zlib
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path, PurePosixPath
 from types import ModuleType
@@ -168,68 +168,49 @@ _FILES = "the files do"
 _MM = 1e-3
 
 
-@dataclass(frozen=True)
-class _Given:
-    """What a job file says, None where it says nothing; lengths in m."""
-
-    names: tuple[str, ...] = ()
-    copper: tuple[float | None, ...] = ()
-    slabs: tuple[Slab, ...] = ()
-    board: float | None = None
-    label: str = field(default="")
-
-
 def job_stackup(job: DataFile | None, copper_layers: int, source: str) -> tuple[Stackup, dict[str, str]]:
     """Take the stack-up, and what of it is assumed as in `BoardCopper`, from a job file, where there is one.
 
     Layers are named as in the job file, otherwise L1, L2, …; `source` is the zip or folder, for messages. BoardError
     for a file that is not JSON, another number of layers, or thicknesses that cannot be.
     """
-    given = _Given() if job is None else _read(job, copper_layers)
+    document = {} if job is None else _document(job)
+    where = source if job is None else job.label
+    listed = document.get("MaterialStackup")
+    layers = [layer for layer in listed if isinstance(layer, dict)] if isinstance(listed, list) else []
+    at = [k for k, layer in enumerate(layers) if layer.get("Type") == "Copper"]
+    if at and len(at) != copper_layers:
+        raise BoardError(f"{where}: the stack-up has {len(at)} copper layers and there are files for {copper_layers}.")
     assumed: dict[str, str] = {}
-    names = given.names
+    names = tuple(str(layers[k]["Name"]) for k in at if layers[k].get("Name"))
     if len(set(names)) != copper_layers:
         names = tuple(f"L{k + 1}" for k in range(copper_layers))
         assumed["stackup.layers"] = "the files give the order of the layers, not their names"
-    copper = filled_copper(given.copper or (None,) * copper_layers, _FILES, assumed)
-    slabs = given.slabs or ((None, None),) * (copper_layers - 1)
-    dielectrics = filled_dielectrics(slabs, copper, given.board, _FILES, assumed)
+    slabs: list[Slab] = [
+        united(
+            [
+                (_length(layer, "Thickness"), _positive(layer, "DielectricConstant"))
+                for layer in layers[first:last]
+                if layer.get("Type") == "Dielectric"
+            ]
+        )
+        for first, last in pairwise(at)
+    ]
+    copper = filled_copper([_length(layers[k], "Thickness") for k in at] or [None] * copper_layers, _FILES, assumed)
+    board = _length(document.get("GeneralSpecs"), "BoardThickness")
+    dielectrics = filled_dielectrics(slabs or [(None, None)] * (copper_layers - 1), copper, board, _FILES, assumed)
     try:
         return Stackup(names, copper, *dielectrics), assumed
     except GeometryError as error:
-        raise BoardError(f"{given.label or source}: {error}") from None
+        raise BoardError(f"{where}: {error}") from None
 
 
-def _read(job: DataFile, copper_layers: int) -> _Given:
+def _document(job: DataFile) -> dict[str, Any]:
     try:
         document = json.loads(job.text)
     except json.JSONDecodeError as error:
         raise BoardError(f"{job.label}:{error.lineno}: is not a whole Gerber job file: {error.msg}.") from None
-    document = document if isinstance(document, dict) else {}
-    general = document.get("GeneralSpecs")
-    board = _length(general, "BoardThickness")
-    listed = document.get("MaterialStackup")
-    layers = [layer for layer in listed if isinstance(layer, dict)] if isinstance(listed, list) else []
-    at = [k for k, layer in enumerate(layers) if layer.get("Type") == "Copper"]
-    if not at:
-        return _Given(board=board, label=job.label)
-    if len(at) != copper_layers:
-        raise BoardError(
-            f"{job.label}: the stack-up has {len(at)} copper layers and there are files for {copper_layers}."
-        )
-    between = [
-        [layer for layer in layers[first:last] if layer.get("Type") == "Dielectric"] for first, last in pairwise(at)
-    ]
-    return _Given(
-        tuple(str(layers[k]["Name"]) for k in at if layers[k].get("Name")),
-        tuple(_length(layers[k], "Thickness") for k in at),
-        tuple(
-            united([(_length(part, "Thickness"), _positive(part, "DielectricConstant")) for part in parts])
-            for parts in between
-        ),
-        board,
-        job.label,
-    )
+    return document if isinstance(document, dict) else {}
 
 
 def _positive(node: Any, key: str) -> float | None:

@@ -103,17 +103,9 @@ def read_kicad(path: Path, stackup: Stackup | None = None) -> BoardCopper:
             outline += board.outline([node], board.to_board)
     if teardrops:
         notes.append(f"{teardrops} teardrop{'s' if teardrops > 1 else ''} at the ends of tracks left out.")
-    return BoardCopper(
-        str(path),
-        board.layers.stackup,
-        tuple(tracks),
-        tuple(holes),
-        tuple(pads),
-        board.layers.assumed,
-        tuple(areas),
-        shapely.MultiPoint(outline).bounds if outline else None,
-        tuple(notes),
-    )
+    edge = shapely.MultiPoint(outline).bounds if outline else None
+    copper = (tuple(tracks), tuple(holes), tuple(pads), board.layers.assumed, tuple(areas))
+    return BoardCopper(str(path), board.layers.stackup, *copper, edge, tuple(notes))
 
 
 def _version_note(root: Node) -> Iterator[str]:
@@ -134,8 +126,7 @@ def _nets(root: Node) -> dict[str, str]:
 
 
 def _origin(root: Node) -> Point:
-    setup = root.child("setup")
-    origin = None if setup is None else setup.child("aux_axis_origin")
+    origin = root.child("setup", "aux_axis_origin")
     return (0.0, 0.0) if origin is None else pair(origin)
 
 

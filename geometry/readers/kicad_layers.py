@@ -74,14 +74,13 @@ def read_layers(root: Node, stackup: Stackup | None = None) -> KicadLayers:
             )
         return KicadLayers(stackup, dict(zip(order, stackup.names, strict=True)), {})
     assumed: dict[str, str] = {}
-    setup = root.child("setup")
-    given = None if setup is None else setup.child("stackup")
+    given = root.child("setup", "stackup")
     thicknesses: list[float | None] = [None] * len(order)
     slabs: list[Slab] = [(None, None)] * (len(order) - 1)
     if given is not None:
         thicknesses, slabs = _given(given, order)
     copper = filled_copper(thicknesses, _FILE, assumed)
-    whole = _board_thickness(root)
+    whole = root.child("general", "thickness")
     dielectrics = filled_dielectrics(slabs, copper, None if whole is None else whole.number() / _PER_M, _FILE, assumed)
     if min(dielectrics[0], default=1.0) <= 0 and "stackup.dielectric_thickness_mm" in assumed:
         where, board = (root.where, "usual thickness") if whole is None else (whole.where, f"{whole.number():g} mm")
@@ -97,11 +96,6 @@ def _depth(name: str) -> float:
     match = _COPPER.fullmatch(name)
     inner = match and match[1]
     return float(inner) if inner else (0.0 if name == "F.Cu" else float("inf"))
-
-
-def _board_thickness(root: Node) -> Node | None:
-    general = root.child("general")
-    return None if general is None else general.child("thickness")
 
 
 def _given(given: Node, order: list[str]) -> tuple[list[float | None], list[Slab]]:

@@ -98,8 +98,7 @@ def zone_copper(zone: Node, layers: KicadLayers, to_board: ToBoard) -> Iterator[
 
 def is_teardrop(zone: Node) -> bool:
     """Whether a zone only widens the end of a track at a pad."""
-    attributes = zone.child("attr")
-    return attributes is not None and attributes.child("teardrop") is not None
+    return zone.child("attr", "teardrop") is not None
 
 
 def _polygon(node: Node, to_board: ToBoard) -> BaseGeometry:
@@ -156,8 +155,7 @@ def pad_shape(pad: Node, to_board: ToBoard) -> BaseGeometry:
         """From the pad's own frame in mm, y down."""
         return x0 + (c * x + s * y) / _PER_M, y0 + (s * x - c * y) / _PER_M
 
-    drill = pad.child("drill")
-    offset = None if drill is None else drill.child("offset")
+    offset = pad.child("drill", "offset")
     x, y = (0.0, 0.0) if offset is None else pair(offset)
     flat = affinity.translate(_flat(pad), x, y)
     shapes = [shapely.transform(flat, lambda at: np.array([of_pad(x, y) for x, y in at.tolist()]))]
@@ -212,10 +210,8 @@ def other_copper(node: Node, to_board: ToBoard) -> Iterator[tuple[BaseGeometry, 
 def _text_box(node: Node, to_board: ToBoard) -> BaseGeometry:
     """Rectangle around a text; one that is not centred reaches to both sides, for it may be mirrored or turned over."""
     effects = node.child("effects") or node
-    font = effects.child("font")
-    size = None if font is None else font.child("size")
+    size, stroke = effects.child("font", "size"), effects.child("font", "thickness")
     height, width = (1.0, 1.0) if size is None else pair(size)
-    stroke = None if font is None else font.child("thickness")
     bold = 0.15 * height if stroke is None else stroke.number()
     text = node.words[_TEXTS[node.name]] if len(node.words) > _TEXTS[node.name] else ""
     rows = text.split("\n")

@@ -40,9 +40,12 @@ class Node:
         """Give the lists of these names inside this one, in order."""
         return (item for item in self.items if isinstance(item, Node) and item.name in names)
 
-    def child(self, name: str) -> Node | None:
-        """Return the first list of this name inside this one; None where there is none."""
-        return next(self.children(name), None)
+    def child(self, *names: str) -> Node | None:
+        """Return the first list of this name inside this one, of several names inside one another; None for none."""
+        found: Node | None = self
+        for name in names:
+            found = None if found is None else next(found.children(name), None)
+        return found
 
     def need(self, name: str) -> Node:
         """Return the first list of this name inside this one; BoardError where there is none."""

@@ -12,7 +12,7 @@ from coilarray.errors import BoardError, GeometryError
 from coilarray.geometry.array import CoilArray, Placement
 from coilarray.geometry.coil import PlatedHole, path_coil
 from coilarray.geometry.readers.board_copper import BoardCopper, Hole, SurfacePad
-from coilarray.geometry.readers.traced_coil import TracedCoil
+from coilarray.geometry.readers.track_graph import TracedCoil
 from coilarray.geometry.stackup import Stackup
 from coilarray.geometry.values import FloatArray, place_in_mm
 

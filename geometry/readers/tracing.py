@@ -11,14 +11,21 @@ from math import dist
 
 import numpy as np
 import shapely
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from shapely.geometry.base import BaseGeometry
 
 from coilarray.errors import BoardError
+from coilarray.geometry.copper import groups
 from coilarray.geometry.readers.board_copper import BoardCopper, CopperArea, Hole, SurfacePad, Track
-from coilarray.geometry.readers.traced_coil import TracedCoil
-from coilarray.geometry.readers.track_graph import JOINED, TrackGraph, follow, natural_order, place, track_graph, where
+from coilarray.geometry.readers.track_graph import (
+    JOINED,
+    TracedCoil,
+    TrackGraph,
+    follow,
+    natural_order,
+    place,
+    track_graph,
+    where,
+)
 from coilarray.geometry.values import Point, place_in_mm
 
 LEAST_TURNS = 0.9
@@ -329,14 +336,13 @@ def _stretch(segment: _Segment, shape: BaseGeometry, reach: float) -> Point:
 def _overlapping(shapes: Sequence[dict[str, BaseGeometry]]) -> list[list[int]]:
     """Sort the indices of items into groups that hang together."""
     entries = [(k, layer, shape) for k, layers in enumerate(shapes) for layer, shape in layers.items()]
-    if not entries:
-        return []
     geometries = np.array([shape for _, _, shape in entries], dtype=object)
     pairs = shapely.STRtree(geometries).query(geometries, predicate="intersects").T.tolist()
-    met = np.array([(entries[i][0], entries[j][0]) for i, j in pairs if entries[i][1] == entries[j][1]]).reshape(-1, 2)
-    graph = coo_array((np.ones(len(met)), (met[:, 0], met[:, 1])), shape=(len(shapes), len(shapes)))
-    count, group = connected_components(graph, directed=False)
-    return [np.flatnonzero(group == number).tolist() for number in range(count)]
+    met = ((entries[i][0], entries[j][0]) for i, j in pairs if entries[i][1] == entries[j][1])
+    found: dict[int, list[int]] = {}
+    for k, lowest in enumerate(groups(len(shapes), met)):
+        found.setdefault(lowest, []).append(k)
+    return list(found.values())
 
 
 def _kind(item: Copper) -> str:

@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import groupby, pairwise
 
 import numpy as np
@@ -13,12 +14,15 @@ import numpy.typing as npt
 import shapely
 
 from coilarray.errors import BoardError
+from coilarray.geometry.copper import groups
 from coilarray.geometry.readers.board_copper import Hole, SurfacePad, Track
-from coilarray.geometry.readers.traced_coil import TracedCoil
-from coilarray.geometry.values import Point, place_in_mm
+from coilarray.geometry.values import FloatArray, Point, place_in_mm
 
 JOINED = 1e-6
 """Ends closer than this many m are one place, whatever lies there."""
+
+# Of the squared length of a path: an area that it runs around below this is none.
+_NO_AREA = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,12 +64,10 @@ class TrackGraph:
 
     def components(self) -> list[list[int]]:
         """Return the indices of the edges that hang together, in the order of their tracks."""
-        sets = _Sets(len(self.nodes))
-        for edge in self.edges:
-            sets.unite(*edge.ends)
+        piece = groups(len(self.nodes), (edge.ends for edge in self.edges))
         found: dict[int, list[int]] = {}
         for index, edge in enumerate(self.edges):
-            found.setdefault(sets.of(edge.ends[0]), []).append(index)
+            found.setdefault(piece[edge.ends[0]], []).append(index)
         return list(found.values())
 
 
@@ -88,23 +90,6 @@ class _Stand:
     at: Point
     size: float
     what: Hole | SurfacePad
-
-
-class _Sets:
-    """Disjoint sets of indices that can be united."""
-
-    def __init__(self, count: int) -> None:
-        self._above = list(range(count))
-
-    def of(self, index: int) -> int:
-        while self._above[index] != index:
-            self._above[index] = self._above[self._above[index]]
-            index = self._above[index]
-        return index
-
-    def unite(self, one: int, other: int) -> None:
-        low, high = sorted((self.of(one), self.of(other)))
-        self._above[high] = low
 
 
 def track_graph(tracks: Sequence[Track], holes: Sequence[Hole], pads: Sequence[SurfacePad]) -> TrackGraph:
@@ -149,13 +134,9 @@ def _divided(tracks: Sequence[Track], stands: Sequence[_Stand]) -> list[_Piece]:
     pieces = []
     for k in long:
         track = tracks[k]
-        places = [track.start, *_sorted_from(track.start, cuts[k]), track.end]
+        places = [track.start, *sorted(cuts[k], key=partial(math.dist, track.start)), track.end]
         pieces += [_Piece(track.layer, a, b, track.width, k) for a, b in pairwise(places) if math.dist(a, b) > JOINED]
     return pieces
-
-
-def _sorted_from(start: Point, places: list[Point]) -> list[Point]:
-    return sorted(places, key=lambda at: math.dist(at, start))
 
 
 def _bridges(pieces: Sequence[_Piece], stands: Sequence[_Stand]) -> list[_Piece]:
@@ -204,26 +185,23 @@ def _graph(pieces: Sequence[_Piece], stands: Sequence[_Stand]) -> TrackGraph:
         *((stand.layer, stand.at) for stand in stands),
         *((piece.layer, at) for piece in pieces for at in (piece.start, piece.end)),
     ]
-    sets = _Sets(len(places))
-    for i, j in _close_pairs(places, JOINED):
-        sets.unite(i, j)
     first: dict[int, int] = {}
-    for k, stand in enumerate(stands):  # a hole joins its layers
-        sets.unite(k, first.setdefault(id(stand.what), k))
+    joined = [(k, first.setdefault(id(stand.what), k)) for k, stand in enumerate(stands)]  # a hole joins its layers
+    node_of = groups(len(places), [*_close_pairs(places, JOINED), *joined])
     edges: dict[tuple[str, int, int], TrackEdge] = {}
     for k, piece in enumerate(pieces):
-        a, b = (sets.of(len(stands) + 2 * k + end) for end in (0, 1))
+        a, b = node_of[len(stands) + 2 * k : len(stands) + 2 * k + 2]
         if a == b:
             continue
         key = (piece.layer, min(a, b), max(a, b))
         twin = edges.get(key)
         width = piece.width if twin is None else max(piece.width, twin.width)
         edges[key] = TrackEdge((a, b), piece.layer, width, piece.track) if twin is None else replace(twin, width=width)
-    return _numbered(sets, places, stands, list(edges.values()))
+    return _numbered(node_of, places, stands, list(edges.values()))
 
 
 def _numbered(
-    sets: _Sets, places: Sequence[tuple[str, Point]], stands: Sequence[_Stand], edges: Sequence[TrackEdge]
+    node_of: Sequence[int], places: Sequence[tuple[str, Point]], stands: Sequence[_Stand], edges: Sequence[TrackEdge]
 ) -> TrackGraph:
     """Return the graph with the nodes that have edges numbered from 0, and what stands at each."""
     numbers: dict[int, int] = {}
@@ -238,7 +216,7 @@ def _numbered(
         numbered.append(replace(edge, ends=(numbers[edge.ends[0]], numbers[edge.ends[1]])))
     here: dict[int, list[Hole | SurfacePad]] = {}
     for k, stand in enumerate(stands):
-        here.setdefault(sets.of(k), []).append(stand.what)
+        here.setdefault(node_of[k], []).append(stand.what)
     nodes = []
     for root, number in numbers.items():
         standing = here.get(root, [])
@@ -247,6 +225,94 @@ def _numbered(
         x, y = places[root][1]  # the lowest index of a set: a hole or pad where one stands there
         nodes.append(TrackNode(x, y, hole, pad, tuple(ends_at[number])))
     return TrackGraph(tuple(nodes), tuple(numbered))
+
+
+@dataclass(frozen=True, eq=False)
+class TracedCoil:
+    """A net that is one path from end to end.
+
+    Parameters
+    ----------
+    name : str
+        Name of the net; "coil1", "coil2", … where the board names none.
+    lines : tuple of ndarray, each of shape (n, 2)
+        Centre lines in m, in the direction of the current, each on one layer.
+    layers : tuple of str
+        Copper layer of each line.
+    widths : tuple of ndarray, each of shape (n − 1,)
+        Width of every segment in m.
+    vias : tuple of Hole
+        Between consecutive lines.
+    ends : tuple of (Hole, SurfacePad or None)
+        What stands at the beginning and at the end of the path.
+    passed : tuple of Hole
+        Holes along the path that lead to no other layer.
+    where : str
+        "file:line" of its first track.
+    net : str or None
+        Its net; None where the board names none.
+    """
+
+    name: str
+    lines: tuple[FloatArray, ...]
+    layers: tuple[str, ...]
+    widths: tuple[FloatArray, ...]
+    vias: tuple[Hole, ...]
+    ends: tuple[Hole | SurfacePad | None, Hole | SurfacePad | None]
+    passed: tuple[Hole, ...]
+    where: str
+    net: str | None = None
+
+    @property
+    def widest(self) -> float:
+        """Largest width in m."""
+        return max(float(widths.max()) for widths in self.widths)
+
+    @property
+    def path(self) -> FloatArray:
+        """All lines as one, without the vias; shape (n, 2), in m."""
+        return np.vstack([self.lines[0][:1], *(line[1:] for line in self.lines)])
+
+    @property
+    def length(self) -> float:
+        """Length of the path in m, vias not counted."""
+        return float(np.hypot(*np.diff(self.path, axis=0).T).sum())
+
+    @property
+    def centre(self) -> Point:
+        """Centre in m of the area that the path runs around; the middle of its bounds where it runs around none."""
+        path = self.path
+        x, y = 0.5 * (path.min(axis=0) + path.max(axis=0)) if _runs_around_nothing(path) else _centroid(path)
+        return float(x), float(y)
+
+    @property
+    def turns(self) -> float:
+        """How often the path runs around its centre, anticlockwise positive; 0 where it runs around nothing."""
+        if _runs_around_nothing(self.path):
+            return 0.0
+        points = self.path - self.centre
+        a, b = points[:-1], points[1:]
+        return float(np.arctan2(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], (a * b).sum(axis=1)).sum() / (2 * math.pi))
+
+
+def _cross(points: FloatArray) -> FloatArray:
+    """Twice the signed area of the triangle of the origin and each side of the closed path."""
+    following = np.roll(points, -1, axis=0)
+    return np.asarray(points[:, 0] * following[:, 1] - points[:, 1] * following[:, 0])
+
+
+def _runs_around_nothing(path: FloatArray) -> bool:
+    area = _cross(path - path[0]).sum() / 2
+    return bool(abs(area) <= _NO_AREA * np.hypot(*np.diff(path, axis=0).T).sum() ** 2)
+
+
+def _centroid(path: FloatArray) -> FloatArray:
+    """Centroid of the area that a path, closed by a straight line, runs around; each part as often as it does so."""
+    points = path - path[0]
+    cross = _cross(points)
+    return np.asarray(
+        path[0] + ((points + np.roll(points, -1, axis=0)) * cross[:, None]).sum(axis=0) / (3 * cross.sum())
+    )
 
 
 def natural_order(name: str) -> list[tuple[bool, int, str]]:

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from support.boards import FOUR_LAYERS, LEADS, VIA, many_layers, one_coil, reference_board
+from support.refusals import refused
 
 from coilarray.errors import GeometryError
 from coilarray.geometry import CoilArray, Placement, Sheet, Spiral, Stackup, lattice, path_coil, spiral_coil
@@ -57,19 +58,12 @@ def test_direction_only_rotates_about_the_origin(direction, kind):
     np.testing.assert_allclose(0.5 * (plain.min(axis=0) + plain.max(axis=0)), 0, atol=1e-15)
 
 
-@pytest.mark.parametrize("pitch", [0.0, -1.0, math.nan, math.inf])
-def test_pitch_must_be_positive_and_finite(pitch):
-    with pytest.raises(GeometryError, match="pitch must be positive and finite"):
-        lattice("square", pitch, 2, 2)
-
-
 def test_lattices_that_cannot_be():
-    with pytest.raises(GeometryError, match="columns and rows must be at least 1; got 0 and 1"):
-        lattice("linear", 1.0, 0)
-    with pytest.raises(GeometryError, match="a linear lattice has one row; got 2"):
-        lattice("linear", 1.0, 2, 2)
-    with pytest.raises(GeometryError, match="lattice must be linear, square or hexagonal; got 'round'"):
-        lattice("round", 1.0, 2, 2)
+    for pitch in (0.0, -1.0, math.nan, math.inf):
+        refused(GeometryError, "pitch must be positive and finite", lattice, "square", pitch, 2, 2)
+    refused(GeometryError, "columns and rows must be at least 1; got 0 and 1", lattice, "linear", 1.0, 0)
+    refused(GeometryError, "a linear lattice has one row; got 2", lattice, "linear", 1.0, 2, 2)
+    refused(GeometryError, "lattice must be linear, square or hexagonal; got 'round'", lattice, "round", 1.0, 2, 2)
 
 
 def test_placement_rotates_about_the_centre_and_moves():
@@ -105,33 +99,26 @@ def test_the_reference_board_alternates_its_layers():
     assert len(array.with_placements(array.placements[:2]).placements) == 2
 
 
-@pytest.mark.parametrize("key", ["x", "y", "rotation"])
-@pytest.mark.parametrize("value", [math.nan, math.inf])
-def test_placement_must_be_finite(key, value):
-    with pytest.raises(GeometryError, match="position of A must be finite"):
-        Placement("A", COIL, ("L1", "L2"), **{"x": 0.0, "y": 0.0, key: value})
-
-
 def test_placements_that_cannot_be():
-    with pytest.raises(GeometryError, match="has 2 lines and must be given as many copper layers; got 1"):
-        Placement("A", COIL, ("L1",), 0, 0)
-    with pytest.raises(
-        GeometryError, match="lines 0 and 1 of A are joined by a via and must lie on different copper layers; got L1"
-    ):
-        Placement("A", COIL, ("L1", "L1"), 0, 0)
+    for key in ("x", "y", "rotation"):
+        for value in (math.nan, math.inf):
+            place = {"x": 0.0, "y": 0.0, key: value}
+            refused(GeometryError, "position of A must be finite", Placement, "A", COIL, ("L1", "L2"), **place)
+    message = "has 2 lines and must be given as many copper layers; got 1"
+    refused(GeometryError, message, Placement, "A", COIL, ("L1",), 0, 0)
+    message = "lines 0 and 1 of A are joined by a via and must lie on different copper layers; got L1"
+    refused(GeometryError, message, Placement, "A", COIL, ("L1", "L1"), 0, 0)
 
 
 def test_arrays_that_cannot_be():
-    placement = Placement("A", COIL, ("L1", "L2"), 0, 0)
-    with pytest.raises(GeometryError, match="at least one coil"):
-        CoilArray(FOUR_LAYERS, ())
-    with pytest.raises(GeometryError, match="coil names must differ; got A, A"):
-        CoilArray(FOUR_LAYERS, (placement, placement))
-    with pytest.raises(GeometryError, match="there is no copper layer 'top'; the stack-up has L1, L2, L3, L4"):
-        CoilArray(FOUR_LAYERS, (Placement("A", COIL, ("L1", "top"), 0, 0),))
+    placement, unknown = (Placement("A", COIL, ("L1", last), 0, 0) for last in ("L2", "top"))
+    refused(GeometryError, "at least one coil", CoilArray, FOUR_LAYERS, ())
+    refused(GeometryError, "coil names must differ; got A, A", CoilArray, FOUR_LAYERS, (placement, placement))
+    message = "there is no copper layer 'top'; the stack-up has L1, L2, L3, L4"
+    refused(GeometryError, message, CoilArray, FOUR_LAYERS, (unknown,))
     for margin in (-1e-3, math.nan, math.inf):
-        with pytest.raises(GeometryError, match="board_margin must be finite and not negative"):
-            CoilArray(FOUR_LAYERS, (placement,), board_margin=margin)
+        message = "board_margin must be finite and not negative"
+        refused(GeometryError, message, CoilArray, FOUR_LAYERS, (placement,), board_margin=margin)
 
 
 def test_heights_run_down_from_the_top_face():
@@ -158,20 +145,13 @@ def test_heights_run_down_from_the_top_face():
     ],
 )
 def test_stackups_that_cannot_be(change, message):
-    good = {
-        "names": ("L1", "L2"),
-        "copper_thickness": (35e-6, 35e-6),
-        "dielectric_thickness": (0.2e-3,),
-        "epsilon_r": (4.5,),
-    }
-    with pytest.raises(GeometryError, match=message):
-        Stackup(**{**good, **change})
+    good = {"names": ("L1", "L2"), "copper_thickness": (35e-6, 35e-6)}
+    good |= {"dielectric_thickness": (0.2e-3,), "epsilon_r": (4.5,)}
+    refused(GeometryError, message, Stackup, **{**good, **change})
 
 
 def test_sheets_that_cannot_be():
-    for thickness in (0.0, -1e-3, math.nan, math.inf):
-        with pytest.raises(GeometryError, match="thickness of sheet 'base' must be positive and finite"):
-            Sheet("base", thickness)
+    for value in (0.0, -1e-3, math.nan, math.inf):
+        refused(GeometryError, "thickness of sheet 'base' must be positive and finite", Sheet, "base", value)
     for mu in (0.5, math.nan, math.inf):
-        with pytest.raises(GeometryError, match="relative permeability of sheet 'base' must be at least 1"):
-            Sheet("base", 1e-3, mu)
+        refused(GeometryError, "relative permeability of sheet 'base' must be at least 1", Sheet, "base", 1e-3, mu)

@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from support.references import rows
+from support.refusals import refused
 
 from coilarray.errors import GeometryError
 from coilarray.geometry import Spiral, apothem_from_size
@@ -80,16 +81,9 @@ def test_layers_meet_and_keep_the_sense_of_rotation(circular, winding, sense, tu
         assert (sense * (x[:-1] * y[1:] - x[1:] * y[:-1]) > 0).all()
 
 
-@given(
-    sides=st.integers(3, 12),
-    corner=st.floats(-10, 10),
-    circular=st.booleans(),
-    winding=st.sampled_from(["ccw", "cw"]),
-    layer=st.integers(0, 3),
-)
+@given(st.integers(3, 12), st.floats(-10, 10), st.booleans(), st.sampled_from(["ccw", "cw"]), st.integers(0, 3))
 def test_first_corner_only_rotates(sides, corner, circular, winding, layer):
-    plain = Spiral(sides, 6e-3, 4, 0.15e-3, 0.15e-3, 0.0, winding, circular)
-    turned = Spiral(sides, 6e-3, 4, 0.15e-3, 0.15e-3, corner, winding, circular)
+    plain, turned = (Spiral(sides, 6e-3, 4, 0.15e-3, 0.15e-3, first, winding, circular) for first in (0.0, corner))
     c, s = math.cos(corner), math.sin(corner)
     expected = plain.centre_line(layer) @ np.array([[c, s], [-s, c]])
     # rounding of an angle of about 10 rad at a radius of at most 12 mm
@@ -121,50 +115,25 @@ def test_outline_has_the_given_sizes():
 BAD = [0.0, -1e-3, math.nan, math.inf]
 
 
-@pytest.mark.parametrize("name", ["outer_apothem", "turns", "trace_width", "gap"])
-@pytest.mark.parametrize("value", BAD)
-def test_sizes_must_be_positive_and_finite(name, value):
-    given_sizes = {"outer_apothem": 5e-3, "turns": 3, "trace_width": 1e-4, "gap": 1e-4, name: value}
-    with pytest.raises(GeometryError, match=f"{name} must be positive and finite"):
-        Spiral(6, **given_sizes)
-
-
-@pytest.mark.parametrize("sides", [2, 0, -6])
-def test_fewer_than_three_sides(sides):
-    with pytest.raises(GeometryError, match="sides must be at least 3"):
-        Spiral(sides, 5e-3, 3, 1e-4, 1e-4)
-    with pytest.raises(GeometryError, match="sides must be at least 3"):
-        apothem_from_size(1e-2, sides, across="flats")
-
-
-def test_more_turns_than_fit_names_the_most_that_do():
-    with pytest.raises(GeometryError, match=r"30 turns .* do not fit .*; at most 24\.5 turns do"):
-        Spiral(6, 5.01e-3, 30, 1e-4, 1e-4)
+def test_spirals_that_cannot_be():
+    good = {"outer_apothem": 5e-3, "turns": 3, "trace_width": 1e-4, "gap": 1e-4}
+    for name in good:
+        for value in BAD:
+            refused(GeometryError, f"{name} must be positive and finite", Spiral, 6, **{**good, name: value})
+    for sides in (2, 0, -6):
+        refused(GeometryError, "sides must be at least 3", Spiral, sides, **good)
+    for corner in (math.nan, math.inf):
+        refused(GeometryError, "first_corner must be finite", Spiral, 6, **good, first_corner=corner)
+    refused(GeometryError, "winding must be 'ccw' or 'cw'; got 'left'", Spiral, 6, **good, winding="left")
+    refused(GeometryError, "turns must be a multiple of 1/6", Spiral, 6, **{**good, "turns": 3.1})
+    refused(GeometryError, r"30 turns .*; at most 24\.5 turns do", Spiral, 6, 5.01e-3, 30, 1e-4, 1e-4)
     Spiral(6, 5.01e-3, 24.5, 1e-4, 1e-4)
 
 
-def test_turns_are_whole_steps():
-    with pytest.raises(GeometryError, match="turns must be a multiple of 1/6"):
-        Spiral(6, 5e-3, 3.1, 1e-4, 1e-4)
-
-
-@pytest.mark.parametrize("corner", [math.nan, math.inf])
-def test_first_corner_must_be_finite(corner):
-    with pytest.raises(GeometryError, match="first_corner must be finite"):
-        Spiral(6, 5e-3, 3, 1e-4, 1e-4, corner)
-
-
-def test_winding_must_be_a_known_word():
-    with pytest.raises(GeometryError, match="winding must be 'ccw' or 'cw'; got 'left'"):
-        Spiral(6, 5e-3, 3, 1e-4, 1e-4, winding="left")
-
-
-@pytest.mark.parametrize("size", BAD)
-def test_size_must_be_positive_and_finite(size):
-    with pytest.raises(GeometryError, match="size must be positive and finite"):
-        apothem_from_size(size, 6, across="corners")
-
-
-def test_size_is_across_something():
-    with pytest.raises(GeometryError, match="across flats or corners; got 'diagonal'"):
-        apothem_from_size(1e-2, 6, across="diagonal")
+def test_sizes_that_cannot_be():
+    for size in BAD:
+        refused(GeometryError, "size must be positive and finite", apothem_from_size, size, 6, across="corners")
+    for sides in (2, 0, -6):
+        refused(GeometryError, "sides must be at least 3", apothem_from_size, 1e-2, sides, across="flats")
+    message = "across flats or corners; got 'diagonal'"
+    refused(GeometryError, message, apothem_from_size, 1e-2, 6, across="diagonal")
