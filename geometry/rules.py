@@ -339,7 +339,7 @@ def _spacing_within(placement: Placement, layer: str, holes: list[Drill], rules:
     """Smallest distance of the separate pieces of one net on one layer."""
     limit, coil = rules.min_gap, placement.coil
     traces = [(placement.to_board(coil.lines[k]), coil.widths[k] / 2) for k in placement.lines_on(layer)]
-    found = [*_pads_apart([line for line, _ in traces], holes, limit)]
+    found: list[_Gap | None] = [*_pads_apart([line for line, _ in traces], holes, limit)]
     for line, half in traces:
         found += _pads_to_trace(line, half, holes, limit)
         near = _trace_to_itself(line, half, limit, reach=2 * limit)

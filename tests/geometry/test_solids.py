@@ -10,50 +10,30 @@ import numpy as np
 import pytest
 import shapely
 import trimesh
-from support.boards import FOUR_LAYERS, LEADS, VIA, many_layers, one_coil, reference_board
+from support.boards import FOUR_LAYERS, SHEETS, VIA, many_layers, one_coil, reference_board, wound_board
+from support.refusals import refused
 
 from coilarray.errors import GeometryError, OutputError
-from coilarray.geometry import (
-    CoilArray,
-    Placement,
-    Sheet,
-    Spiral,
-    board_outline,
-    copper_by_layer,
-    drills,
-    path_coil,
-    solids,
-    spiral_coil,
-)
-from coilarray.geometry.copper import disc
+from coilarray.geometry import Sheet, solids
+from coilarray.geometry.coil import Coil
+from coilarray.geometry.copper import board_outline, copper_by_layer, disc, drills
 from coilarray.geometry.export import write_solids
 
-SHEETS = (Sheet("base", 6e-3), Sheet("magnetic", 2e-3, 2.7))
 VOLUME = 1e-9  # relative: triangulated prisms of coordinates up to 1000 times their height, in float64
 
 
-def holes_of(array, layer=None):
-    return shapely.union_all(
-        [
-            disc(hole.x, hole.y, hole.diameter)
-            for hole in drills(array)
-            if hole.drilled and (layer is None or layer in hole.layers)
-        ]
-    )
-
-
-def wound(sides, layers, rotation, *, through_holes=True):
-    spiral = Spiral(sides, 6e-3, 6, 0.15e-3, 0.15e-3, circular=sides > 8)
-    return one_coil(spiral_coil(spiral, layers, VIA, LEADS), rotation=rotation, through_holes=through_holes)
+def holes_of(array, layer):
+    holes = [hole for hole in drills(array) if hole.drilled and layer in hole.layers]
+    return shapely.union_all([disc(hole.x, hole.y, hole.diameter) for hole in holes])
 
 
 BOARDS = {
-    "reference": reference_board(),
-    "reference, blind holes": reference_board(through_holes=False),
-    "triangle": wound(3, 2, 0.4),
-    "four layers, blind holes": wound(4, 4, 1.0, through_holes=False),
-    "circle": wound(96, 2, -2.0),
-    "inner terminal": wound(6, 1, 0.0),
+    "reference": reference_board(count=2),
+    "reference, blind holes": reference_board(count=2, turns=10, through_holes=False),
+    "triangle": wound_board(3, 2, 0.4),
+    "four layers, blind holes": wound_board(4, 4, 1.0, through_holes=False),
+    "circle": wound_board(96, 2, -2.0),
+    "inner terminal": wound_board(6, 1),
 }
 
 
@@ -128,19 +108,16 @@ def test_sheets_are_stacked_upwards_from_the_board(built):
 
 
 def test_touching_pads_leave_closed_solids():
-    line = [[(0, 0), (4e-3, 0), (4e-3, 4e-3), (2e-3, 4e-3), (2e-3, -2e-3)]]
-    crossing = type(path_coil([line[0][:2]], 2e-4, 2e-4, VIA))(
-        (np.array(line[0]),), (np.full(4, 2e-4),), 2e-4, VIA, None, np.zeros((0, 2))
-    )
-    array = CoilArray(many_layers(1), (Placement("A", crossing, ("L1",), 0, 0),))
+    line = np.array([(0, 0), (4e-3, 0), (4e-3, 4e-3), (2e-3, 4e-3), (2e-3, -2e-3)])
+    array = one_coil(Coil((line,), (np.full(4, 2e-4),), 2e-4, VIA, None, np.zeros((0, 2))))
     solid = solids(array)["copper/L1/A"]
     assert solid.is_watertight
     assert solid.volume == pytest.approx(copper_by_layer(array)["L1"]["A"].area * 35e-6, rel=VOLUME)
 
 
 def test_sheet_names_differ():
-    with pytest.raises(GeometryError, match="sheet names must differ; got base, base"):
-        solids(BOARDS["triangle"], (Sheet("base", 1e-3), Sheet("base", 2e-3)))
+    twice = (Sheet("base", 1e-3), Sheet("base", 2e-3))
+    refused(GeometryError, "sheet names must differ; got base, base", solids, BOARDS["triangle"], twice)
 
 
 @pytest.mark.slow
@@ -192,12 +169,11 @@ def test_writing_leaves_the_solids_alone(parts, tmp_path):
 
 
 def test_files_that_cannot_be(parts, tmp_path):
-    with pytest.raises(OutputError, match=r"the suffix must be \.stl, \.ply or \.glb; got '\.obj'"):
-        write_solids(parts, tmp_path / "coil.obj")
-    with pytest.raises(OutputError, match="there are no solids"):
-        write_solids({}, tmp_path / "coil.stl")
-    with pytest.raises(OutputError, match=r"cannot write .*coil\.stl: No such file or directory"):
-        write_solids(parts, tmp_path / "missing" / "coil.stl")
+    message = r"the suffix must be \.stl, \.ply or \.glb; got '\.obj'"
+    refused(OutputError, message, write_solids, parts, tmp_path / "coil.obj")
+    refused(OutputError, "there are no solids", write_solids, {}, tmp_path / "coil.stl")
+    message = r"cannot write .*coil\.stl: No such file or directory"
+    refused(OutputError, message, write_solids, parts, tmp_path / "missing" / "coil.stl")
     assert list(tmp_path.iterdir()) == []
 
 

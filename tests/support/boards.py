@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import shapely
@@ -65,6 +66,16 @@ def stroked(array: CoilArray, layer: str) -> list[shapely.Geometry]:
                 ends = shapely.linestrings(np.stack((points[:-1], points[1:]), axis=1))
                 pieces += list(shapely.buffer(ends, widths / 2, quad_segs=32))
     return pieces
+
+
+def drawn_copper(file: Any) -> shapely.Geometry:
+    """What the objects of a Gerber file that gerbonara has read cover, in m."""
+    shapes = []
+    for item in file.objects:
+        places = [(item.x, item.y)] if hasattr(item, "x") else [(item.x1, item.y1), (item.x2, item.y2)]
+        way = shapely.Point(places[0]) if len(places) == 1 else shapely.LineString(places)
+        shapes.append(way.buffer(item.aperture.equivalent_width("mm") / 2, quad_segs=32))
+    return shapely.affinity.scale(shapely.union_all(shapes), 1e-3, 1e-3, origin=(0, 0))
 
 
 def reference_board(*, count: int = 6, turns: int = 30, through_holes: bool = True) -> CoilArray:
