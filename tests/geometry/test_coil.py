@@ -42,16 +42,7 @@ def test_layers_in_series_meet_and_add_their_turns(layers, turns, winding):
     assert sense * total > 0
 
 
-def test_return_lead_brings_an_odd_coil_out_again():
-    for layers in (1, 3):
-        coil = spiral_coil(SPIRAL, layers, VIA, LEADS, return_lead=True)
-        assert len(coil.lines) == layers + 1
-        np.testing.assert_array_equal(coil.lines[-2][-1], coil.lines[-1][0])
-        first, second = coil.terminal_points
-        assert np.hypot(*(first - second)) == pytest.approx(LEADS.spacing, rel=1e-9)  # rounding
-
-
-def test_terminals_stand_at_the_given_length_and_spacing():
+def test_leads_and_what_stands_at_their_ends():
     coil = spiral_coil(SPIRAL, 2, VIA, LEADS)
     first, second = coil.terminal_points
     corner = SPIRAL.centre_line()[0]
@@ -59,9 +50,14 @@ def test_terminals_stand_at_the_given_length_and_spacing():
     assert np.hypot(*(first - second)) == pytest.approx(LEADS.spacing, rel=1e-9)  # rounding
     assert (first - corner) @ radial == pytest.approx(LEADS.length, rel=1e-9)
     assert (second - corner) @ radial == pytest.approx(LEADS.length, rel=1e-9)
-
-
-def test_odd_coil_without_return_ends_at_an_inner_terminal():
+    # a return lead brings an odd coil out again
+    for layers in (1, 3):
+        coil = spiral_coil(SPIRAL, layers, VIA, LEADS, return_lead=True)
+        assert len(coil.lines) == layers + 1
+        np.testing.assert_array_equal(coil.lines[-2][-1], coil.lines[-1][0])
+        first, second = coil.terminal_points
+        assert np.hypot(*(first - second)) == pytest.approx(LEADS.spacing, rel=1e-9)  # rounding
+    # without it the coil ends at an inner terminal
     coil = spiral_coil(SPIRAL, 1, VIA, LEADS)
     assert np.hypot(*coil.terminal_points[1]) < np.hypot(*SPIRAL.centre_line()[-1]) - LEADS.terminal.pad / 2
     bare = spiral_coil(SPIRAL, 1, VIA)
@@ -92,7 +88,7 @@ def test_hole_dimensions():
 BAD = [0.0, -1e-3, math.nan, math.inf]
 
 
-def test_holes_that_cannot_be():
+def test_holes_and_leads_that_cannot_be():
     sizes = {"drill": 0.2e-3, "pad": 0.5e-3, "plating": 20e-6}
     for name in sizes:
         for value in BAD:
@@ -100,9 +96,6 @@ def test_holes_that_cannot_be():
             refused(GeometryError, message, PlatedHole, **{**sizes, name: value})
     refused(GeometryError, "pad of a hole must be larger than its drill", PlatedHole, 0.5e-3, 0.5e-3)
     refused(GeometryError, "plating must be below half the drill", PlatedHole, 0.2e-3, 0.5e-3, 0.1e-3)
-
-
-def test_leads_that_cannot_be():
     sizes = {"length": 2e-3, "spacing": 1e-3, "terminal": VIA}
     for name in ("length", "spacing"):
         for value in BAD:

@@ -99,17 +99,13 @@ def test_the_design_itself_passes_mitred_and_round(copper, through_holes) -> Non
 
 
 @pytest.mark.slow
-def test_the_reference_board_passes() -> None:
+def test_boards_as_they_are_made_pass() -> None:
     array = reference_board(turns=10)
     assert check_nets(array, *design_copper(array)) == NetCheck(6, ())
-
-
-def test_drilled_pads_pass() -> None:
+    # drilled pads
     bores = shapely.union_all([shapely.Point(h.x, h.y).buffer(h.drill / 2) for h in HOLES])
     assert check_nets(TWO, {layer: [part - bores for part in parts] for layer, parts in LAYERS.items()}, HOLES).passed
-
-
-def test_sharp_corners_widths_that_change_and_layers_used_twice_pass_with_round_strokes() -> None:
+    # sharp corners, widths that change and layers used twice, with round strokes
     lines = [[(0, 0), (4e-3, 0), (0, 0.9e-3)], [(0, 0.9e-3), (0, 3e-3)], [(0, 3e-3), (4e-3, 3e-3)]]
     coil = path_coil(lines, [[3e-4, 2e-4], [2e-4], [5e-4]], 2e-4, VIA, PlatedHole(5e-4, 1e-3))
     array = CoilArray(many_layers(2), (Placement("A", coil, ("L1", "L2", "L1"), 0, 0),))
@@ -144,30 +140,32 @@ def test_a_cut_track_is_found_where_it_is(coil: int, line: int, fraction: float)
     assert "its copper ends on" in fault.text
 
 
-def test_a_terminal_without_copper() -> None:
+def test_terminals_and_layers_without_copper() -> None:
     bare = shapely.Point(A.to_board(SQUARE.terminal_points)[0]).buffer(0.6e-3)
     check = check_nets(TWO, {layer: [part - bare for part in parts] for layer, parts in LAYERS.items()}, HOLES)
     assert faults(check) == [("cut", ("A",), "L1")]
     assert check.faults[0].text.startswith("terminal 1 of A has no copper on L1 at (")
-
-
-def test_a_missing_layer_cuts_every_coil() -> None:
+    # a whole layer
     check = check_nets(TWO, {layer: parts for layer, parts in LAYERS.items() if layer != "L2"}, HOLES)
     assert faults(check) == [("cut", ("A",), "L2"), ("cut", ("B",), "L2")]
     assert all("nothing joins L1 and L2" in fault.text for fault in check.faults)
     assert faults(check_nets(TWO, {}, [])) == [("cut", ("A",), "L1"), ("cut", ("B",), "L1")]  # no copper at all
 
 
-def test_a_bridge_between_two_coils() -> None:
+def test_bridges_between_coils() -> None:
     check = check_nets(TWO, having(LAYERS, "L1", BRIDGE), HOLES)
     assert check.pieces == 1
     assert faults(check) == [("bridge", ("A", "B"), "L1")]
     (fault,) = check.faults
     assert BRIDGE.contains(shapely.Point(fault.x, fault.y))
     assert fault.text.startswith("A and B touch on L1 at (")
-
-
-def test_coils_that_overlap_in_the_design_touch_there() -> None:
+    # of three coils only the pairs that touch
+    three = TWO.with_placements([A, B, replace(B, name="C", x=12e-3)])
+    layers, holes = design_copper(three)
+    for x in (0.0, 8e-3):
+        layers = having(layers, "L1", shapely.affinity.translate(BRIDGE, x))
+    assert faults(check_nets(three, layers, holes)) == [("bridge", ("A", "B"), "L1"), ("bridge", ("B", "C"), "L1")]
+    # coils that overlap in the design
     crowded = TWO.with_placements([A, replace(B, x=A.x + 5.9e-3)])
     check = check_nets(crowded, *design_copper(crowded))
     assert {fault.kind for fault in check.faults} == {"bridge"}
@@ -175,7 +173,7 @@ def test_coils_that_overlap_in_the_design_touch_there() -> None:
     assert all((a & b).buffer(1e-5).contains(shapely.Point(fault.x, fault.y)) for fault in check.faults)
 
 
-def test_a_hole_too_many_joins_coils_on_different_layers() -> None:
+def test_coils_joined_by_way_of_other_layers() -> None:
     stacked = TWO.with_placements([A, replace(B, x=A.x + 4.5e-3, layers=("L3", "L4"))])
     layers, holes = design_copper(stacked)
     assert check_nets(stacked, layers, holes).passed
@@ -184,9 +182,7 @@ def test_a_hole_too_many_joins_coils_on_different_layers() -> None:
     assert faults(check) == [("bridge", ("A", "B"), "L2"), ("foreign", (), "L2")]
     assert check.faults[0].text.startswith("A and B touch on L2 at (")
     assert "the design has no plated hole of 0.1 mm through L2, L3 at (" in check.faults[1].text
-
-
-def test_a_way_over_layers_that_neither_coil_uses_joins_them() -> None:
+    # over a layer that neither coil uses
     ends = [point_on(coil, 0, 0.5) for coil in (0, 1)]
     layers = having(BLIND_LAYERS, "L3", shapely.LineString(ends).buffer(1e-4))
     check = check_nets(BLIND, layers, [*BLIND_HOLES, *(Barrel(*end, 1e-4, ("L1", "L3")) for end in ends)])
@@ -195,15 +191,7 @@ def test_a_way_over_layers_that_neither_coil_uses_joins_them() -> None:
     assert check.faults[0].text.startswith("A and B are joined by way of L3 at (")
 
 
-def test_three_coils_name_only_the_pairs_that_touch() -> None:
-    three = TWO.with_placements([A, B, replace(B, name="C", x=12e-3)])
-    layers, holes = design_copper(three)
-    for x in (0.0, 8e-3):
-        layers = having(layers, "L1", shapely.affinity.translate(BRIDGE, x))
-    assert faults(check_nets(three, layers, holes)) == [("bridge", ("A", "B"), "L1"), ("bridge", ("B", "C"), "L1")]
-
-
-def test_shorted_turns_of_one_coil_are_foreign_copper() -> None:
+def test_foreign_copper_and_holes() -> None:
     short = shapely.box(1.1e-3, 0.1e-3, 1.6e-3, 0.2e-3)  # from B's outermost turn to the next
     check = check_nets(TWO, having(LAYERS, "L1", short), HOLES)
     assert check.pieces == 2
@@ -211,30 +199,32 @@ def test_shorted_turns_of_one_coil_are_foreign_copper() -> None:
     (fault,) = check.faults
     assert short.contains(shapely.Point(fault.x, fault.y))
     assert fault.text.endswith("where B has some")
-
-
-def test_a_via_too_many_within_one_coil_is_found() -> None:
+    # a via too many within a coil
     place = crossing(TWO, ("L1", "A"), ("L2", "A"))
     check = check_nets(TWO, LAYERS, [*HOLES, Barrel(place.x, place.y, 1e-4, ("L1", "L2"))])
     assert faults(check) == [("foreign", (), "L1")]
-
-
-def test_copper_beside_the_coils_is_foreign() -> None:
+    # copper beside the coils
     check = check_nets(TWO, having(LAYERS, "L3", shapely.box(-1e-4, -5e-3, 1e-4, -4.8e-3)), HOLES)
     assert faults(check) == [("foreign", (), "L3")]
     assert check.faults[0].text == "the design has no copper on L3 at (0, -4.9) mm"
+    # a hole where a terminal is a mere pad
+    pad = next(hole for hole in drills(BLIND) if not hole.drilled)
+    check = check_nets(BLIND, BLIND_LAYERS, [*BLIND_HOLES, Barrel(pad.x, pad.y, pad.diameter, pad.layers)])
+    assert faults(check) == [("foreign", (), pad.layers[0])]
+    # a blind hole that goes too deep is another hole
+    deeper = [replace(hole, layers=("L1", "L2", "L3")) for hole in BLIND_HOLES]
+    kinds = [(fault.kind, fault.coils) for fault in check_nets(BLIND, BLIND_LAYERS, deeper).faults]
+    assert kinds == [("missing", ("A",)), ("missing", ("B",)), ("foreign", ()), ("foreign", ())]
 
 
-def test_a_missing_terminal_hole_and_a_missing_pad() -> None:
+def test_missing_holes_pads_and_copper() -> None:
     terminal = next(hole for hole in drills(TWO) if hole.net == "A" and hole.kind == "terminal")
     check = check_nets(TWO, LAYERS, [h for h in HOLES if (h.x, h.y) != (terminal.x, terminal.y)])
     assert faults(check) == [("missing", ("A",), "L1")]
     assert "the plated hole of A at" in check.faults[0].text
     pad = shapely.Point(terminal.x, terminal.y).buffer(0.6e-3)
     assert faults(check_nets(TWO, without(LAYERS, "L4", pad), HOLES)) == [("missing", ("A",), "L4")]
-
-
-def test_a_neck_in_a_trace_is_missing_copper() -> None:
+    # a neck in a trace
     neck = shapely.Point(point_on(0, 0, 0.5) + 0.1e-3).buffer(0.08e-3)
     assert faults(check_nets(TWO, without(LAYERS, "L1", neck), HOLES)) == [("missing", ("A",), "L1")]
 
@@ -248,12 +238,6 @@ def test_shapes_may_differ_by_the_tolerance(offset: float, passed: bool) -> None
     assert check_nets(TWO, LAYERS, shifted).passed is passed
 
 
-def test_a_blind_hole_that_goes_too_deep_is_another_hole() -> None:
-    deeper = [replace(hole, layers=("L1", "L2", "L3")) for hole in BLIND_HOLES]
-    kinds = [(fault.kind, fault.coils) for fault in check_nets(BLIND, BLIND_LAYERS, deeper).faults]
-    assert kinds == [("missing", ("A",)), ("missing", ("B",)), ("foreign", ()), ("foreign", ())]
-
-
 def test_a_board_of_one_layer_has_its_holes() -> None:
     line = [(0, 0), (5e-3, 0), (5e-3, 5e-3)]
     bare, array = (one_coil(path_coil([line], 2e-4, 2e-4, VIA, end)) for end in (None, PlatedHole(5e-4, 1e-3)))
@@ -262,12 +246,6 @@ def test_a_board_of_one_layer_has_its_holes() -> None:
     holes = [Barrel(h.x, h.y, h.diameter, h.layers) for h in drills(array)]
     assert check_nets(array, layers, holes) == NetCheck(1, ())
     assert faults(check_nets(array, layers, holes[1:])) == [("missing", ("A",), "L1")]
-
-
-def test_a_hole_where_a_terminal_is_a_mere_pad_is_foreign() -> None:
-    pad = next(hole for hole in drills(BLIND) if not hole.drilled)
-    check = check_nets(BLIND, BLIND_LAYERS, [*BLIND_HOLES, Barrel(pad.x, pad.y, pad.diameter, pad.layers)])
-    assert faults(check) == [("foreign", (), pad.layers[0])]
 
 
 def board_with_nets(array: CoilArray) -> BoardCopper:

@@ -45,24 +45,20 @@ def test_outline_is_the_buffer_of_the_line(sides, corner, turns):
     assert shapely.symmetric_difference(outline, buffer).area < 1e-9 * outline.area
 
 
-def test_a_trace_across_itself_is_counted_once():
+def test_traces_that_cross_end_short_or_turn_back():
     w = 0.2e-3
     line = np.array([(0, 0), (4e-3, 0), (4e-3, 2e-3), (2e-3, 2e-3), (2e-3, -2e-3)])
     outline = trace_outline(line, w)
     assert outline.is_valid
     assert len(outline.interiors) == 1
     assert outline.area == pytest.approx(length(line) * w - w * w, rel=1e-9)  # wedges reach 0.1 % of w inside
-
-
-def test_a_stub_shorter_than_the_width_keeps_all_its_copper():
+    # a stub shorter than the width keeps all its copper
     w, stub = 0.2e-3, 0.05e-3
     outline = trace_outline(np.array([(0, 0), (1e-3, 0), (1e-3, stub)]), w)
     # the first segment, the square that the mitre adds, and the half of the stub that lies beyond the first segment
     expected = 1e-3 * w + w * w / 4 + stub * w / 2
     assert outline.area == pytest.approx(expected, rel=1e-6)  # wedges reach 0.1 % of w inside
-
-
-def test_a_reversal_is_cut_off_flat():
+    # a reversal is cut off flat
     w = 0.2e-3
     sharp = math.radians(5)
     tip = np.array([(0, 0), (5e-3, 0), (5e-3 * (1 - math.cos(sharp)), 5e-3 * math.sin(sharp))])
@@ -95,9 +91,7 @@ def test_holes_end_where_they_are_needed_when_they_are_not_drilled_through():
     through = drills(CoilArray(FOUR_LAYERS, (placement,)))
     assert {(hole.layers, hole.drilled) for hole in through} == {(FOUR_LAYERS.names, True)}
     assert [hole.x for hole in through] == pytest.approx([1e-3, 2e-3, 0, 3e-3])
-
-
-def test_a_board_of_one_layer_is_drilled():
+    # a board of one layer is drilled
     coil = path_coil([[(0, 0), (1e-2, 0)]], 1e-4, 1e-4, VIA, LEADS.terminal)
     for through in (True, False):
         assert [hole.drilled for hole in drills(one_coil(coil, through_holes=through))] == [True, True]

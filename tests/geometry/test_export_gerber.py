@@ -169,7 +169,7 @@ def test_every_piece_of_copper_has_its_net_and_terminals_their_number(tmp_path: 
     assert pins == expected
 
 
-def test_equal_sizes_keep_their_functions(tmp_path: Path) -> None:
+def test_sizes_keep_their_functions_and_six_digits(tmp_path: Path) -> None:
     hole = PlatedHole(0.3e-3, 0.6e-3)
     lines = [[(0, 0), (5e-3, 0)], [(5e-3, 0), (5e-3, 5e-3)]]
     array = one_coil(path_coil(lines, 0.6e-3, 0.3e-3, hole, hole))
@@ -177,9 +177,7 @@ def test_equal_sizes_keep_their_functions(tmp_path: Path) -> None:
     functions = {dict(item.aperture.attrs)[".AperFunction"] for item in top.objects}
     assert functions == {("Conductor",), ("ViaPad",), ("ComponentPad",)}
     assert {item.aperture.diameter for item in top.objects} == {0.6}
-
-
-def test_widths_keep_six_digits_and_may_change(tmp_path: Path) -> None:
+    # widths keep six digits and may change
     coil = path_coil([[(0, 0), (5e-3, 0), (5e-3, 5e-3)]], [[0.123456e-3, 1.000001e-3]], 0.3e-3, VIA)
     (top,) = copper_files(written(one_coil(coil), tmp_path))
     assert [item.aperture.diameter for item in top.objects] == [0.123456, 1.000001]
@@ -239,9 +237,7 @@ def test_silk_has_the_names_upright_within_the_board_and_off_the_pads(tmp_path: 
     ink = drawn_copper(gerber(written(small_board(), tmp_path)["board-F_Silkscreen.gbr"]))
     assert board_outline(small_board()).contains(ink)
     assert not any(ink.intersects(shapely.Point(h.x, h.y).buffer(h.pad / 2)) for h in drills(small_board()))
-
-
-def test_names_without_room_or_glyphs_do_no_harm(tmp_path: Path) -> None:
+    # names without room or glyphs do no harm
     tiny = path_coil([[(0, 0), (1e-3, 0)]], 0.2e-3, 0.2e-3, VIA)
     long_name = "a name that is far too long for so small a coil"
     assert gerber(written(named(tiny, long_name), tmp_path)["board-F_Silkscreen.gbr"]).objects == []
@@ -337,13 +333,19 @@ def test_gerbv_renders_the_same_copper(tmp_path: Path) -> None:
         assert size == pytest.approx((x_max - x_min, y_max - y_min), abs=2 * pixel)
 
 
-def test_bad_arguments_are_refused(tmp_path: Path) -> None:
+def test_what_cannot_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for message, file, name in (
         (r"the suffix must be \.zip; got '\.rar'", "board.rar", "board"),
         (r"the project must have a name; got ' '", "board.zip", " "),
         (r"cannot write .*nowhere.*: No such file or directory", "nowhere/board.zip", "board"),
     ):
         refused(OutputError, message, write_gerbers, small_board(), tmp_path / file, name=name)
+    assert list(tmp_path.iterdir()) == []
+    # without gerbonara
+    for module in ("gerbonara", "gerbonara.newstroke"):
+        monkeypatch.setitem(sys.modules, module, None)
+    message = r"pip install \"coilarray\[fab\]\""
+    refused(MissingDependencyError, message, write_gerbers, small_board(), tmp_path / "board.zip", name="board")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -363,11 +365,3 @@ def test_a_failed_or_refused_export_leaves_the_old_file(tmp_path: Path, monkeypa
     refused(OutputError, "No space left on device", write_gerbers, small_board(), path, name="board")
     assert path.read_bytes() == b"old"
     assert list(tmp_path.iterdir()) == [path]
-
-
-def test_a_missing_gerbonara_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in ("gerbonara", "gerbonara.newstroke"):
-        monkeypatch.setitem(sys.modules, module, None)
-    message = r"pip install \"coilarray\[fab\]\""
-    refused(MissingDependencyError, message, write_gerbers, small_board(), tmp_path / "board.zip", name="board")
-    assert list(tmp_path.iterdir()) == []

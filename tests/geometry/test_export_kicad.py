@@ -84,8 +84,12 @@ def single_layer() -> CoilArray:
     return one_coil(spiral_coil(Spiral(6, 4e-3, 4, 0.2e-3, 0.2e-3), 1, VIA, LEADS))
 
 
+def designed(name: str) -> CoilArray:
+    return load_design(name).array
+
+
 BOARDS = {
-    **{name: partial(lambda name: load_design(name).array, name) for name in ("gast2020", "starter", "gast_fem")},
+    **{name: partial(designed, name) for name in ("gast2020", "starter", "gast_fem")},
     "hexagonal, blind holes": lambda: hexagonal_board(4),
     "hexagonal, bare ends": lambda: hexagonal_board(4, bare=True),
     "two widths": winding_and_return,
@@ -120,14 +124,10 @@ def position(node: Node, name: str = "at") -> np.ndarray[Any, Any]:
     return np.array([node.need(name).number(0), node.need(name).number(1)]) * 1e-3
 
 
-class Reader:
-    """Places on KiCad's sheet, in the frame of the design."""
-
-    def __init__(self, board: Node) -> None:
-        self.origin = position(board.need("setup"), "aux_axis_origin")
-
-    def __call__(self, point: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
-        return (point - self.origin) * (1, -1)
+def reader(board: Node) -> Any:
+    """How places on KiCad's sheet lie in the frame of the design."""
+    origin = position(board.need("setup"), "aux_axis_origin")
+    return lambda point: (point - origin) * (1, -1)
 
 
 # ---- text
@@ -158,7 +158,7 @@ def test_points_keep_their_place_to_half_a_nanometre(x: float, y: float, x0: int
 @pytest.mark.slow
 def test_tracks_are_the_paths_of_the_coils(exported: Any) -> None:
     array, _, board = exported
-    place, layers = Reader(board), copper_names(array.stackup)
+    place, layers = reader(board), copper_names(array.stackup)
     tracks = list(board.children("segment"))
     for number, placement in enumerate(array.placements, start=1):
         own = iter([track for track in tracks if track.need("net").number() == number])
@@ -191,7 +191,7 @@ def test_the_path_of_a_coil_is_unbroken(exported: Any) -> None:
 @pytest.mark.slow
 def test_vias_and_pads_are_the_holes(exported: Any) -> None:
     array, _, board = exported
-    place, layers = Reader(board), copper_names(array.stackup)
+    place, layers = reader(board), copper_names(array.stackup)
     holes = drills(array)
     vias = [hole for hole in holes if hole.kind == "via"]
     for via, hole in zip(board.children("via"), vias, strict=True):
@@ -220,14 +220,12 @@ def test_terminals_are_pads_1_and_2_of_a_part_named_as_the_coil(tmp_path: Path) 
         assert all(pad.need("net").words == (str(k), f"C{k}") for pad in pads)
 
 
-def test_a_blind_terminal_is_a_pad_on_its_own_layer(tmp_path: Path) -> None:
+def test_pads_of_terminals_that_are_not_drilled(tmp_path: Path) -> None:
     first, second, third = written(pairs_board(), tmp_path).children("footprint")
     layers = [[pad.need("layers").words for pad in footprint.children("pad")] for footprint in (first, second, third)]
     assert layers == [[("F.Cu", "F.Mask"), ("In1.Cu",)], [("In2.Cu",), ("In3.Cu",)], [("In4.Cu",), ("B.Cu", "B.Mask")]]
     assert all(pad.words[1] == "smd" for pad in first.children("pad"))
-
-
-def test_a_bare_end_has_a_pad_that_adds_no_copper(tmp_path: Path) -> None:
+    # a bare end has a pad that adds no copper
     array = hexagonal_board(4, bare=True)
     for footprint in written(array, tmp_path).children("footprint"):
         one, two = footprint.children("pad")
@@ -274,7 +272,7 @@ def test_the_edge_is_the_board_in_the_middle_of_the_sheet(exported: Any) -> None
     array, _, board = exported
     edge = board.need("gr_rect")
     corners = np.array([position(edge, "start"), position(edge, "end")])
-    place = Reader(board)
+    place = reader(board)
     x_min, y_min, x_max, y_max = array.bounds
     assert np.abs(np.array([place(corner) for corner in corners]) - [[x_min, y_max], [x_max, y_min]]).max() < NANOMETRE
     assert board.need("paper").words == ("A4",)
@@ -300,10 +298,11 @@ def test_every_piece_has_an_identifier_of_its_own(tmp_path: Path) -> None:
 
 
 def test_the_same_design_gives_the_same_bytes(tmp_path: Path) -> None:
-    boards = (reference_board(turns=5) for _ in "ab")
-    first, second = (export(board, tmp_path / name, title="A title") for board, name in zip(boards, "ab", strict=True))
-    assert [file.read_bytes() for file in first] == [file.read_bytes() for file in second]
-    assert [file.relative_to(tmp_path / "a") for file in first] == [file.relative_to(tmp_path / "b") for file in second]
+    written(reference_board(turns=5), tmp_path)
+    first = contents(tmp_path)
+    shutil.rmtree(tmp_path / "project")
+    written(reference_board(turns=5), tmp_path)
+    assert contents(tmp_path) == first
 
 
 def test_the_title_is_the_name_where_there_is_none(tmp_path: Path) -> None:
@@ -544,7 +543,7 @@ def test_kicad_finds_only_inner_terminals(kicad: Kicad, tmp_path: Path) -> None:
     ("limit", "kinds"),
     [
         ({"min_trace": 0.2e-3}, {"track_width"}),
-        ({"min_gap": 5e-3}, {"clearance"}),
+        ({"min_gap": 8e-3}, {"clearance"}),
         ({"min_drill": 0.3e-3}, {"drill_out_of_range"}),
         ({"min_annular_ring": 0.2e-3}, {"annular_width"}),
         ({"min_edge_clearance": 2.5e-3}, {"copper_edge_clearance"}),

@@ -137,11 +137,18 @@ def read(request, tmp_path_factory):
 
 
 @needs_occt
-def test_parts_are_those_of_the_solids(read):
+def test_parts_are_those_of_the_solids_in_their_colours(read):
     array, parts, _ = read
     assert set(parts) == set(solids(array, SHEETS))
     for name, found in parts.items():
         assert found.valid, name
+    _, parts, path = read
+    by_kind = {}
+    for name, found in parts.items():
+        by_kind.setdefault(name.split("/")[0], set()).update(found.colours)
+    assert all(len(colours) == 1 for colours in by_kind.values())
+    assert len(set.union(*by_kind.values())) == len(by_kind)
+    assert "SI_UNIT(.MILLI.,.METRE.)" in path.read_text(encoding="ascii")
 
 
 @needs_occt
@@ -155,6 +162,13 @@ def test_volumes_and_heights(read, monkeypatch):
         assert parts[name].volume == pytest.approx(expected, rel=tolerance), name
         # the reader's boxes are wider by its tolerance of 1e-7 mm
         assert parts[name].heights == pytest.approx((prism.bottom * 1e3, prism.top * 1e3), abs=1e-6)
+    # barrels in closed form
+    array, parts, _ = read
+    for net in array.names:
+        for n, hole in enumerate(hole for hole in drills(array) if hole.net == net and hole.drilled):
+            bottom, top = array.stackup.span(hole.layers[-1])[0], array.stackup.span(hole.layers[0])[1]
+            wall = math.pi * hole.plating * (hole.diameter - hole.plating)
+            assert parts[f"barrel/{net}/{n}"].volume == pytest.approx(wall * (top - bottom) * 1e9, rel=1e-9)
 
 
 @needs_occt
@@ -175,27 +189,6 @@ def test_circles_are_true(read):
                 # each hole, and the edge of each pad, which a trace may cut in two
                 drilled = sum(hole.drilled for hole in own)
                 assert drilled + len(own) <= cylinders <= drilled + 2 * len(own)
-
-
-@needs_occt
-def test_barrel_volume_in_closed_form(read):
-    array, parts, _ = read
-    for net in array.names:
-        for n, hole in enumerate(hole for hole in drills(array) if hole.net == net and hole.drilled):
-            bottom, top = array.stackup.span(hole.layers[-1])[0], array.stackup.span(hole.layers[0])[1]
-            wall = math.pi * hole.plating * (hole.diameter - hole.plating)
-            assert parts[f"barrel/{net}/{n}"].volume == pytest.approx(wall * (top - bottom) * 1e9, rel=1e-9)
-
-
-@needs_occt
-def test_every_kind_has_its_colour(read):
-    _, parts, path = read
-    by_kind = {}
-    for name, found in parts.items():
-        by_kind.setdefault(name.split("/")[0], set()).update(found.colours)
-    assert all(len(colours) == 1 for colours in by_kind.values())
-    assert len(set.union(*by_kind.values())) == len(by_kind)
-    assert "SI_UNIT(.MILLI.,.METRE.)" in path.read_text(encoding="ascii")
 
 
 @needs_occt
@@ -246,13 +239,15 @@ def corners(polygon):
 
 
 @given(k=st.integers(0, 1), start=st.integers(0, 127))
-def test_a_whole_circle_is_recognized(k, start):
+def test_which_edges_are_arcs(k, start):
     x, y, radius = CIRCLES[k]
     ring = np.roll(corners(disc(x, y, 2 * radius)), start, axis=0)
     assert (step._owners(ring, CIRCLES) == k).all()
     assert (step._owners(ring[::-1], CIRCLES) == k).all()
     assert (step._owners(ring, CIRCLES[:0]) == -1).all()
     assert (step._owners(ring, CIRCLES[1 - k : 2 - k]) == -1).all()
+    square = np.array([(0.25e-3, 0), (0, 0.25e-3), (-0.25e-3, 0), (0, -0.25e-3)])  # its corners lie on the circle
+    assert (step._owners(square, CIRCLES) == -1).all()
 
 
 @given(width=st.floats(0.05e-3, 0.4e-3), angle=st.floats(0, 2 * math.pi))
@@ -267,11 +262,6 @@ def test_a_pad_with_a_trace_keeps_its_arc(width, angle):
     assert 128 - hidden - 4 <= (owners == 0).sum() <= 128 - hidden + 2
     straight = ring[owners < 0]
     assert len(straight) >= 3
-
-
-def test_other_polygons_have_no_arcs():
-    square = np.array([(0.25e-3, 0), (0, 0.25e-3), (-0.25e-3, 0), (0, -0.25e-3)])  # its corners lie on the circle
-    assert (step._owners(square, CIRCLES) == -1).all()
 
 
 # ---- what cannot be written
@@ -289,7 +279,14 @@ def test_files_that_cannot_be(tmp_path, monkeypatch):
 
 
 @needs_occt
-def test_a_broken_open_cascade_is_not_called_missing(tmp_path, monkeypatch):
+def test_a_failed_export(tmp_path, monkeypatch):
+    array = BOARDS["no holes"]
+    message, twice = r"cannot write .*board\.step: No such file or directory", (Sheet("base", 1e-3),) * 2
+    refused(OutputError, message, write_step, array, tmp_path / "missing" / "board.step", name="board")
+    message = "sheet names must differ; got base, base"
+    refused(GeometryError, message, write_step, array, tmp_path / "board.step", name="board", sheets=twice)
+    assert list(tmp_path.iterdir()) == []
+    # a broken Open CASCADE is not called missing
     monkeypatch.setitem(sys.modules, "OCP.STEPCAFControl", None)
     export = (write_step, BOARDS["no holes"], tmp_path / "board.step")
     message = r"which cannot be loaded: import of OCP\.STEPCAFControl halted"
@@ -300,16 +297,6 @@ def test_a_broken_open_cascade_is_not_called_missing(tmp_path, monkeypatch):
 
     monkeypatch.setattr(importlib, "import_module", interrupted)
     refused(MissingDependencyError, r"which cannot be loaded: KeyboardInterrupt\.", *export, name="board")
-
-
-@needs_occt
-def test_files_that_open_cascade_cannot_write(tmp_path):
-    array = BOARDS["no holes"]
-    message, twice = r"cannot write .*board\.step: No such file or directory", (Sheet("base", 1e-3),) * 2
-    refused(OutputError, message, write_step, array, tmp_path / "missing" / "board.step", name="board")
-    message = "sheet names must differ; got base, base"
-    refused(GeometryError, message, write_step, array, tmp_path / "board.step", name="board", sheets=twice)
-    assert list(tmp_path.iterdir()) == []
 
 
 @needs_occt

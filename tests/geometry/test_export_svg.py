@@ -50,7 +50,7 @@ def rings(path):
     return [np.array([corner.split(",") for corner in ring.split()], dtype=float) for ring in found]
 
 
-def test_the_page_is_the_board_in_millimetres(read):
+def test_the_page_is_the_board_in_millimetres_in_layers_of_their_own_colour(read):
     array, root = read
     x, y, width, height = map(float, root.get("viewBox").split())
     assert root.get("width") == f"{width:g}mm"
@@ -61,9 +61,6 @@ def test_the_page_is_the_board_in_millimetres(read):
     assert (x, y) == pytest.approx((x_min - margin, -y_max - margin), abs=ROUNDING)
     assert (x + width, y + height) == pytest.approx((x_max + margin, -y_min + margin), abs=2 * ROUNDING)
     assert root.find(f"{SVG}title").text == "a board"
-
-
-def test_layers_lie_in_order_and_differ_in_colour(read):
     array, root = read
     layers = groups(root)
     assert list(layers) == ["outline", *reversed(array.stackup.names), "drills", "names"]

@@ -59,15 +59,12 @@ def test_round_bodies_satisfy_the_equation_of_a_circle(indenter):
     assert (R - indenter.profile(r)) ** 2 + r**2 == pytest.approx(np.full(50, R**2), rel=1e-14)
 
 
-def test_ball_near_its_tip_is_a_paraboloid():
+def test_balls_near_their_tip_and_cones():
     r = np.array([1e-9, 1e-7, 1e-5])
     ball, paraboloid = Hemisphere(R).profile(r), Paraboloid(R).profile(r)
     # next term of the series: r⁴/(8R³), relative r²/(4R²) = 4e-6; no digits lost at r = 1 nm
     assert ball == pytest.approx(paraboloid, rel=5e-6)
     assert ball[-1] / paraboloid[-1] - 1 == pytest.approx((r[-1] / (2 * R)) ** 2, rel=1e-3)  # further terms: 1e-5
-
-
-def test_cone_rises_with_the_cotangent_of_its_half_angle():
     assert Cone(math.atan(4.0)).profile([0.0, 1e-3]) == pytest.approx([0.0, 0.25e-3], rel=1e-12)  # roundings
     assert Cone(math.atan(4.0)).reach == math.inf
 

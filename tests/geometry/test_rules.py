@@ -65,9 +65,6 @@ def test_the_reference_board_keeps_the_default_rules():
     turn_to_turn = min(shapely.distance(sides[:-n], sides[n:]).min() for n in (5, 6, 7)) - 0.1e-3
     assert worst.value == pytest.approx(turn_to_turn, abs=ROUNDING)
     assert -KEPT_WITHIN < worst.margin < 0
-
-
-def test_blind_holes_keep_the_rules_too():
     require_rules(reference_board(through_holes=False), RULES)
 
 
@@ -188,7 +185,7 @@ def test_an_inner_pad_against_the_next_turn(overlap):
     assert spacing(array).margin == pytest.approx(-overlap - 0.1e-3, abs=ROUNDING)
 
 
-def test_a_barrel_through_the_own_winding_on_another_layer():
+def test_separate_pads_and_barrels_of_one_net():
     lines = [
         [(0, 0), (3e-3, 0)],
         [(3e-3, 0), (3e-3, 3e-3), (0, 3e-3)],
@@ -198,9 +195,7 @@ def test_a_barrel_through_the_own_winding_on_another_layer():
     assert worst.value == pytest.approx(-(VIA.pad + W) / 2, abs=ROUNDING)
     assert (worst.x, worst.y) == pytest.approx((3e-3, 0), abs=ROUNDING)
     assert broken(board(lines, through_holes=False)) == []
-
-
-def test_pads_of_one_net():
+    # pads
     far, near = 0.6e-3, 0.5e-3
     array = board([[(0, 0), (3e-3, 0)], [(3e-3, 0), (0, far)], [(0, far), (0, 3e-3)]], via=PlatedHole(0.2e-3, 0.4e-3))
     assert broken(array) == []
@@ -223,19 +218,16 @@ def test_clearance_is_continuous_through_contact(gap):
     assert margin == pytest.approx(gap - 0.1e-3, abs=ROUNDING if gap > 0 else 2.1e-7)
 
 
-def test_penetration_saturates_at_the_trace_width():
+def test_overlaps_of_two_nets():
     array = board(straight(0), [[(2e-3, -2e-3), (2e-3, 2e-3)]])
     worst = margins(array, "clearance")[("L1", "A – B")]
     assert worst.value == pytest.approx(-W, abs=2.1e-7)  # tolerance of the inscribed circle
     assert (worst.x, worst.y) == pytest.approx((2e-3, 0), abs=1e-6)
-
-
-def test_far_nets_are_not_listed():
-    assert margins(board(straight(0), straight(5e-3)), "clearance") == {}
-    assert margins(board(straight(0), straight(W + 0.95e-3)), "clearance") != {}
-
-
-def test_a_through_hole_meets_foreign_copper_on_a_layer_it_does_not_use():
+    # whole windings
+    coil = spiral_coil(Spiral(6, 8e-3, 20, 0.1e-3, 0.1e-3), 1, VIA)
+    array = CoilArray(many_layers(1), (Placement("A", coil, ("L1",), 0, 0), Placement("B", coil, ("L1",), 3e-3, 1e-3)))
+    assert margins(array, "clearance")[("L1", "A – B")].margin < -0.1e-3  # hundreds of crossings, each with its circle
+    # a through hole meets foreign copper on a layer that it does not use
     other = Placement("B", path_coil(straight(0, 2e-3, 6e-3), W, GAP, VIA), ("L4",), 0, 0)
     mine = Placement("A", path_coil([[(0, 0), (4e-3, 0)], [(4e-3, 0), (4e-3, 4e-3)]], W, GAP, VIA), ("L1", "L2"), 0, 0)
     worst = margins(CoilArray(FOUR_LAYERS, (mine, other)), "clearance")[("L4", "A – B")]
@@ -243,10 +235,16 @@ def test_a_through_hole_meets_foreign_copper_on_a_layer_it_does_not_use():
     assert margins(CoilArray(FOUR_LAYERS, (mine, other), through_holes=False), "clearance") == {}
 
 
-def test_two_coils_on_top_of_each_other_are_found():
-    coil = spiral_coil(Spiral(6, 8e-3, 20, 0.1e-3, 0.1e-3), 1, VIA)
-    array = CoilArray(many_layers(1), (Placement("A", coil, ("L1",), 0, 0), Placement("B", coil, ("L1",), 3e-3, 1e-3)))
-    assert margins(array, "clearance")[("L1", "A – B")].margin < -0.1e-3  # hundreds of crossings, each with its circle
+def test_what_is_listed_and_in_which_order():
+    assert margins(board(straight(0), straight(5e-3)), "clearance") == {}
+    assert margins(board(straight(0), straight(W + 0.95e-3)), "clearance") != {}
+    # the worst comes first
+    values = [m.margin for m in check_rules(reference_board(count=2, turns=5), RULES)]
+    assert values == sorted(values)
+    # at its limits a design passes, a micrometre more does not
+    assert broken(board(straight(0), straight(W + 0.1e-3), width=W)) == []
+    assert broken(board(straight(0), straight(W + 0.0989e-3), width=W)) != []
+    assert broken(board(straight(0), width=0.1e-3)) == []
 
 
 # ---- holes, widths, edge
@@ -259,9 +257,7 @@ def test_holes_widths_and_edge():
     for rule, margin in (*expected.items(), ("edge clearance", -0.05e-3)):
         assert margins(array, rule)[("L1", "A")].margin == pytest.approx(margin, abs=ROUNDING)
     assert margins(array, "edge clearance")[("L4", "A")].margin == pytest.approx(-0.05e-3, abs=ROUNDING)
-
-
-def test_holes_of_two_nets():
+    # of two nets
     hole = PlatedHole(0.3e-3, 0.4e-3)
     array = board(straight(0), straight(0.35e-3), terminal=hole)
     worst = margins(array, "hole spacing")[("L1", "A – B")]
@@ -279,14 +275,3 @@ def test_the_error_names_layer_feature_margin_and_the_rest():
     message = r"^clearance of A – B on layer L1 is 0\.04 mm at \(.*\) mm, margin -0\.06 mm to the limit of 0\.1 mm\.$"
     refused(RuleViolationError, message, require_rules, array, RULES)
     refused(RuleViolationError, r"; 2 more are broken\.$", require_rules, array, FabRules(min_trace=0.21e-3))
-
-
-def test_a_design_at_its_limits_passes_and_one_micrometre_more_does_not():
-    assert broken(board(straight(0), straight(W + 0.1e-3), width=W)) == []
-    assert broken(board(straight(0), straight(W + 0.0989e-3), width=W)) != []
-    assert broken(board(straight(0), width=0.1e-3)) == []
-
-
-def test_the_worst_comes_first():
-    values = [m.margin for m in check_rules(reference_board(count=2, turns=5), RULES)]
-    assert values == sorted(values)

@@ -41,6 +41,7 @@ def test_vertices_and_length_agree_with_the_reference_rule(row):
     np.testing.assert_allclose(spiral.centre_line(0), expected, rtol=0, atol=1e-13 * edge * 200)
     # outward layers are the mirror image in y, traversed backwards
     np.testing.assert_allclose(spiral.centre_line(1), (expected * (1, -1))[::-1], rtol=0, atol=1e-13 * edge * 200)
+    assert spiral.inner_apothem == pytest.approx(radius[-1] * math.cos(math.pi / sides), rel=1e-12)
     total = sum(length(spiral.centre_line(layer)) for layer in range(layers))
     assert total * 1e3 == pytest.approx(float(row["length_mm"]), rel=5e-6)  # printed with 6 digits
 
@@ -90,14 +91,6 @@ def test_first_corner_only_rotates(sides, corner, circular, winding, layer):
     np.testing.assert_allclose(turned.centre_line(layer), expected, rtol=0, atol=1e-15)
 
 
-def test_winding_shrinks_by_one_pitch_a_turn():
-    spiral = Spiral(6, 10e-3, 12, 0.15e-3, 0.1e-3)
-    apothem = np.hypot(*spiral.centre_line()[::6].T) * math.cos(math.pi / 6)
-    np.testing.assert_allclose(np.diff(apothem), -spiral.pitch, rtol=1e-11)  # differences of numbers 40 times as large
-    assert apothem[0] == pytest.approx(10e-3 - 0.075e-3, rel=1e-12)
-    assert apothem[-1] == pytest.approx(spiral.inner_apothem, rel=1e-12)
-
-
 @pytest.mark.parametrize(
     ("sides", "across", "apothem"), [(6, "flats", 5.0), (6, "corners", 4.330127), (4, "corners", 3.535534)]
 )
@@ -115,7 +108,7 @@ def test_outline_has_the_given_sizes():
 BAD = [0.0, -1e-3, math.nan, math.inf]
 
 
-def test_spirals_that_cannot_be():
+def test_sizes_and_turns_that_cannot_be():
     good = {"outer_apothem": 5e-3, "turns": 3, "trace_width": 1e-4, "gap": 1e-4}
     for name in good:
         for value in BAD:
@@ -128,9 +121,6 @@ def test_spirals_that_cannot_be():
     refused(GeometryError, "turns must be a multiple of 1/6", Spiral, 6, **{**good, "turns": 3.1})
     refused(GeometryError, r"30 turns .*; at most 24\.5 turns do", Spiral, 6, 5.01e-3, 30, 1e-4, 1e-4)
     Spiral(6, 5.01e-3, 24.5, 1e-4, 1e-4)
-
-
-def test_sizes_that_cannot_be():
     for size in BAD:
         refused(GeometryError, "size must be positive and finite", apothem_from_size, size, 6, across="corners")
     for sides in (2, 0, -6):
