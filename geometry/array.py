@@ -23,6 +23,9 @@ from coilarray.geometry.values import FloatArray, place_in_mm, require_positive
 class Placement:
     """One coil on the board.
 
+    Raises GeometryError for a position that is not finite, a number of layers that is not that of the lines, a via from
+    a layer to itself, or two lines that meet on one layer.
+
     Parameters
     ----------
     name : str
@@ -36,12 +39,6 @@ class Placement:
         Position of the coil's centre in m.
     rotation : float
         Counter-clockwise turn in rad about the centre.
-
-    Raises
-    ------
-    GeometryError
-        A position that is not finite, a number of layers that is not that of the lines, a via from a layer to itself,
-        or two lines that meet on one layer.
     """
 
     name: str
@@ -67,9 +64,6 @@ class Placement:
                     f"lines {k} and {k + 1} of {self.name} are joined by a via and must lie on different copper "
                     f"layers; got {layer} for both."
                 )
-        self._refuse_meeting_lines()
-
-    def _refuse_meeting_lines(self) -> None:
         for i, j in combinations(range(len(self.layers)), 2):
             if self.layers[i] != self.layers[j]:
                 continue
@@ -104,11 +98,12 @@ class Lattice:
     Parameters
     ----------
     kind : {"linear", "square", "hexagonal"}
-        As in `lattice`.
+        Linear: one row. Square: rows one pitch apart. Hexagonal: rows √3/2 pitch apart, every second one shifted by
+        half a pitch, so that every inner point has six neighbours one pitch away.
     pitch : float
         Distance of neighbours in m.
     columns, rows : int
-        Coils a row and number of rows.
+        Coils a row and number of rows; a linear lattice has one row.
     layers : tuple of tuple of str
         Sets of copper layers that the coils take in turn along a row.
     direction : float
@@ -251,6 +246,8 @@ def lattice_array(
 ) -> CoilArray:
     """Place one coil on every point of a lattice.
 
+    Raises GeometryError as `Lattice.placements` and `CoilArray`.
+
     Parameters
     ----------
     stackup, board_margin, through_holes
@@ -259,11 +256,6 @@ def lattice_array(
         The shape of all coils.
     lattice : Lattice
         Where they lie, and on which layers.
-
-    Raises
-    ------
-    GeometryError
-        As `Lattice.placements` and `CoilArray`.
 
     Examples
     --------
@@ -284,15 +276,8 @@ def lattice(
 
     Parameters
     ----------
-    kind : {"linear", "square", "hexagonal"}
-        Linear: one row. Square: rows one pitch apart. Hexagonal: rows √3/2 pitch apart, every second one shifted by
-        half a pitch, so that every inner point has six neighbours one pitch away.
-    pitch : float
-        Distance of neighbours in m.
-    columns, rows : int
-        Points a row and number of rows; a linear lattice has one row.
-    direction : float
-        Angle of the rows in rad.
+    kind, pitch, columns, rows, direction
+        As in `Lattice`.
 
     Returns
     -------

@@ -106,6 +106,9 @@ class Wound:
 class Coil:
     """Centre lines of a coil in its own frame, in the direction of the current.
 
+    Raises GeometryError for fewer than two points in a line, a value that is not finite, a repeated point, ends that do
+    not meet, or widths that are not one a segment.
+
     Parameters
     ----------
     lines : tuple of ndarray, each of shape (n, 2)
@@ -129,12 +132,6 @@ class Coil:
     wound : Wound or None
         The spiral that `spiral_coil` made the lines from. `dataclasses.replace` does not take it over, so that it is
         there only while the lines are those of the spiral.
-
-    Raises
-    ------
-    GeometryError
-        Fewer than two points in a line, a value that is not finite, a repeated point, ends that do not meet, or
-        widths that are not one a segment.
     """
 
     lines: tuple[FloatArray, ...]
@@ -164,10 +161,7 @@ class Coil:
                 raise GeometryError(
                     f"line {k + 1} of a coil must begin where line {k} ends; they are {apart * 1e3:g} mm apart."
                 )
-        self._check_widths()
         self.outline.setflags(write=False)
-
-    def _check_widths(self) -> None:
         if len(self.widths) != len(self.lines):
             raise GeometryError(
                 f"a coil of {len(self.lines)} lines must have as many arrays of widths; got {len(self.widths)}."

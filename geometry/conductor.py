@@ -21,6 +21,9 @@ class Conductor:
     The width lies in the x-y plane across the segment (for a vertical segment: along x), the thickness is
     perpendicular to both. A width and thickness of zero mean a thin filament.
 
+    Raises GeometryError for fewer than two vertices, values that are not finite or beyond 1e30 m, a segment of length
+    zero, a negative width, or a bar with a width and no thickness.
+
     Parameters
     ----------
     vertices : array_like, shape (n + 1, 3)
@@ -31,12 +34,6 @@ class Conductor:
         Conducting cross-section in m² that sets the resistance; width × thickness where not given.
     name : str
         Shown in messages and results.
-
-    Raises
-    ------
-    GeometryError
-        Fewer than two vertices, values that are not finite or beyond 1e30 m, a segment of length zero, a negative
-        width, or a bar with a width and no thickness.
 
     Examples
     --------

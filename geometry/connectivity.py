@@ -47,6 +47,10 @@ class Barrel:
     layers: tuple[str, ...]
 
 
+FaultKind = Literal["bridge", "cut", "missing", "foreign", "net"]
+Place = Sequence[float] | FloatArray
+
+
 @dataclass(frozen=True)
 class NetFault:
     """One difference between the copper of a file and the coils it should hold.
@@ -66,7 +70,7 @@ class NetFault:
         One line with the place in mm.
     """
 
-    kind: Literal["bridge", "cut", "missing", "foreign", "net"]
+    kind: FaultKind
     coils: tuple[str, ...]
     layer: str
     x: float
@@ -201,7 +205,8 @@ def check_nets(
     design_holes = drills(array)
     coils = [_Coil.of(placement, design_holes, tolerance) for placement in array.placements]
     # the pieces lie apart
-    copper = {layer: _together([piece[layer] for piece in pieces if layer in piece]) for layer in layers}
+    parts = {layer: _parts([piece[layer] for piece in pieces if layer in piece]) for layer in layers}
+    copper = {layer: shapely.MultiPolygon(shapes.tolist()) for layer, shapes in parts.items()}
     foreign_holes = [hole for hole in holes if not any(_same(hole, drill, tolerance) for drill in design_holes)]
 
     bridges: list[NetFault] = []
@@ -245,6 +250,11 @@ def check_names(array: CoilArray, board: BoardCopper) -> tuple[NetFault, ...]:
     return (*faults, *_misnamed("a plated hole", array.stackup.names[0], holes, bores))
 
 
+def _fault(kind: FaultKind, coils: tuple[str, ...], layer: str, place: Place, text: str) -> NetFault:
+    """One fault, its place in m added to the text."""
+    return NetFault(kind, coils, layer, float(place[0]), float(place[1]), f"{text} at {_mm(place)}")
+
+
 def _misnamed(
     what: str, layer: str, places: Sequence[tuple[shapely.Point, str | None]], coils: Sequence[tuple[str, BaseGeometry]]
 ) -> Iterator[NetFault]:
@@ -256,8 +266,7 @@ def _misnamed(
         name = coils[k][0]
         if net != name:
             has = "no net" if net is None else f"the net {net}"
-            text = f"{what} of {name} has {has} at {_mm((at.x, at.y))}"
-            yield NetFault("net", (name,), layer, at.x, at.y, text)
+            yield _fault("net", (name,), layer, (at.x, at.y), f"{what} of {name} has {has}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -311,7 +320,7 @@ class _Coil:
         first, last = self.line_layers[0], self.line_layers[-1]
         piece = next((piece for piece in pieces if self._reached(piece, begin, first)), None)
         if piece is None:
-            return self._cut_at(begin, first, f"terminal 1 of {self.name} has no copper on {first} at {_mm(begin)}")
+            return _fault("cut", (self.name,), first, begin, f"terminal 1 of {self.name} has no copper on {first}")
         if self._reached(piece, end, last):
             return None
         bored = shapely.union_all([disc(d.x, d.y, d.diameter) for d in self.drills if d.drilled])
@@ -324,13 +333,10 @@ class _Coil:
             along = shapely.line_locate_point(way, shapely.points(lost))
             place = lost[int(np.argmin(along))]
             if k > 0 and not self._reached(piece, line[0], layer):
-                text = f"nothing joins {self.line_layers[k - 1]} and {layer} at {_mm(line[0])}"
-                return self._cut_at(line[0], layer, off + text)
-            return self._cut_at(place, layer, f"{off}its copper ends on {layer} at {_mm(place)}")
-        return self._cut_at(end, last, f"{off}no copper on {last}")
-
-    def _cut_at(self, place: FloatArray, layer: str, text: str) -> NetFault:
-        return NetFault("cut", (self.name,), layer, float(place[0]), float(place[1]), text)
+                text = f"{off}nothing joins {self.line_layers[k - 1]} and {layer}"
+                return _fault("cut", (self.name,), layer, line[0], text)
+            return _fault("cut", (self.name,), layer, place, f"{off}its copper ends on {layer}")
+        return NetFault("cut", (self.name,), last, float(end[0]), float(end[1]), f"{off}no copper on {last}")
 
     def _reached(self, piece: Mapping[str, BaseGeometry], point: FloatArray, layer: str) -> bool:
         """Whether the piece has copper at a point of a layer, or around the hole that is drilled there."""
@@ -347,9 +353,8 @@ class _Coil:
                 text = f"the plated hole of {self.name} at {_mm((drill.x, drill.y))} is missing"
                 yield NetFault("missing", (self.name,), drill.layers[0], drill.x, drill.y, text)
         for layer, least in self.least.items():
-            for x, y in _places(shapely.get_parts(least - copper.get(layer, shapely.Polygon())), tolerance**2):
-                text = f"copper of {self.name} is missing on {layer} at {_mm((x, y))}"
-                yield NetFault("missing", (self.name,), layer, x, y, text)
+            for place in _places(shapely.get_parts(least - copper.get(layer, shapely.Polygon())), tolerance**2):
+                yield _fault("missing", (self.name,), layer, place, f"copper of {self.name} is missing on {layer}")
 
 
 def _bridges(
@@ -360,15 +365,13 @@ def _bridges(
     for a, b in combinations(owners, 2):
         for layer, x, y in _meetings(piece, a, b, owners, foreign_holes):
             nowhere = False
-            text = f"{a.name} and {b.name} touch on {layer} at {_mm((x, y))}"
-            yield NetFault("bridge", (a.name, b.name), layer, x, y, text)
+            yield _fault("bridge", (a.name, b.name), layer, (x, y), f"{a.name} and {b.name} touch on {layer}")
     if nowhere:  # a way over several layers
         names = tuple(coil.name for coil in owners)
         stray = next(_foreign_copper(piece, owners, tolerance), None)
         x, y = owners[0].lines[0][0].tolist() if stray is None else (stray.x, stray.y)
         layer = owners[0].line_layers[0] if stray is None else stray.layer
-        text = f"{' and '.join(names)} are joined by way of {layer} at {_mm((x, y))}"
-        yield NetFault("bridge", names, layer, x, y, text)
+        yield _fault("bridge", names, layer, (x, y), f"{' and '.join(names)} are joined by way of {layer}")
 
 
 def _meetings(
@@ -400,7 +403,7 @@ def _reaches(hole: Barrel, coil: _Coil) -> bool:
 
 def _foreign_hole(hole: Barrel) -> NetFault:
     text = f"the design has no plated hole of {hole.drill * 1e3:.4g} mm through {', '.join(hole.layers)}"
-    return NetFault("foreign", (), hole.layers[0], hole.x, hole.y, f"{text} at {_mm((hole.x, hole.y))}")
+    return _fault("foreign", (), hole.layers[0], (hole.x, hole.y), text)
 
 
 def _foreign_copper(piece: Mapping[str, BaseGeometry], coils: Sequence[_Coil], tolerance: float) -> Iterator[NetFault]:
@@ -429,7 +432,7 @@ def _places(parts: Iterable[BaseGeometry], smallest: float = 0.0) -> list[Point]
     return [(point.x, point.y) for point in points]
 
 
-def _mm(point: Sequence[float] | FloatArray) -> str:
+def _mm(point: Place) -> str:
     x, y = (round(float(value) * 1e3, 3) + 0.0 for value in point)  # + 0.0: no −0
     return f"({x:g}, {y:g}) mm"
 
@@ -437,10 +440,6 @@ def _mm(point: Sequence[float] | FloatArray) -> str:
 def _parts(copper: Iterable[BaseGeometry]) -> npt.NDArray[np.object_]:
     parts = shapely.get_parts(np.array(list(copper), dtype=object))
     return np.asarray(parts[shapely.area(parts) > 0])
-
-
-def _together(shapes: Iterable[BaseGeometry]) -> BaseGeometry:
-    return shapely.MultiPolygon(_parts(shapes).tolist())
 
 
 def _rectangles(line: FloatArray, widths: FloatArray) -> npt.NDArray[np.object_]:

@@ -36,6 +36,8 @@ _PAD_DETOUR = 1.5
 class FabRules:
     """Limits of a fabricator; the defaults suit common four-layer prototype services and leave the board itself free.
 
+    Raises GeometryError for a limit that is negative or not finite.
+
     Parameters
     ----------
     min_trace : float
@@ -60,11 +62,6 @@ class FabRules:
         Largest sides of the board in m, either way round.
     blind_holes : bool
         False: every hole must go through the whole board.
-
-    Raises
-    ------
-    GeometryError
-        A limit that is negative or not finite.
     """
 
     min_trace: float = 0.1e-3
@@ -185,12 +182,9 @@ def check_rules(array: CoilArray, rules: FabRules) -> tuple[Margin, ...]:
 
 
 def require_rules(array: CoilArray, rules: FabRules) -> None:
-    """Raise where a rule is broken; `array` and `rules` are those of `check_rules`.
+    """Raise RuleViolationError, which names the worst violation and how many more there are, where a rule is broken.
 
-    Raises
-    ------
-    RuleViolationError
-        Names the worst violation and how many more there are.
+    `array` and `rules` are those of `check_rules`.
     """
     require_kept(check_rules(array, rules))
 
@@ -238,17 +232,13 @@ def _board(array: CoilArray, rules: FabRules) -> Iterator[Margin]:
 def _hole_depths(array: CoilArray, holes: tuple[Drill, ...], rules: FabRules) -> Iterator[Margin]:
     """Aspect ratio of the deepest hole for its diameter, and how many holes end inside the board."""
     if holes and rules.max_aspect_ratio is not None:
-        ratios = [
-            (array.stackup.span(hole.layers[0])[1] - array.stackup.span(hole.layers[-1])[0]) / hole.diameter
-            for hole in holes
-        ]
-        k = int(np.argmax(ratios))
-        spare = rules.max_aspect_ratio - ratios[k]
-        worst = holes[k]
-        place = (worst.x, worst.y)
-        yield Margin(
-            "aspect ratio", worst.layers[0], worst.net, spare, rules.max_aspect_ratio, ratios[k], *place, unit=""
-        )
+
+        def ratio(hole: Drill) -> float:
+            return (array.stackup.span(hole.layers[0])[1] - array.stackup.span(hole.layers[-1])[0]) / hole.diameter
+
+        worst, limit = max(holes, key=ratio), rules.max_aspect_ratio
+        value = ratio(worst)
+        yield Margin("aspect ratio", worst.layers[0], worst.net, limit - value, limit, value, worst.x, worst.y, unit="")
     if not rules.blind_holes:
         blind = [hole for hole in holes if hole.layers != array.stackup.names]
         yield Margin("blind holes", "", "board", -len(blind), 0, len(blind), None, None, unit="")

@@ -13,6 +13,8 @@ from coilarray.geometry.values import require_positive
 class Sheet:
     """A flat sheet of uniform thickness that covers the board.
 
+    Raises GeometryError for a value that is not allowed.
+
     Parameters
     ----------
     name : str
@@ -25,11 +27,6 @@ class Sheet:
         Young's modulus in Pa; None where it is not known, and then the sheet cannot be indented.
     poissons_ratio : float
         Poisson's ratio from 0 to 0.5; 0.5 is incompressible.
-
-    Raises
-    ------
-    GeometryError
-        A value that is not allowed.
     """
 
     name: str

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 def solids(array: CoilArray, sheets: Sequence[Sheet] = ()) -> dict[str, trimesh.Trimesh]:
     """Build the closed solids of a board and the sheets that lie on it.
 
+    Raises GeometryError for two sheets of the same name.
+
     Parameters
     ----------
     array : CoilArray
@@ -42,11 +44,6 @@ def solids(array: CoilArray, sheets: Sequence[Sheet] = ()) -> dict[str, trimesh.
           the holes through the whole board. Inner copper and blind holes lie inside it. A board of one copper layer
           has none.
         - ``sheet/<name>``: stacked upwards from z = 0.
-
-    Raises
-    ------
-    GeometryError
-        Two sheets of the same name.
 
     Notes
     -----

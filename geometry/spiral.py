@@ -60,6 +60,8 @@ class Spiral:
     Every layer starts at the angle where the one before ended, so that the current keeps its sense of rotation and
     the ends to be joined lie above each other.
 
+    Raises GeometryError for a size that is not positive and finite, fewer than 3 sides, or more turns than fit.
+
     Parameters
     ----------
     sides : int
@@ -76,11 +78,6 @@ class Spiral:
         Sense of rotation of the current seen from above (+z).
     circular : bool
         True: the vertices lie on a circular (Archimedean) spiral.
-
-    Raises
-    ------
-    GeometryError
-        A size that is not positive and finite, fewer than 3 sides, or more turns than fit.
     """
 
     sides: int

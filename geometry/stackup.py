@@ -24,6 +24,9 @@ class Stackup:
     Heights are measured from the top face of the top copper layer (z = 0, where the elastomer lies) downwards, so
     every layer has z < 0.
 
+    Raises GeometryError for a length that does not fit, a repeated name, or a thickness or permittivity that is not
+    allowed.
+
     Parameters
     ----------
     names : tuple of str
@@ -34,11 +37,6 @@ class Stackup:
         Thickness in m of the dielectric below each copper layer but the last; one shorter than `names`.
     epsilon_r : tuple of float
         Relative permittivity of each dielectric; one shorter than `names`.
-
-    Raises
-    ------
-    GeometryError
-        A length that does not fit, a repeated name, or a thickness or permittivity that is not allowed.
 
     Examples
     --------

@@ -13,8 +13,8 @@ from pathlib import Path
 from coilarray.compute.files import make_folder
 from coilarray.errors import OutputError
 from coilarray.geometry.array import CoilArray, Placement
-from coilarray.geometry.export.kicad_footprint import holes_of, library_footprints, segments, terminal_footprint
 from coilarray.geometry.export.kicad_text import (
+    BOTTOM,
     FILE_VERSION,
     GENERATOR,
     OTHER_LAYERS,
@@ -22,11 +22,14 @@ from coilarray.geometry.export.kicad_text import (
     at,
     block,
     copper_names,
-    copper_number,
+    holes_of,
     length,
+    library_footprints,
     node,
     on_layer,
     quoted,
+    segments,
+    terminal_footprint,
 )
 from coilarray.geometry.export.silk import silk_labels
 from coilarray.geometry.rules import FabRules
@@ -127,6 +130,9 @@ def board_text(array: CoilArray, name: str, title: str) -> str:
     layers = copper_names(array.stackup)
     paper, drawing = _sheet(array, name, layers)
     origin = (drawing.x0, drawing.y0)
+    thickness = array.stackup.thickness  # of KiCad's board
+    if len(layers) == 1:
+        thickness += _BACKING + array.stackup.copper_thickness[0]
     setup = (
         _stackup(array.stackup, layers),
         node("pad_to_mask_clearance", "0"),
@@ -136,7 +142,7 @@ def board_text(array: CoilArray, name: str, title: str) -> str:
         node("pcbplotparams", node("useauxorigin", "true")),
     )
     children = [
-        node("general", node("thickness", length(_thickness(array.stackup)))),
+        node("general", node("thickness", length(thickness))),
         node("paper", *paper),
         node("title_block", node("title", quoted(title))),
         _layer_table(layers),
@@ -171,9 +177,9 @@ def _sheet(array: CoilArray, name: str, layers: dict[str, str]) -> tuple[tuple[s
 
 
 def _layer_table(layers: dict[str, str]) -> str:
-    table = [(copper_number(kicad), kicad, "signal", own) for own, kicad in layers.items()]
+    table = [(BOTTOM if kicad == "B.Cu" else k, kicad, "signal", own) for k, (own, kicad) in enumerate(layers.items())]
     if len(layers) == 1:
-        table.append((copper_number("B.Cu"), "B.Cu", "signal", "B.Cu"))
+        table.append((BOTTOM, "B.Cu", "signal", "B.Cu"))
     table += [(number, kicad, "user", shown) for number, kicad, shown in OTHER_LAYERS]
     rows = (
         node(str(number), quoted(kicad), kind, *([quoted(shown)] if shown not in ("", kicad) else []))
@@ -205,11 +211,6 @@ def _stackup(stackup: Stackup, layers: dict[str, str]) -> str:
 
 def _stackup_layer(name: str, kind: str, *properties: str) -> str:
     return node("layer", quoted(name), node("type", quoted(kind)), *properties)
-
-
-def _thickness(stackup: Stackup) -> float:
-    """Thickness of KiCad's board in m."""
-    return stackup.thickness + (_BACKING + stackup.copper_thickness[0] if len(stackup.names) == 1 else 0.0)
 
 
 def _coils(array: CoilArray, drawing: Drawing) -> Iterator[str]:

@@ -69,7 +69,13 @@ def read_gerbers(path: Path, stackup: Stackup | None = None) -> BoardCopper:
     drawn = {layer: parse_gerber(file) for layer, file in zip(board.names, copper, strict=True)}
     for objects in drawn.values():
         _refuse_cut_tracks(objects)
-    tracks = tuple(track for layer, objects in drawn.items() for track in _tracks(layer, objects))
+    tracks = tuple(
+        Track(layer, start, end, item.width, item.net, item.where)
+        for layer, objects in drawn.items()
+        for item in objects
+        if isinstance(item, Stroke)
+        for start, end in pairwise(item.points)
+    )
     areas = tuple(area for layer, objects in drawn.items() for area in _areas(layer, objects))
     lands = [(layer, item) for layer, objects in drawn.items() for item in objects if isinstance(item, Flash)]
     bores = _bores(files, board, lands)
@@ -151,13 +157,6 @@ def _refuse_cut_tracks(objects: Sequence[Stroke | Flash | Region | Clear]) -> No
                 before.append(item.shape)
         elif before and shapely.intersects(before, item.shape).any():
             raise BoardError(f"{item.where}: a clear shape over a track or pad is not supported.")
-
-
-def _tracks(layer: str, objects: Iterable[Stroke | Flash | Region | Clear]) -> Iterator[Track]:
-    for item in objects:
-        if isinstance(item, Stroke):
-            for start, end in pairwise(item.points):
-                yield Track(layer, start, end, item.width, item.net, item.where)
 
 
 def _areas(layer: str, objects: Sequence[Stroke | Flash | Region | Clear]) -> Iterator[CopperArea]:

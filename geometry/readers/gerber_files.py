@@ -51,10 +51,10 @@ def find_files(path: Path) -> list[DataFile]:
     files = [file for label, data in _contents(path) if (file := _recognized(label, data)) is not None]
     if not any(file.function[:1] == ("Copper",) for file in files):
         files = _named(files)
-    files = [
-        replace(file, function=_drill_function(file)) if file.kind == "excellon" and not file.function else file
-        for file in files
-    ]
+    for k, file in enumerate(files):
+        if file.kind == "excellon" and not file.function:
+            not_plated = _NOT_PLATED.search(PurePosixPath(file.label).name)
+            files[k] = replace(file, function=("NonPlated" if not_plated else "Plated",))
     seen: dict[tuple[str, ...], str] = {}
     for file in files:
         if file.function[:1] == ("Copper",):
@@ -158,10 +158,6 @@ def _named(files: Sequence[DataFile]) -> list[DataFile]:
             function = ("Copper", f"L{inner.index(number) + 2}", "Inr")
         named.append(replace(file, function=function or file.function))
     return named
-
-
-def _drill_function(file: DataFile) -> tuple[str, ...]:
-    return ("NonPlated",) if _NOT_PLATED.search(PurePosixPath(file.label).name) else ("Plated",)
 
 
 _FILES = "the files do"

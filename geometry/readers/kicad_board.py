@@ -21,7 +21,6 @@ from coilarray.geometry.readers.kicad_shapes import (
     ToBoard,
     drawn_copper,
     drawn_outline,
-    is_teardrop,
     other_copper,
     pad_shape,
     pair,
@@ -72,7 +71,9 @@ def read_kicad(path: Path, stackup: Stackup | None = None) -> BoardCopper:
     if root.name != "kicad_pcb":
         raise BoardError(f"{root.where}: a KiCad board begins with (kicad_pcb; this file with ({root.name[:40]}.")
     notes = [*_version_note(root)]
-    board = _Board(read_layers(root, stackup), _nets(root), _origin(root))
+    nets = {node.text(0): node.text(1) for node in root.children("net") if len(node.words) > 1}  # none from KiCad 10 on
+    origin = root.child("setup", "aux_axis_origin")
+    board = _Board(read_layers(root, stackup), nets, (0.0, 0.0) if origin is None else pair(origin))
     tracks: list[Track] = []
     holes: list[Hole] = []
     pads: list[SurfacePad] = []
@@ -86,7 +87,7 @@ def read_kicad(path: Path, stackup: Stackup | None = None) -> BoardCopper:
             tracks += board.tracks(node)
         elif node.name == "via":
             holes.append(board.via(node))
-        elif node.name == "zone" and is_teardrop(node):
+        elif node.name == "zone" and node.child("attr", "teardrop"):  # which only widens the end of a track at a pad
             teardrops += 1
         elif node.name == "footprint":
             to_board = board.footprint(node)
@@ -118,16 +119,6 @@ def _version_note(root: Node) -> Iterator[str]:
         )
     if number > NEWEST_VERSION:
         yield f"The board has KiCad's format {number:.0f}; formats newer than KiCad 9 ({NEWEST_VERSION}) are untested."
-
-
-def _nets(root: Node) -> dict[str, str]:
-    """Names of the nets by their numbers; KiCad 10 has no such table."""
-    return {node.text(0): node.text(1) for node in root.children("net") if len(node.words) > 1}
-
-
-def _origin(root: Node) -> Point:
-    origin = root.child("setup", "aux_axis_origin")
-    return (0.0, 0.0) if origin is None else pair(origin)
 
 
 @dataclass(frozen=True)

@@ -96,11 +96,6 @@ def zone_copper(zone: Node, layers: KicadLayers, to_board: ToBoard) -> Iterator[
             yield name, shape, "a zone"
 
 
-def is_teardrop(zone: Node) -> bool:
-    """Whether a zone only widens the end of a track at a pad."""
-    return zone.child("attr", "teardrop") is not None
-
-
 def _polygon(node: Node, to_board: ToBoard) -> BaseGeometry:
     points = list(_points(node, to_board))
     return shapely.Polygon(points).buffer(0) if len(points) > 2 else shapely.Polygon()
@@ -220,14 +215,11 @@ def _text_box(node: Node, to_board: ToBoard) -> BaseGeometry:
     x = max(map(len, rows)) * width * _LETTER / 2 * (2 if {"left", "right"} & set(words) else 1) + bold
     y = len(rows) * height * _LINE / 2 * (2 if {"top", "bottom"} & set(words) else 1) + bold
     place = node.need("at")
-    turn = math.radians(place.number(2)) if len(place.words) > 2 and _is_number(place.words[2]) else 0.0
+    angle = "".join(place.words[2:3])
+    turn = math.radians(float(angle)) if angle.lstrip("+-").replace(".", "", 1).isdecimal() else 0.0
     box = shapely.box(-x / _PER_M, -y / _PER_M, x / _PER_M, y / _PER_M)
     turned = affinity.rotate(box, turn, origin=(0, 0), use_radians=True)
     return affinity.translate(turned, *to_board(*pair(place)))
-
-
-def _is_number(word: str) -> bool:
-    return word.lstrip("+-").replace(".", "", 1).isdecimal()
 
 
 def _is_hidden(node: Node) -> bool:

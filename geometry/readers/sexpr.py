@@ -117,7 +117,8 @@ def parse_sexpr(text: str, name: str = "text") -> Node:
     if open_lists:
         innermost = _node(*open_lists[-1])
         last = text.count("\n", 0, len(text.rstrip())) + 1
-        raise BoardError(f"{name}:{last}: the file ends inside ({innermost.name} …) of line {_line(innermost)}.")
+        line = innermost.where.rpartition(":")[2]
+        raise BoardError(f"{name}:{last}: the file ends inside ({innermost.name} …) of line {line}.")
     if root is None:
         raise BoardError(f"{name}: the file is empty.")
     return root
@@ -152,7 +153,3 @@ def _word(token: str) -> str:
     if not token.startswith('"'):
         return token
     return Quoted(_ESCAPE.sub(lambda match: _ESCAPED.get(match[1], match[1]), token[1:-1]))
-
-
-def _line(node: Node) -> str:
-    return node.where.rpartition(":")[2]

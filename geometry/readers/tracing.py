@@ -96,10 +96,10 @@ def trace_coils(board: BoardCopper, nets: Sequence[str] | None = None) -> Tracin
             except BoardError as error:
                 left_out[net] = str(error)
                 continue
-            if _winds(coil):
-                coils.append(coil)
+            if reason := _too_few_turns(coil):
+                left_out[net] = reason
             else:
-                left_out[net] = _too_few(coil)
+                coils.append(coil)
     _trace_nameless(nameless, by_net, coils, left_out)
     if not coils:
         why = "".join(f"; {net}: {reason}" for net, reason in list(left_out.items())[:_REASONS])
@@ -204,8 +204,8 @@ def _trace_nameless(
         what = f"copper without a net at {place(graph, piece[0])}"
         try:
             coil = follow(what, what, graph, piece, nameless.tracks)
-            if not _winds(coil):
-                left_out[what] = _too_few(coil)
+            if reason := _too_few_turns(coil):
+                left_out[what] = reason
                 continue
             others.refuse_contact(what, coil, tracks)
             refuse_bridges(what, coil, nameless.stands)
@@ -233,12 +233,10 @@ def _joints(nameless: _NetCopper, own: Sequence[frozenset[int]]) -> list[Copper]
     return found
 
 
-def _winds(coil: TracedCoil) -> bool:
-    return abs(coil.turns) >= LEAST_TURNS
-
-
-def _too_few(coil: TracedCoil) -> str:
-    return f"it makes {abs(coil.turns):.2f} turns around its centre; a coil makes at least one."
+def _too_few_turns(coil: TracedCoil) -> str:
+    """Why a path is no coil; empty where it winds."""
+    turns = abs(coil.turns)
+    return "" if turns >= LEAST_TURNS else f"it makes {turns:.2f} turns around its centre; a coil makes at least one."
 
 
 Copper = Track | Hole | SurfacePad | CopperArea

@@ -57,11 +57,6 @@ class TrackGraph:
     nodes: tuple[TrackNode, ...]
     edges: tuple[TrackEdge, ...]
 
-    def points(self, edge: TrackEdge) -> tuple[Point, Point]:
-        """Return the places of an edge's two ends in m."""
-        a, b = (self.nodes[number] for number in edge.ends)
-        return (a.x, a.y), (b.x, b.y)
-
     def components(self) -> list[list[int]]:
         """Return the indices of the edges that hang together, in the order of their tracks."""
         piece = groups(len(self.nodes), (edge.ends for edge in self.edges))
@@ -374,7 +369,8 @@ def _pad_number(graph: TrackGraph, number: int) -> str:
 
 def _refuse_crossing(what: str, graph: TrackGraph, piece: Sequence[int], tracks: Sequence[Track]) -> None:
     """Raise where tracks meet on a layer elsewhere than at their ends."""
-    lines = [shapely.LineString(graph.points(graph.edges[index])) for index in piece]
+    ends = [[graph.nodes[number] for number in graph.edges[index].ends] for index in piece]
+    lines = [shapely.LineString([(node.x, node.y) for node in pair]) for pair in ends]
     for i, j in shapely.STRtree(lines).query(lines, predicate="intersects").T.tolist():
         one, other = graph.edges[piece[i]], graph.edges[piece[j]]
         if i < j and one.layer == other.layer and not set(one.ends) & set(other.ends):

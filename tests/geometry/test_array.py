@@ -117,9 +117,8 @@ def test_heights_run_down_from_the_top_face():
     assert many_layers(1).thickness == 35e-6
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
+def test_stackups_that_cannot_be():
+    for change, message in (
         ({"names": (), "copper_thickness": ()}, "at least one copper layer"),
         ({"names": ("L1", "L1")}, "names must differ; got L1, L1"),
         ({"copper_thickness": (35e-6,)}, "2 copper layers need 2 copper thicknesses; got 1"),
@@ -129,9 +128,7 @@ def test_heights_run_down_from_the_top_face():
         ({"dielectric_thickness": (math.nan,)}, "layer thickness must be positive and finite; got nan"),
         ({"epsilon_r": (0.5,)}, "relative permittivity must be at least 1; got 0.5"),
         ({"epsilon_r": (math.nan,)}, "relative permittivity must be at least 1; got nan"),
-    ],
-)
-def test_stackups_that_cannot_be(change, message):
-    good = {"names": ("L1", "L2"), "copper_thickness": (35e-6, 35e-6)}
-    good |= {"dielectric_thickness": (0.2e-3,), "epsilon_r": (4.5,)}
-    refused(GeometryError, message, Stackup, **{**good, **change})
+    ):
+        good = {"names": ("L1", "L2"), "copper_thickness": (35e-6, 35e-6)}
+        good |= {"dielectric_thickness": (0.2e-3,), "epsilon_r": (4.5,)}
+        refused(GeometryError, message, Stackup, **{**good, **change})

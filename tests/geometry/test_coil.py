@@ -122,9 +122,8 @@ def test_windings_that_cannot_be():
 LINE = [(0, 0), (1e-2, 0)]
 
 
-@pytest.mark.parametrize(
-    ("lines", "message"),
-    [
+def test_paths_that_cannot_be():
+    for lines, message in (
         ([], "at least one line; got none"),
         ([[]], r"shape \(n >= 2, 2\)"),
         ([[(0, 0)]], r"shape \(n >= 2, 2\); got \(1, 2\)"),
@@ -138,22 +137,17 @@ LINE = [(0, 0), (1e-2, 0)]
         ([[(0, 0), (1e-2, 0), (5e-3, 0)]], "crosses itself: segments 0 and 1"),
         ([[(0, 0), (1e-2, 0), (1e-2, 1e-2), (0, 0)]], "closed at"),
         ([LINE, LINE], "line 1 of a coil must begin where line 0 ends; they are 10 mm apart"),
-    ],
-)
-def test_paths_that_cannot_be(lines, message):
-    refused(GeometryError, message, path_coil, lines, 1e-4, 1e-4, VIA)
+    ):
+        refused(GeometryError, message, path_coil, lines, 1e-4, 1e-4, VIA)
 
 
-def test_path_sizes_must_be_positive_and_finite():
-    for value in BAD:
-        refused(GeometryError, "trace_width must be positive and finite", path_coil, [LINE], value, 1e-4, VIA)
-        refused(GeometryError, "gap must be positive and finite", path_coil, [LINE], 1e-4, value, VIA)
-
-
-def test_path_coil_keeps_its_lines_and_cannot_be_changed():
+def test_path_coils_keep_their_lines_and_sizes():
     coil = path_coil([LINE], 1e-4, 1e-4, VIA)
     assert isinstance(coil, Coil)
     np.testing.assert_array_equal(coil.lines[0], LINE)
     for array in (coil.lines[0][0], coil.widths[0]):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 1.0
+    for value in BAD:
+        refused(GeometryError, "trace_width must be positive and finite", path_coil, [LINE], value, 1e-4, VIA)
+        refused(GeometryError, "gap must be positive and finite", path_coil, [LINE], 1e-4, value, VIA)

@@ -74,9 +74,8 @@ def test_the_trace_width_is_that_of_most_of_the_length_and_runs_of_one_width_mee
     np.testing.assert_array_equal(runs[0][0][-1], runs[1][0][0])
 
 
-@pytest.mark.parametrize(
-    ("widths", "message"),
-    [
+def test_widths_that_cannot_be():
+    for widths, message in (
         ([], "a coil of 1 lines must have as many arrays of widths; got 0"),
         ([[1e-4]], r"line 0 of a coil must have 3 widths, one a segment; got shape \(1,\)"),
         ([[[1e-4]] * 3], r"got shape \(3, 1\)"),
@@ -85,10 +84,8 @@ def test_the_trace_width_is_that_of_most_of_the_length_and_runs_of_one_width_mee
         ([[1e-4, math.nan, 1e-4]], "trace_width must be positive and finite; got nan m"),
         ([["a", "b", "c"]], "trace_width must be a number, or numbers"),
         ("wide", "trace_width must be a number, or numbers"),
-    ],
-)
-def test_widths_that_cannot_be(widths, message):
-    refused(GeometryError, message, path_coil, [BENT], widths, 1e-4, VIA)
+    ):
+        refused(GeometryError, message, path_coil, [BENT], widths, 1e-4, VIA)
 
 
 # ---- copper
@@ -192,15 +189,13 @@ def test_separate_lines_of_a_net_keep_their_spacing(apart):
     assert worst.value == pytest.approx(apart - max(faces), abs=ROUNDING)
 
 
-def test_separate_lines_far_from_their_vias():
+def test_separate_lines_far_from_their_vias_or_that_meet():
     first, last = [(0, 0), (5e-3, 0), (5e-3, -3e-3)], [(5e-3, 3e-3), (4e-3, 0.5e-3), (0, 0.5e-3)]
     coil = path_coil([first, [first[-1], last[0]], last], NARROW, 1e-4, VIA)
     worst = margins(on_board(Placement("A", coil, ("L1", "L3", "L1"), 0, 0)), "spacing within net")[("L1", "A")]
     assert worst.value == pytest.approx(0.5e-3 - NARROW, abs=ROUNDING)
     assert 0 <= worst.y <= 0.5e-3
-
-
-def test_lines_that_meet_on_a_layer_are_refused():
+    # lines that meet on a layer
     lines = [[(0, 0), (5e-3, 0)], [(5e-3, 0), (5e-3, 2e-3)], [(5e-3, 2e-3), (2e-3, 2e-3), (2e-3, -1e-3)]]
     coil = path_coil(lines, NARROW, 1e-4, VIA)
     message = r"lines 0 and 2 of A meet on L1, at \(2, 0\) mm of the coil"
@@ -306,9 +301,8 @@ def test_widths_in_a_design_file():
     assert bare.widths[0].tolist() == [0.2e-3] * 3
 
 
-@pytest.mark.parametrize(
-    ("width", "message"),
-    [
+def test_widths_that_a_design_file_cannot_have():
+    for width, message in (
         ("-1", "coils.bent.trace_width_mm must be greater than 0; got -1"),
         ("'wide'", "coils.bent.trace_width_mm must be a number; got 'wide'"),
         ("[0.2, 0.2, 0.2]", "coils.bent.trace_width_mm.0 must be a list; got 0.2"),
@@ -316,7 +310,5 @@ def test_widths_in_a_design_file():
         ("[[0.2, 'b', 0.2]]", "coils.bent.trace_width_mm.0.1 must be a number; got 'b'"),
         ("[[0.2]]", r"coils.bent: line 0 of a coil must have 3 widths, one a segment; got shape \(1,\)"),
         ("[]", "coils.bent: a coil of 1 lines must have as many arrays of widths; got 0"),
-    ],
-)
-def test_widths_that_a_design_file_cannot_have(width, message):
-    refused(DesignError, message, parse_design, PATH.replace("WIDTH", width))
+    ):
+        refused(DesignError, message, parse_design, PATH.replace("WIDTH", width))

@@ -113,7 +113,7 @@ def test_boards_as_they_are_made_pass() -> None:
         assert check_nets(array, *copper(array)) == NetCheck(1, ())
 
 
-def test_a_missing_via_cuts_the_second_terminal_off() -> None:
+def test_missing_vias_terminals_and_layers() -> None:
     via = next(hole for hole in drills(TWO) if hole.net == "B" and hole.kind == "via")
     check = check_nets(TWO, LAYERS, [h for h in HOLES if (h.x, h.y) != (via.x, via.y)])
     assert faults(check) == [("cut", ("B",), "L2")]
@@ -124,6 +124,16 @@ def test_a_missing_via_cuts_the_second_terminal_off() -> None:
     assert fault.text.endswith(f"nothing joins L1 and L2 at {place}")
     # A's coil, B's two halves, and the pads of B's via on L3 and L4
     assert check.pieces == 5
+    # a terminal without copper
+    bare = shapely.Point(A.to_board(SQUARE.terminal_points)[0]).buffer(0.6e-3)
+    check = check_nets(TWO, {layer: [part - bare for part in parts] for layer, parts in LAYERS.items()}, HOLES)
+    assert faults(check) == [("cut", ("A",), "L1")]
+    assert check.faults[0].text.startswith("terminal 1 of A has no copper on L1 at (")
+    # a whole layer
+    check = check_nets(TWO, {layer: parts for layer, parts in LAYERS.items() if layer != "L2"}, HOLES)
+    assert faults(check) == [("cut", ("A",), "L2"), ("cut", ("B",), "L2")]
+    assert all("nothing joins L1 and L2" in fault.text for fault in check.faults)
+    assert faults(check_nets(TWO, {}, [])) == [("cut", ("A",), "L1"), ("cut", ("B",), "L1")]  # no copper at all
 
 
 @pytest.mark.slow
@@ -138,18 +148,6 @@ def test_a_cut_track_is_found_where_it_is(coil: int, line: int, fraction: float)
     # the near side of the cut: its radius away, around a corner up to √2 of it
     assert np.hypot(fault.x - place[0], fault.y - place[1]) < 0.25e-3
     assert "its copper ends on" in fault.text
-
-
-def test_terminals_and_layers_without_copper() -> None:
-    bare = shapely.Point(A.to_board(SQUARE.terminal_points)[0]).buffer(0.6e-3)
-    check = check_nets(TWO, {layer: [part - bare for part in parts] for layer, parts in LAYERS.items()}, HOLES)
-    assert faults(check) == [("cut", ("A",), "L1")]
-    assert check.faults[0].text.startswith("terminal 1 of A has no copper on L1 at (")
-    # a whole layer
-    check = check_nets(TWO, {layer: parts for layer, parts in LAYERS.items() if layer != "L2"}, HOLES)
-    assert faults(check) == [("cut", ("A",), "L2"), ("cut", ("B",), "L2")]
-    assert all("nothing joins L1 and L2" in fault.text for fault in check.faults)
-    assert faults(check_nets(TWO, {}, [])) == [("cut", ("A",), "L1"), ("cut", ("B",), "L1")]  # no copper at all
 
 
 def test_bridges_between_coils() -> None:
@@ -227,6 +225,14 @@ def test_missing_holes_pads_and_copper() -> None:
     # a neck in a trace
     neck = shapely.Point(point_on(0, 0, 0.5) + 0.1e-3).buffer(0.08e-3)
     assert faults(check_nets(TWO, without(LAYERS, "L1", neck), HOLES)) == [("missing", ("A",), "L1")]
+    # a board of one layer has its holes
+    line = [(0, 0), (5e-3, 0), (5e-3, 5e-3)]
+    bare, array = (one_coil(path_coil([line], 2e-4, 2e-4, VIA, end)) for end in (None, PlatedHole(5e-4, 1e-3)))
+    assert check_nets(bare, *design_copper(bare)) == NetCheck(1, ())
+    layers, _ = design_copper(array)
+    holes = [Barrel(h.x, h.y, h.diameter, h.layers) for h in drills(array)]
+    assert check_nets(array, layers, holes) == NetCheck(1, ())
+    assert faults(check_nets(array, layers, holes[1:])) == [("missing", ("A",), "L1")]
 
 
 @pytest.mark.parametrize(("offset", "passed"), [(1e-6, True), (5e-6, False)])
@@ -236,16 +242,6 @@ def test_shapes_may_differ_by_the_tolerance(offset: float, passed: bool) -> None
         assert check_nets(TWO, moved, HOLES).passed is passed
     shifted = [replace(hole, x=hole.x + offset) for hole in HOLES]
     assert check_nets(TWO, LAYERS, shifted).passed is passed
-
-
-def test_a_board_of_one_layer_has_its_holes() -> None:
-    line = [(0, 0), (5e-3, 0), (5e-3, 5e-3)]
-    bare, array = (one_coil(path_coil([line], 2e-4, 2e-4, VIA, end)) for end in (None, PlatedHole(5e-4, 1e-3)))
-    assert check_nets(bare, *design_copper(bare)) == NetCheck(1, ())
-    layers, _ = design_copper(array)
-    holes = [Barrel(h.x, h.y, h.diameter, h.layers) for h in drills(array)]
-    assert check_nets(array, layers, holes) == NetCheck(1, ())
-    assert faults(check_nets(array, layers, holes[1:])) == [("missing", ("A",), "L1")]
 
 
 def board_with_nets(array: CoilArray) -> BoardCopper:

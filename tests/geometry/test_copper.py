@@ -83,11 +83,9 @@ def test_holes_end_where_they_are_needed_when_they_are_not_drilled_through():
     placement = Placement("A", coil, ("L3", "L1", "L2"), 0, 0)
     blind = drills(CoilArray(FOUR_LAYERS, (placement,), through_holes=False))
     assert [(hole.kind, hole.layers, hole.drilled) for hole in blind] == [
-        ("via", ("L1", "L2", "L3"), True),
-        ("via", ("L1", "L2"), True),
-        ("terminal", ("L3",), False),
+        ("via", ("L1", "L2", "L3"), True), ("via", ("L1", "L2"), True), ("terminal", ("L3",), False),
         ("terminal", ("L2",), False),
-    ]
+    ]  # fmt: skip
     through = drills(CoilArray(FOUR_LAYERS, (placement,)))
     assert {(hole.layers, hole.drilled) for hole in through} == {(FOUR_LAYERS.names, True)}
     assert [hole.x for hole in through] == pytest.approx([1e-3, 2e-3, 0, 3e-3])
@@ -108,17 +106,6 @@ def test_the_copper_of_a_layer_is_its_features(through_holes):
             assert shapely.equals(copper, shapely.union_all(own))
 
 
-def test_copper_of_a_net_on_a_layer_is_one_piece_with_its_pads():
-    array = one_coil(spiral_coil(Spiral(6, 8e-3, 10, 0.12e-3, 0.13e-3), 2, VIA, LEADS))
-    copper = copper_by_layer(array)["L1"]["A"]
-    (trace,) = [f.shape for f in copper_features(array) if f.kind == "trace" and f.layer == "L1"]
-    pads = [f.shape for f in copper_features(array) if f.kind != "trace" and f.layer == "L1"]
-    overlap = sum(shapely.intersection(trace, pad).area for pad in pads)
-    expected = trace.area + sum(pad.area for pad in pads) - overlap
-    assert copper.area == pytest.approx(expected, rel=1e-12)
-    assert shapely.get_num_geometries(copper) == 2  # the second terminal's pad stands alone on this layer
-
-
 @given(rotation=st.floats(-7, 7))
 @settings(max_examples=10)
 def test_rotating_a_coil_keeps_its_copper_area(rotation):
@@ -128,14 +115,11 @@ def test_rotating_a_coil_keeps_its_copper_area(rotation):
     assert after == pytest.approx(before, rel=1e-11)  # rounding
 
 
-def test_board_outline_is_the_bounds_and_holds_all_copper():
+def test_the_outline_holds_all_copper_and_circles_are_fine_enough():
     array = reference_board()
     outline = board_outline(array)
     assert outline.bounds == array.bounds
     assert all(outline.contains(feature.shape) for feature in copper_features(array))
-
-
-def test_circles_are_fine_enough():
     circle = disc(1e-3, 2e-3, 1e-3)
     corners = shapely.get_coordinates(circle) - (1e-3, 2e-3)
     np.testing.assert_allclose(np.hypot(*corners.T), 0.5e-3, rtol=1e-12)

@@ -144,7 +144,7 @@ def test_holes_that_are_not_through_lie_on_layers_of_their_own(tmp_path):
 
 
 @pytest.mark.slow
-@settings(max_examples=15)
+@settings(max_examples=8)
 @given(rotation=st.floats(-math.pi, math.pi), x=st.floats(-0.2, 0.2), y=st.floats(-0.2, 0.2))
 def test_wherever_the_coil_lies(tmp_path_factory, rotation, x, y):
     placement = BOARDS["two widths"].placements[0]
@@ -161,20 +161,13 @@ def board_of_layers(*names):
     return CoilArray(replace(many_layers(len(names)), names=names), (Placement("A", coil, names[:1], 0, 0),))
 
 
-@pytest.mark.parametrize(
-    ("names", "message"),
-    [
+def test_files_that_cannot_be(tmp_path, monkeypatch):
+    for names, message in (
         (("top/1",), "names of layers must be free of"),
         (("a", "b*"), "names of layers must be free of"),
         (("top", "TOP"), "names of layers must differ in more than capitals; got top, TOP"),
-    ],
-)
-def test_layer_names_that_dxf_cannot_hold(tmp_path, names, message):
-    refused(OutputError, message, write_dxf, board_of_layers(*names), tmp_path / "board.dxf")
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_files_that_cannot_be(tmp_path, monkeypatch):
+    ):
+        refused(OutputError, message, write_dxf, board_of_layers(*names), tmp_path / "board.dxf")
     array = board_of_layers("top")
     refused(OutputError, r"the suffix must be \.dxf; got '\.dwg'", write_dxf, array, tmp_path / "board.dwg")
     message = r"cannot write .*board\.dxf: No such file or directory"

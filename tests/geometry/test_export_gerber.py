@@ -75,24 +75,18 @@ def test_files_and_their_functions(tmp_path: Path) -> None:
     files = written(small_board(), tmp_path, "two coils")
     functions = {name: ",".join(file_function(text)) for name, text in files.items() if not name.endswith("job")}
     assert functions == {
-        "two_coils-F_Cu.gbr": "Copper,L1,Top",
-        "two_coils-In1_Cu.gbr": "Copper,L2,Inr",
-        "two_coils-In2_Cu.gbr": "Copper,L3,Inr",
-        "two_coils-B_Cu.gbr": "Copper,L4,Bot",
-        "two_coils-F_Mask.gbr": "Soldermask,Top",
-        "two_coils-B_Mask.gbr": "Soldermask,Bot",
-        "two_coils-F_Silkscreen.gbr": "Legend,Top",
-        "two_coils-Edge_Cuts.gbr": "Profile,NP",
+        "two_coils-F_Cu.gbr": "Copper,L1,Top", "two_coils-In1_Cu.gbr": "Copper,L2,Inr",
+        "two_coils-In2_Cu.gbr": "Copper,L3,Inr", "two_coils-B_Cu.gbr": "Copper,L4,Bot",
+        "two_coils-F_Mask.gbr": "Soldermask,Top", "two_coils-B_Mask.gbr": "Soldermask,Bot",
+        "two_coils-F_Silkscreen.gbr": "Legend,Top", "two_coils-Edge_Cuts.gbr": "Profile,NP",
         "two_coils-PTH.drl": "Plated,1,4,PTH",
-    }
+    }  # fmt: skip
     assert set(files) - set(functions) == {"two_coils-job.gbrjob"}
     for name, text in files.items():
         polarity = "Negative" if "Mask" in name else "Positive"
         with_polarity = any(kind in name for kind in ("Cu.", "Mask", "Silk"))
         assert re.findall(r"%TF\.FilePolarity,(\w+)\*%", text) == [polarity] * with_polarity
-
-
-def test_gerbonara_knows_the_layers_by_their_names_too(tmp_path: Path) -> None:
+    # gerbonara knows the layers by their names too
     (tmp_path / "files").mkdir()
     for name, text in written(small_board(), tmp_path).items():
         (tmp_path / "files" / name).write_text(text, encoding="utf-8")
@@ -244,15 +238,12 @@ def test_silk_has_the_names_upright_within_the_board_and_off_the_pads(tmp_path: 
     assert gerber(written(named(SMALL, "Ω\u00a0\U0001f9f2"), tmp_path)["board-F_Silkscreen.gbr"]).objects
 
 
-def test_the_profile_is_the_edge_of_the_board(tmp_path: Path) -> None:
+def test_the_profile_and_the_job_file(tmp_path: Path) -> None:
     array = small_board()
     strokes = gerber(written(array, tmp_path)["board-Edge_Cuts.gbr"]).objects
     ring = shapely.polygonize([shapely.LineString([(s.x1, s.y1), (s.x2, s.y2)]) for s in strokes])
     assert np.array(ring.bounds) == pytest.approx(np.array(array.bounds) * 1e3, abs=1e-6)  # mm, to the file's 1 nm
     assert ring.area == pytest.approx(board_outline(array).area * 1e6)
-
-
-def test_the_job_file_lists_the_files_and_the_stackup(tmp_path: Path) -> None:
     array = small_board()
     files = written(array, tmp_path)
     job = json.loads(files["board-job.gbrjob"])

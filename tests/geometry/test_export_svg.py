@@ -108,7 +108,7 @@ def test_edge_holes_and_names(read):
         assert (x, y) == pytest.approx((placement.x * 1e3, placement.y * 1e3), abs=ROUNDING)
 
 
-def test_equal_boards_give_equal_bytes(tmp_path):
+def test_equal_boards_give_equal_bytes_and_any_name_is_kept(tmp_path):
     for name in ("a.svg", "b.svg"):
         write_svg(wound_board(5, 2, 1.0), tmp_path / name)
     first = (tmp_path / "a.svg").read_bytes()
@@ -118,9 +118,6 @@ def test_equal_boards_give_equal_bytes(tmp_path):
     assert b"-0," not in first
     assert b"title>" in first  # those of the coils
     assert b"\n <title>" not in first  # the drawing has none
-
-
-def test_any_name_is_kept(tmp_path):
     coil = path_coil([[(0, 0), (1e-2, 0)]], 0.2e-3, 0.2e-3, VIA)
     board = Stackup(('<top> & "µ"',), (35e-6,), (), ())
     write_svg(CoilArray(board, (Placement("A<&>'\"ü", coil, board.names, 0, 0),)), tmp_path / "board.svg", title="<&>")

@@ -191,15 +191,12 @@ def test_without_attributes_the_names_of_the_files_and_the_copper_itself_do(tmp_
     assert inductances(board, None) == pytest.approx(expected, rel=1e-6)
 
 
-def test_a_stackup_that_is_given_wins_over_the_job_file(tmp_path: Path) -> None:
+def test_a_stackup_that_is_given_wins_over_the_job_file_which_may_say_little(tmp_path: Path) -> None:
     thick = replace(FOUR_LAYERS, copper_thickness=(70e-6,) * 4)
     board = read_gerbers(export(small_board(), tmp_path), thick)
     assert (board.stackup, board.assumed) == (thick, {})
     message = r"board\.zip: has 2 copper layers and the given stack-up 4"
     refused(BoardError, message, read, tmp_path, BOARD, FOUR_LAYERS)
-
-
-def test_dielectrics_in_series_without_all_thicknesses_are_as_in_kicad_boards(tmp_path: Path) -> None:
     parts = [{"Type": "Dielectric", "Thickness": 0.1, "DielectricConstant": 4.4}]
     parts += [{"Type": "Dielectric", "DielectricConstant": 3.3}]
     copper = [{"Type": "Copper", "Name": name, "Thickness": 0.035} for name in ("top", "bottom")]
@@ -260,7 +257,7 @@ def test_arcs_are_divided_on_their_circle(mode, end, turn, tmp_path: Path) -> No
     assert 0.5 * abs((x[:-1] * y[1:] - x[1:] * y[:-1]).sum()) == pytest.approx(0.5 * 16e-6 * abs(turn), rel=1e-9)
 
 
-def test_inches_commented_attributes_and_idle_transformations(tmp_path: Path) -> None:
+def test_inches_commented_attributes_idle_transformations_and_old_encodings(tmp_path: Path) -> None:
     top = gerber("", "D10*", "G04 #@! TO.N,coil\\u002Cone*", "%LMN*%", "%LR0.0*%", "%LS1.0*%", stroke(0, 0, 0.1, 0.2))
     top = top.replace("%MOMM*%", "%MOIN*%\nG04 #@! TF.FileFunction,Copper,L1,Top*").replace("C,0.2", "C,0.01")
     board = read(tmp_path, {"top.gbr": top})
@@ -268,6 +265,9 @@ def test_inches_commented_attributes_and_idle_transformations(tmp_path: Path) ->
     assert track.net == "coil,one"
     assert track.end == pytest.approx((2.54e-3, 5.08e-3))
     assert track.width == pytest.approx(0.254e-3)
+    text = BOARD["top.gbr"].replace("%LPD*%", "G04 Größe µm*\n%LPD*%")
+    (tmp_path / "top.gbr").write_bytes(text.encode("latin-1"))
+    assert len(read_gerbers(tmp_path).tracks) == 1
 
 
 def test_pads_that_are_not_round_dots_and_marks(tmp_path: Path) -> None:
@@ -285,6 +285,14 @@ def test_pads_that_are_not_round_dots_and_marks(tmp_path: Path) -> None:
         assert [h.x for h in board.holes] == [0, 5e-3]
         assert [h.pad for h in board.holes] == pytest.approx(sizes)
         assert board.pads == ()
+    # pads keep their shapes
+    top = gerber("Copper,L1,Top", "D12*", flashes((0, 0), (9, 9)), "D10*", stroke(0, 0, 5, 0), "D11*", flashes((5, 0)))
+    board = read(tmp_path, {**BOARD, "top.gbr": top, "holes.drl": excellon((0, 0), (5, 0))})
+    (pad,) = [pad for pad in board.pads if pad.layer == "L1"]
+    assert pad.shape.bounds == pytest.approx((8.4e-3, 8.2e-3, 9.6e-3, 9.8e-3))
+    hole = board.holes[0]
+    assert hole.copper("L1").area == pytest.approx(1.2 * 1.6e-6)
+    assert hole.copper("L2").area == pytest.approx(math.pi * 0.3e-3**2, rel=1e-3)  # a polygon of 128 corners
 
 
 def test_drill_files_say_span_plating_and_kind(tmp_path: Path) -> None:
@@ -295,13 +303,10 @@ def test_drill_files_say_span_plating_and_kind(tmp_path: Path) -> None:
     mixed = excellon((0, 0), function="MixedPlating,1,3", header=tools)
     mixed = mixed.replace("M30", "T2\nX9.0Y9.0\nT3\nX5.0Y5.0\nM30")
     files = {
-        "a.gbr": gerber("Copper,L1,Top", *TOP),
-        "b.gbr": gerber("Copper,L2,Inr", *TOP),
-        "c.gbr": gerber("Copper,L3,Bot", *BOTTOM),
-        "mixed.drl": mixed,
-        "blind.drl": excellon((5, 0), function="Plated,2,3,Blind"),
-        "mounting-NPTH.drl": excellon((9, 9), function=""),
-    }
+        "a.gbr": gerber("Copper,L1,Top", *TOP), "b.gbr": gerber("Copper,L2,Inr", *TOP),
+        "c.gbr": gerber("Copper,L3,Bot", *BOTTOM), "mixed.drl": mixed,
+        "blind.drl": excellon((5, 0), function="Plated,2,3,Blind"), "mounting-NPTH.drl": excellon((9, 9), function=""),
+    }  # fmt: skip
     board = read(tmp_path, files)
     assert {(h.x, h.y): (h.layers, h.kind, h.drill) for h in board.holes} == {
         (5e-3, 0): (("L2", "L3"), "via", 0.3e-3),
@@ -350,14 +355,12 @@ def test_the_job_file_of_another_program(tmp_path: Path) -> None:
     job = {
         "GeneralSpecs": {"BoardThickness": 1.2},
         "MaterialStackup": [
-            {"Type": "Legend", "Name": "Top"},
-            {"Type": "Copper", "Thickness": 0.018, "Name": "Front"},
+            {"Type": "Legend", "Name": "Top"}, {"Type": "Copper", "Thickness": 0.018, "Name": "Front"},
             {"Type": "Dielectric", "Thickness": 0.1, "DielectricConstant": 4.0},
             {"Type": "Dielectric", "Thickness": 0.3, "DielectricConstant": 3.0},
-            {"Type": "Copper", "Thickness": 0.07, "Name": "Back"},
-            {"Type": "SolderMask", "Thickness": 0.01},
+            {"Type": "Copper", "Thickness": 0.07, "Name": "Back"}, {"Type": "SolderMask", "Thickness": 0.01},
         ],
-    }
+    }  # fmt: skip
     board = read(tmp_path, {**BOARD, "board-job.gbrjob": json.dumps(job)})
     assert board.stackup.names == ("Front", "Back")
     assert board.stackup.copper_thickness == pytest.approx((18e-6, 70e-6))
@@ -557,25 +560,9 @@ def test_files_and_folders_that_cannot_be_read_are_named(tmp_path: Path, monkeyp
     refused(BoardError, r"/inner: cannot be read: Permission denied", read_gerbers, tmp_path)
 
 
-def test_old_encodings_are_read(tmp_path: Path) -> None:
-    text = BOARD["top.gbr"].replace("%LPD*%", "G04 Größe µm*\n%LPD*%")
-    (tmp_path / "top.gbr").write_bytes(text.encode("latin-1"))
-    assert len(read_gerbers(tmp_path).tracks) == 1
-
-
 def test_a_broken_or_missing_gerbonara_says_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "gerbonara.rs274x", None)
     message = r"which cannot be loaded: import of gerbonara\.rs274x"
     refused(MissingDependencyError, message, read, tmp_path, BOARD)
     monkeypatch.setitem(sys.modules, "gerbonara", None)
     refused(MissingDependencyError, r"pip install \"coilarray\[fab\]\"", read, tmp_path, BOARD)
-
-
-def test_pads_keep_their_shapes(tmp_path: Path) -> None:
-    top = gerber("Copper,L1,Top", "D12*", flashes((0, 0), (9, 9)), "D10*", stroke(0, 0, 5, 0), "D11*", flashes((5, 0)))
-    board = read(tmp_path, {**BOARD, "top.gbr": top, "holes.drl": excellon((0, 0), (5, 0))})
-    (pad,) = [pad for pad in board.pads if pad.layer == "L1"]
-    assert pad.shape.bounds == pytest.approx((8.4e-3, 8.2e-3, 9.6e-3, 9.8e-3))
-    hole = board.holes[0]
-    assert hole.copper("L1").area == pytest.approx(1.2 * 1.6e-6)
-    assert hole.copper("L2").area == pytest.approx(math.pi * 0.3e-3**2, rel=1e-3)  # a polygon of 128 corners

@@ -58,9 +58,8 @@ def test_deep_nesting_is_no_recursion():
     assert node.items == ()
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
+def test_texts_that_are_no_s_expression_and_what_a_node_does_not_have():
+    for text, message in (
         ("", "text: the file is empty"),
         ("  \n \n", "text: the file is empty"),
         ("hello (a)", "text:1: the file must begin with a parenthesis; got 'hello'"),
@@ -72,13 +71,8 @@ def test_deep_nesting_is_no_recursion():
         ('(a "', "text:1: the file ends inside the text that begins here"),
         ("(a)\n(b)", r"text:2: nothing may follow the last parenthesis; got '\('"),
         ("(a))", r"text:1: nothing may follow the last parenthesis; got '\)'"),
-    ],
-)
-def test_texts_that_are_no_s_expression(text, message):
-    refused(BoardError, message, parse_sexpr, text)
-
-
-def test_what_a_node_does_not_have():
+    ):
+        refused(BoardError, message, parse_sexpr, text)
     node = parse_sexpr("(a\n(b x))")
     refused(BoardError, r"text:1: \(a …\) must have a \(c …\)", node.need, "c")
     refused(BoardError, r"text:2: \(b …\) must have 2 words; got 1", node.need("b").text, 1)
@@ -121,30 +115,24 @@ def test_kicad_6_to_9(read, version):
     assert (track.layer, track.net, track.width) == ("F.Cu", "A", 0.2e-3)
 
 
-def test_kicad_6_to_9_and_newer(read):
+def test_newer_formats_are_read_with_a_note_and_older_ones_refused(read):
     found = read(board(segment((0, 0), (5, 2)), version=20260206))
     assert len(found.tracks) == 1
     assert "format 20260206; formats newer than KiCad 9" in found.notes[0]
+    for version in (4, 20171130, 20200829):
+        message = rf"b\.kicad_pcb:1: the board has KiCad's format {version}, older than KiCad 6"
+        refused(BoardError, message, read, board(version=version))
 
 
-@pytest.mark.parametrize("version", [4, 20171130, 20200829])
-def test_kicad_5_and_older_are_refused(read, version):
-    message = rf"b\.kicad_pcb:1: the board has KiCad's format {version}, older than KiCad 6"
-    refused(BoardError, message, read, board(version=version))
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
+def test_files_that_are_no_board(read):
+    for text, message in (
         ("(footprint x)", r":1: a KiCad board begins with \(kicad_pcb; this file with \(footprint"),
         ("(kicad_pcb)", r":1: \(kicad_pcb …\) must have a \(version …\)"),
         ("(kicad_pcb (version x))", "must have a number; got 'x'"),
         (f"(kicad_pcb (version {KICAD_6}))", r"must have a \(layers …\)"),
         (f'(kicad_pcb (version {KICAD_6})\n(layers (44 "Edge.Cuts" user)))', ":2: the board has no copper layer"),
-    ],
-)
-def test_files_that_are_no_board(read, text, message):
-    refused(BoardError, message, read, text)
+    ):
+        refused(BoardError, message, read, text)
 
 
 # ---- layers and stack-up
@@ -202,30 +190,24 @@ def test_what_the_stackup_does_not_say_is_assumed_and_said(read):
     assert thin.stackup.dielectric_thickness == pytest.approx((1.6e-3 - 70e-6,))
     assert thin.stackup.epsilon_r == pytest.approx((2 / (1 / 4.4 + 1 / 3.3),))  # equal parts in series
     assert read(board(layers=1)).stackup.dielectric_thickness == ()
+    message = r"b\.kicad_pcb:2: a board of 0\.1 mm is too thin for its 4 copper layers"
+    refused(BoardError, message, read, board(layers=4, thickness="0.1"))
 
 
-@pytest.mark.parametrize(
-    ("setup", "message"),
-    [
+def test_stackups_that_cannot_be(read):
+    for setup, message in (
         (SUBLAYERS.replace('"B.Cu"', '"In1.Cu"'), "must list the copper layers F.Cu, B.Cu; got F.Cu, In1.Cu"),
         (SUBLAYERS.replace("0.07", "-0.07"), "a layer thickness must be positive and finite"),
         (SUBLAYERS.replace("4.4", "0.4").replace("3.3", "0.4"), "a relative permittivity must be at least 1"),
         (SUBLAYERS.replace("4.4", "x"), "must have a number; got 'x'"),
-    ],
-)
-def test_stackups_that_cannot_be(read, setup, message):
-    refused(BoardError, rf"b\.kicad_pcb:\d+: .*{message}", read, board(setup=setup))
-
-
-def test_a_board_too_thin_for_its_copper(read):
-    message = r"b\.kicad_pcb:2: a board of 0\.1 mm is too thin for its 4 copper layers"
-    refused(BoardError, message, read, board(layers=4, thickness="0.1"))
+    ):
+        refused(BoardError, rf"b\.kicad_pcb:\d+: .*{message}", read, board(setup=setup))
 
 
 # ---- places and nets
 
 
-def test_the_origin_and_the_layers_of_vias(read):
+def test_places_and_nets(read):
     text = "(segment (start 103 98) (end 104 101.5) (width 0.2) (layer F.Cu) (net 0))"
     (track,) = read(board(text)).tracks
     np.testing.assert_allclose((track.start, track.end), [(3e-3, 2e-3), (4e-3, -1.5e-3)], atol=ROUNDING)
@@ -237,9 +219,6 @@ def test_the_origin_and_the_layers_of_vias(read):
     assert [hole.layers for hole in found] == [("F.Cu", "In1.Cu", "In2.Cu", "B.Cu"), ("In1.Cu", "In2.Cu", "B.Cu")]
     assert (found[1].x, found[1].y) == pytest.approx((1e-3, 2e-3))
     assert (found[1].drill, found[1].pad, found[1].net, found[1].kind) == (0.3e-3, 0.6e-3, "A", "via")
-
-
-def test_nets_by_number_and_by_name(read):
     names = {"1": "A", "2": "B", "0": None, '"A"': "A", '"1"': "1", '""': None, '"Net-(J1-Pad1)"': "Net-(J1-Pad1)"}
     for net, name in names.items():
         assert read(board(segment((0, 0), (1, 0), net=net))).tracks[0].net == name
@@ -279,7 +258,7 @@ def footprint(*inside, at="100 100"):
     return f'(footprint "x" (layer "F.Cu") (at {at}) {" ".join(inside)})'
 
 
-def test_slots_and_pads_that_are_no_conductor(read):
+def test_slots_and_pads_of_some_layers(read):
     inside = (
         '(pad "1" thru_hole oval (at 0 0) (size 2 1) (drill oval 1.2 0.6 (offset 0.1 0)) (layers *.Cu))',
         '(pad "" np_thru_hole circle (at 1 0) (size 2 2) (drill 2) (layers *.Cu *.Mask))',
@@ -290,9 +269,7 @@ def test_slots_and_pads_that_are_no_conductor(read):
     (slot,) = found.holes
     assert (slot.drill, slot.pad, slot.net) == (0.6e-3, 1e-3, None)
     assert [(pad.number, pad.layer) for pad in found.pads] == [("3", "F.Cu"), ("3", "B.Cu")]
-
-
-def test_a_hole_has_the_pads_of_its_own_layers(read):
+    # a hole has the pads of its own layers
     one_side = '(pad "1" thru_hole circle (at 0 0) (size 2 2) (drill 1) (layers "F.Cu" "*.Mask"))'
     outer = '(pad "2" thru_hole circle (at 5 0) (size 2 2) (drill 1) (layers "F&B.Cu"))'
     kept = "(remove_unused_layers yes) (keep_end_layers yes)"
@@ -365,19 +342,16 @@ def test_pieces_of_an_arc_stay_on_it_and_keep_its_area(radius, first, turn, part
     assert 0.5 * abs((x * v - u * y).sum()) == pytest.approx(0.5 * radius**2 * abs(turn), rel=1e-5)
 
 
-def test_arcs_that_are_lines_or_circles():
+def test_arcs_that_are_lines_or_circles_or_flat():
     assert arc_points((0, 0), (1e-3, 0), (2e-3, 0)).tolist() == [[0, 0], [2e-3, 0]]
     whole = arc_points((1e-3, 0), (-1e-3, 0), (1e-3, 0))
     assert np.hypot(*np.diff(whole, axis=0).T).sum() == pytest.approx(2 * math.pi * 1e-3, rel=1e-3)  # zigzag of 0.9 µm
     assert arc_points((0, 0), (0, 0), (0, 0)).tolist() == [[0, 0], [0, 0]]
-
-
-@pytest.mark.parametrize("rise", [1e-9, 1e-8, 1e-7])
-def test_the_flattest_arcs_are_divided(rise):
-    # 20 m from end to end: the radius is up to 5e10 m, over which 0.9 µm is below the rounding of 1
-    points = arc_points((-10.0, 0.0), (0.0, rise), (10.0, 0.0))
-    assert len(points) < 10
-    assert np.abs(points[:, 1]).max() <= CHORD_ERROR
+    for rise in (1e-9, 1e-8, 1e-7):
+        # 20 m from end to end: the radius is up to 5e10 m, over which 0.9 µm is below the rounding of 1
+        points = arc_points((-10.0, 0.0), (0.0, rise), (10.0, 0.0))
+        assert len(points) < 10
+        assert np.abs(points[:, 1]).max() <= CHORD_ERROR
 
 
 def test_a_curved_track(read):

@@ -205,30 +205,15 @@ def test_ends_that_are_joined():
     assert traced(copper(("top", (0.3, 0.2), (5, 0.2)), pads=[beyond])).ends == (None, None)
 
 
-@pytest.mark.parametrize(
-    "tracks",
-    [
+def test_copper_that_lies_twice_is_one_path():
+    for tracks in (
         *([(0, 6), (4, 9)], [(0, 9), (2, 3)], [(0, 9), (9, 0)]),  # overlapping, inside, twice
         *([(0, 5), (5, 9), (3, 7), (3, 7)], [(0, 9), (4, 4)]),  # over a joint, no length
-    ],
-)
-def test_copper_that_lies_twice_is_one_path(tracks):
-    coil = traced(copper(*(("top", (a, 0), (b, 0)) for a, b in tracks)))
-    assert coil.length == pytest.approx(9e-3, rel=1e-12)
-    np.testing.assert_allclose(sorted(coil.lines[0][[0, -1], 0]), [0, 9e-3], atol=1e-15)
-    assert (np.diff(coil.lines[0][:, 0]) > 0).all() or (np.diff(coil.lines[0][:, 0]) < 0).all()
-
-
-def test_holes_that_lead_nowhere_are_noted():
-    board_copper = copper(*line(*SPIRAL), holes=[hole(-5, 0), hole(*OUTER), hole(20, 20)])
-    coil = traced(board_copper)
-    assert [(via.x, via.y) for via in coil.passed] == [(-5e-3, 0)]
-    assert coil.vias == ()
-    notes = traced_array(board_copper, [coil]).notes
-    assert notes[:-1] == (
-        "A: one end has a plated hole and the other none; both taken without.",
-        "A: 1 of the holes on the path join none of its lines and are left out.",
-    )
+    ):
+        coil = traced(copper(*(("top", (a, 0), (b, 0)) for a, b in tracks)))
+        assert coil.length == pytest.approx(9e-3, rel=1e-12)
+        np.testing.assert_allclose(sorted(coil.lines[0][[0, -1], 0]), [0, 9e-3], atol=1e-15)
+        assert (np.diff(coil.lines[0][:, 0]) > 0).all() or (np.diff(coil.lines[0][:, 0]) < 0).all()
 
 
 # ---- what is no path
@@ -237,9 +222,8 @@ def test_holes_that_lead_nowhere_are_noted():
 PIECES = r"it has 2 that do not meet, at \(0, 0\) mm on top \(file:1\) and at \(0, 3\) mm on top \(file:2\)"
 
 
-@pytest.mark.parametrize(
-    ("tracks", "message"),
-    [
+def test_nets_that_are_no_path():
+    for tracks, message in (
         (
             [*line((0, 0), (5, 0), (9, 0)), ("top", (5, 0), (5, 4))],
             r"have two ends; 3 ways meet at \(5, 0\) mm \(file:1, file:2, file:3\)",
@@ -250,10 +234,8 @@ PIECES = r"it has 2 that do not meet, at \(0, 0\) mm on top \(file:1\) and at \(
         ([*line((0, 0), (5, 0)), *line((5, 0), (5, 3), layer="bottom")], "it has 2 that do not meet"),
         (line((0, 0), (9, 0), (9, 5), (5, 5), (5, -5)), r"it crosses itself on top at \(5, 0\) mm \(file:4\)"),
         ([("top", (0, 0), (0, 0))], r"be one piece of copper; it has 0"),
-    ],
-)
-def test_nets_that_are_no_path(tracks, message):
-    refused(BoardError, rf"^file:1: net A must .*{message}", traced, copper(*tracks))
+    ):
+        refused(BoardError, rf"^file:1: net A must .*{message}", traced, copper(*tracks))
 
 
 def test_crossings_and_double_vias():
@@ -287,20 +269,17 @@ ZONE = """(zone (net {net}) (layer "F.Cu") (tstamp 0) (hatch edge 0.5)
   (polygon (pts (xy {x} 100) (xy {x1} 100) (xy {x1} 90) (xy {x} 90))))"""
 
 
-@pytest.mark.parametrize(
-    ("item", "message"),
-    [
+def test_copper_that_is_no_track(read):
+    for item, message in (
         (ZONE.format(net=1, x=150, x1=160), "net A has a zone on F.Cu, which is no current path"),
         ('(gr_line (start 1 1) (end 2 2) (width 0.1) (layer "B.Cu") (net 1))', "net A has a drawn line on B.Cu"),
         (ZONE.format(net=0, x=104, x1=110), r"a zone without a net touches net A on F.Cu at \(.*\) mm"),
         ('(gr_line (start 95 90) (end 95 96) (width 0.1) (layer "F.Cu"))', "a drawn line without a net touches net A"),
         (segment((-5, 0), (-8, 0), net="0"), "a track without a net touches net A on F.Cu"),
-    ],
-)
-def test_copper_that_is_no_track(read, item, message):
-    text = board(path(*SPIRAL), item)
-    number = text[: text.index(item)].count("\n") + 1
-    refused(BoardError, rf"b\.kicad_pcb:{number}: {message}", trace_coils, read(text), ["A"])
+    ):
+        text = board(path(*SPIRAL), item)
+        number = text[: text.index(item)].count("\n") + 1
+        refused(BoardError, rf"b\.kicad_pcb:{number}: {message}", trace_coils, read(text), ["A"])
 
 
 def test_copper_of_no_concern(read):
@@ -334,7 +313,7 @@ def test_a_pad_or_via_across_turns_makes_no_coil(net):
         refused(BoardError, message, traced, replace(spiral, **short))
 
 
-def test_a_hole_through_a_turn_of_another_layer_makes_no_coil():
+def test_pads_and_holes_beside_turns():
     tracks = [*line((0, 0), (9, 0)), *line((9, 0), (9, 5), (4, 5), (4, -5), layer="bottom")]
     assert traced(copper(*tracks, holes=[hole(9, 0)])).layers == ("top", "bottom")
     message = r"a via bridges turns of net A: it also touches it on bottom at \(4, 0"
@@ -345,9 +324,7 @@ def test_a_hole_through_a_turn_of_another_layer_makes_no_coil():
     refused(BoardError, "a via bridges turns", traced, wide)
     thin = replace(hole(3.5, 0), shapes={"top": shapely.Point(3.5e-3, 0).buffer(0.3e-3)})
     assert traced(copper(*passing, holes=[hole(9, 0), thin])).layers == ("top", "bottom")
-
-
-def test_pads_that_only_widen_the_path_are_sound():
+    # pads that only widen the path
     for pad in (
         surface_pad(*OUTER, 1.5, 1.5),
         surface_pad(-5, 0, 0.8, 3),  # along a side
@@ -357,21 +334,16 @@ def test_pads_that_only_widen_the_path_are_sound():
         assert traced(replace(copper(*line(*SPIRAL)), pads=(pad,))).turns == pytest.approx(3, abs=0.1)
 
 
-@pytest.mark.parametrize(
-    "short",
-    [
-        copper(("top", (0, -4.9), (0, -4.1), 0.3e-3), net=None),  # ends between the centre lines
-        copper(("top", (0, -4.95), (3, -4.5), 0.2e-3), net="B"),
-        copper(holes=[hole(*BELOW, pad=1.2e-3, net=None)]),
-        copper(holes=[hole(*BELOW, pad=1.2e-3, net="B")]),
-    ],
-    ids=["a track", "a track of a net", "a via", "a via of a net"],
-)
-def test_copper_without_a_net_that_something_touches_is_no_coil(short):
+def test_copper_without_a_net_that_something_touches_is_no_coil():
     spiral = copper(*line(*SPIRAL), net=None)
     assert [coil.name for coil in trace_coils(spiral).coils] == ["coil1"]
-    both = replace(spiral, tracks=spiral.tracks + short.tracks, holes=short.holes)
-    refused(BoardError, r"(touches (tracks|copper)|bridges turns of copper) without a net", trace_coils, both)
+    for short in (
+        copper(("top", (0, -4.9), (0, -4.1), 0.3e-3), net=None),  # ends between the centre lines
+        copper(("top", (0, -4.95), (3, -4.5), 0.2e-3), net="B"),
+        *(copper(holes=[hole(*BELOW, pad=1.2e-3, net=net)]) for net in (None, "B")),
+    ):
+        both = replace(spiral, tracks=spiral.tracks + short.tracks, holes=short.holes)
+        refused(BoardError, r"(touches (tracks|copper)|bridges turns of copper) without a net", trace_coils, both)
 
 
 def test_copper_without_a_net_that_touches_what_has_one_is_no_coil():
@@ -390,13 +362,22 @@ def test_copper_without_a_net_that_touches_what_has_one_is_no_coil():
 # ---- layers without copper
 
 
-def test_a_back_without_copper_is_left_out_with_a_note(read):
+def test_the_back_and_the_margin_of_a_board(read):
     found = as_array(read(board(path(*SPIRAL))))
     assert found.array.stackup == Stackup(("F.Cu",), (35e-6,), (), ())
     assert "B.Cu has no copper and is left out: the design has one layer, F.Cu." in found.notes
     assert not any("dielectric" in key for key in found.assumed)
     both = read(board(path(*SPIRAL), via(20, 20, net="2")))
     assert as_array(both).array.stackup == both.stackup
+    # the margin is the nearest edge
+    board_copper = replace(copper(*line(*SPIRAL)), edge=(-8e-3, -8e-3, 8e-3, 8e-3))
+    found = as_array(board_copper)
+    assert found.array.board_margin == pytest.approx(2.9e-3)
+    assert not any("margin" in note for note in found.notes)
+    assert "board.margin_mm" not in found.assumed
+    uneven = as_array(replace(board_copper, edge=(-8e-3, -8e-3, 20e-3, 3e-3)))
+    assert uneven.array.board_margin == 0
+    assert any("2.9, 2.9, 14.9, -2.1 mm" in note for note in uneven.notes)
 
 
 # ---- which nets are coils
@@ -470,7 +451,7 @@ def test_paths_without_turns_or_gap():
 # ---- holes of several sizes, margins
 
 
-def test_holes_of_several_sizes_or_depths(read):
+def test_holes_of_several_sizes_or_depths_or_that_lead_nowhere(read):
     tracks = [*line((0, 0), (5, 0)), *line((5, 0), (5, 2), layer="bottom"), *line((5, 2), (0, 2))]
     tracks += line((0, 2), (0, 4), layer="bottom")
     holes = [hole(5, 0), hole(5, 2, pad=0.8e-3), hole(0, 2, pad=0.8e-3)]
@@ -487,25 +468,22 @@ def test_holes_of_several_sizes_or_depths(read):
     # vias at the ends
     array = as_array(read(board(path(*SPIRAL), via(*OUTER), via(*INNER, size="0.6")))).array
     assert array.placements[0].coil.terminal == PlatedHole(0.3e-3, 0.6e-3)
-
-
-@pytest.mark.parametrize("kind", ["via", "pad"])
-def test_a_pad_no_larger_than_its_hole(kind):
+    # a pad no larger than its hole
     tracks = [*line((0, 0), (5, 0)), *line((5, 0), (5, 2), layer="bottom")]
-    small = copper(*tracks, holes=[hole(5, 0, pad=0.3e-3, kind=kind)])
-    message = "file:hole: hole of A: pad of a hole must be larger than its drill"
-    refused(BoardError, message, as_array, small, ["A"])
-
-
-def test_the_margin_is_the_nearest_edge():
-    board_copper = replace(copper(*line(*SPIRAL)), edge=(-8e-3, -8e-3, 8e-3, 8e-3))
-    found = as_array(board_copper)
-    assert found.array.board_margin == pytest.approx(2.9e-3)
-    assert not any("margin" in note for note in found.notes)
-    assert "board.margin_mm" not in found.assumed
-    uneven = as_array(replace(board_copper, edge=(-8e-3, -8e-3, 20e-3, 3e-3)))
-    assert uneven.array.board_margin == 0
-    assert any("2.9, 2.9, 14.9, -2.1 mm" in note for note in uneven.notes)
+    for kind in ("via", "pad"):
+        small = copper(*tracks, holes=[hole(5, 0, pad=0.3e-3, kind=kind)])
+        message = "file:hole: hole of A: pad of a hole must be larger than its drill"
+        refused(BoardError, message, as_array, small, ["A"])
+    # holes that lead nowhere
+    board_copper = copper(*line(*SPIRAL), holes=[hole(-5, 0), hole(*OUTER), hole(20, 20)])
+    coil = traced(board_copper)
+    assert [(via.x, via.y) for via in coil.passed] == [(-5e-3, 0)]
+    assert coil.vias == ()
+    notes = traced_array(board_copper, [coil]).notes
+    assert notes[:-1] == (
+        "A: one end has a plated hole and the other none; both taken without.",
+        "A: 1 of the holes on the path join none of its lines and are left out.",
+    )
 
 
 def test_shapes_that_differ_by_more_than_the_grid_are_two():
