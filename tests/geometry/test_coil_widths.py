@@ -57,8 +57,7 @@ def test_a_number_and_equal_widths_are_the_same_coil():
     number = path_coil([line], 0.15e-3, 0.15e-3, VIA)
     arrays = path_coil([line], [np.full(len(line) - 1, 0.15e-3)], 0.15e-3, VIA)
     boards = [on_board(Placement("A", coil, ("L1",), 0, 0)) for coil in (number, arrays)]
-    for a, b in zip(*(board.conductors()[0].areas for board in boards), strict=True):
-        assert a == b
+    np.testing.assert_array_equal(*(board.conductors()[0].areas for board in boards))
     assert boards[0].bounds == boards[1].bounds
     assert check_rules(boards[0], FabRules()) == check_rules(boards[1], FabRules())
     assert shapely.equals(*(copper_by_layer(board)["L1"]["A"] for board in boards))
@@ -120,9 +119,7 @@ def test_every_segment_has_its_own_width():
     array = one_line([widths], layer="L2")
     (wire,) = array.conductors()
     np.testing.assert_array_equal(wire.widths, widths)
-    resistance = RESISTIVITY_COPPER * sum(
-        length / (width * 35e-6) for length, width in zip((4e-3, 3e-3, 5e-3), widths, strict=True)
-    )
+    resistance = RESISTIVITY_COPPER * (np.array([4e-3, 3e-3, 5e-3]) / (np.array(widths) * 35e-6)).sum()
     assert dc_resistance(array)[0] == pytest.approx(resistance, rel=ROUNDING)
     x_min, y_min, x_max, y_max = one_line([[NARROW, NARROW, WIDE]]).bounds
     # bounds take half the width to all sides of every corner
@@ -180,16 +177,12 @@ def test_a_path_may_return_to_a_layer():
     assert all(solid.is_watertight for solid in solids(array).values())
 
 
-@pytest.mark.parametrize("apart", [0.45e-3, 0.6e-3, 1e-3])
-def test_separate_lines_of_a_net_keep_their_spacing(apart):
-    array = on_board(three_lines(apart))
-    worst = margins(array, "spacing within net")[("L1", "A")]
-    # the traces face each other; the via's pad (0.45 mm) faces the other trace and the other pad
+def test_separate_lines_of_a_net_keep_their_spacing():
     faces = ((NARROW + WIDE) / 2, (VIA.pad + WIDE) / 2, VIA.pad)
-    assert worst.value == pytest.approx(apart - max(faces), abs=ROUNDING)
-
-
-def test_separate_lines_far_from_their_vias_or_that_meet():
+    for apart in (0.45e-3, 0.6e-3, 1e-3):
+        worst = margins(on_board(three_lines(apart)), "spacing within net")[("L1", "A")]
+        assert worst.value == pytest.approx(apart - max(faces), abs=ROUNDING)
+    # far from their vias
     first, last = [(0, 0), (5e-3, 0), (5e-3, -3e-3)], [(5e-3, 3e-3), (4e-3, 0.5e-3), (0, 0.5e-3)]
     coil = path_coil([first, [first[-1], last[0]], last], NARROW, 1e-4, VIA)
     worst = margins(on_board(Placement("A", coil, ("L1", "L3", "L1"), 0, 0)), "spacing within net")[("L1", "A")]
@@ -209,23 +202,15 @@ def test_separate_lines_far_from_their_vias_or_that_meet():
 SPIRAL = Spiral(6, 6e-3, 4, 0.3e-3, 0.3e-3)
 
 
-def with_jumper(line, segment):
-    """Three lines: half a millimetre out of the middle of a segment is a line of its own."""
-    a, b = line[segment], line[segment + 1]
-    middle, along = (a + b) / 2, (b - a) / np.hypot(*(b - a))
-    first, second = middle - 0.25e-3 * along, middle + 0.25e-3 * along
-    return [
-        np.vstack((line[: segment + 1], first)),
-        np.stack((first, second)),
-        np.vstack((second, line[segment + 1 :])),
-    ]
-
-
 def plain_and_jumpered():
+    """A spiral of one line, and of three: half a millimetre out of the middle of a segment is a line of its own."""
     line = spiral_coil(SPIRAL, 1, VIA).lines[0]
-    plain = Placement("A", path_coil([line], 0.3e-3, 0.3e-3, VIA), ("L1",), 0, 0)
-    jumped = path_coil(with_jumper(line, 3 * len(line) // 5), 0.3e-3, 0.3e-3, VIA)
-    return plain, Placement("A", jumped, ("L1", "L4", "L1"), 0, 0)
+    k = 3 * len(line) // 5
+    middle, step = (line[k] + line[k + 1]) / 2, line[k + 1] - line[k]
+    first, second = (middle + along * 0.25e-3 * step / np.hypot(*step) for along in (-1, 1))
+    lines = [np.vstack((line[: k + 1], first)), np.stack((first, second)), np.vstack((second, line[k + 1 :]))]
+    plain, jumped = (path_coil(parts, 0.3e-3, 0.3e-3, VIA) for parts in ([line], lines))
+    return Placement("A", plain, ("L1",), 0, 0), Placement("A", jumped, ("L1", "L4", "L1"), 0, 0)
 
 
 def test_a_jumper_changes_the_winding_and_the_potential_little():
@@ -234,9 +219,8 @@ def test_a_jumper_changes_the_winding_and_the_potential_little():
     # half a millimetre of 130 mm; the charge between its layers is all that is new
     assert b.turn_to_turn == pytest.approx(a.turn_to_turn, rel=0.02)
     assert abs(b.interlayer) < 0.02 * a.turn_to_turn
-    assert inductance_matrix(other.conductors())[0, 0] == pytest.approx(
-        inductance_matrix(one.conductors())[0, 0], rel=5e-3
-    )
+    L, plain = (inductance_matrix(board.conductors())[0, 0] for board in (other, one))
+    assert L == pytest.approx(plain, rel=5e-3)
     one, other = (surface_potential(placement, many_layers(4), 0.0) for placement in plain_and_jumpered())
     k = np.array([1.0, 300.0])
     a, b = (harmonics_about(segment_spectra([s], k), np.zeros((1, 2)), 0)[..., 0] for s in (one, other))

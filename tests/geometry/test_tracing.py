@@ -77,12 +77,10 @@ def small_array(**options):
     """Three coils of two shapes on four layers, one of them turned."""
     coil = spiral_coil(Spiral(6, 4e-3, 5, 0.15e-3, 0.15e-3, 0.2), 2, VIA, LEADS)
     other = spiral_coil(Spiral(4, 3e-3, 4, 0.2e-3, 0.15e-3), 3, VIA, LEADS, return_lead=True)
-    placements = (
-        Placement("left", coil, ("L1", "L2"), -5e-3, 0.2e-3),
-        Placement("right", coil, ("L3", "L4"), 5e-3, -0.1e-3),
-        Placement("zigzag", other, ("L1", "L2", "L3", "L4"), 16e-3, 1e-3, 0.7),
-    )
-    return CoilArray(FOUR_LAYERS, placements, **options)
+    left = Placement("left", coil, ("L1", "L2"), -5e-3, 0.2e-3)
+    right = Placement("right", coil, ("L3", "L4"), 5e-3, -0.1e-3)
+    zigzag = Placement("zigzag", other, ("L1", "L2", "L3", "L4"), 16e-3, 1e-3, 0.7)
+    return CoilArray(FOUR_LAYERS, (left, right, zigzag), **options)
 
 
 @pytest.mark.parametrize("through", [True, False])
@@ -168,9 +166,8 @@ def test_where_the_current_enters(read):
 
 
 def test_widths_and_layers_go_with_their_tracks():
-    coil = traced(
-        copper(("top", (0, 0), (1, 0), 0.3e-3), ("top", (3, 0), (1, 0), 0.2e-3), ("top", (3, 0), (3, 4), 0.4e-3))
-    )
+    tracks = (("top", (0, 0), (1, 0), 0.3e-3), ("top", (3, 0), (1, 0), 0.2e-3), ("top", (3, 0), (3, 4), 0.4e-3))
+    coil = traced(copper(*tracks))
     assert coil.widths[0].tolist() == [0.3e-3, 0.2e-3, 0.4e-3]
     assert coil.length == pytest.approx(7e-3)
     # where copper lies twice the wider one counts
@@ -539,10 +536,7 @@ def drawn_by_hand(turns):
     leads = [item("segment", at("start", a), at("end", b), layer=layer) for layer, a, b in ends]
     return f"""(kicad_pcb
 \t(version {KICAD_8}) (generator "pcbnew") (generator_version "8.0") (paper "A5")
-\t(general
-\t\t(thickness 0.8)
-\t\t(legacy_teardrops no)
-\t)
+\t(general (thickness 0.8) (legacy_teardrops no))
 \t(layers (0 "F.Cu" signal) (31 "B.Cu" signal "back side") (37 "F.SilkS" user "F.Silkscreen") (44 "Edge.Cuts" user))
 \t(setup (pad_to_mask_clearance 0) (aux_axis_origin 50 40))
 \t(net 0 "") (net 1 "/sensor/coil (1)") (net 2 "GND")
@@ -611,14 +605,10 @@ def test_the_chords_of_arcs_change_the_inductance_little(read):
         np.vstack([arc_points(*(tuple(np.array(p) * 1e-3) for p in arc), error=CHORD_ERROR / 4)[:-1] for arc in half])
         for half in half_circles(2)
     )
-    lines = [
-        np.vstack(([14e-3, 1.27e-3], front, [8e-3, 0], [3.5e-3, 0])),
-        np.vstack(([3.5e-3, 0], back, [10e-3, 0], [14e-3, -1.27e-3])),
-    ]
+    out = np.vstack(([14e-3, 1.27e-3], front, [8e-3, 0], [3.5e-3, 0]))
+    lines = [out, np.vstack((out[-1:], back, [10e-3, 0], [14e-3, -1.27e-3]))]
     finer = path_coil(lines, 0.25e-3, coil.gap, coil.via, coil.terminal)
-    L, exact = (
-        inductance_matrix(each.conductors())[0, 0]
-        for each in (array, array.with_placements([Placement("A", finer, array.placements[0].layers, 0, 0)]))
-    )
+    finer = array.with_placements([Placement("A", finer, array.placements[0].layers, 0, 0)])
+    L, exact = (inductance_matrix(each.conductors())[0, 0] for each in (array, finer))
     # both enclose the area of the circles; the zigzag makes 1.5e-5, inscribed chords would make −5e-5
     assert L == pytest.approx(exact, rel=3e-5)
