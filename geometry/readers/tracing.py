@@ -26,7 +26,7 @@ from coilarray.geometry.readers.track_graph import (
     track_graph,
     where,
 )
-from coilarray.geometry.values import Point, place_in_mm
+from coilarray.geometry.values import place_in_mm
 
 LEAST_TURNS = 0.9
 """Turns from which a net counts as a coil: a single loop lacks the space between its two leads. A track that goes out
@@ -324,7 +324,7 @@ def _segments(coil: TracedCoil) -> Iterator[_Segment]:
             along += dist(a, b)
 
 
-def _stretch(segment: _Segment, shape: BaseGeometry, reach: float) -> Point:
+def _stretch(segment: _Segment, shape: BaseGeometry, reach: float) -> tuple[float, float]:
     """Begin and end, along the path, of the part of a segment whose copper meets a shape."""
     part = shapely.get_coordinates(segment.line & shape.buffer(reach + _OVERLAP))
     along = shapely.line_locate_point(segment.line, shapely.points(part))
