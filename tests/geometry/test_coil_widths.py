@@ -265,14 +265,9 @@ PATH = """
 schema = 1
 name = "tapered"
 stackup = { layers = ["top"], copper_thickness_um = [35] }
-[coils.bent]
-shape = "path"
-trace_width_mm = WIDTH
-gap_mm = 0.2
-lines_mm = [[[0, 0], [4, 0], [4, 3], [9, 3]]]
-[array]
-lattice = "free"
-placements = [{ name = "a", coil = "bent", layers = ["top"], x_mm = 0, y_mm = 0 }]
+coils.bent = { shape = "path", gap_mm = 0.2, lines_mm = [[[0, 0], [4, 0], [4, 3], [9, 3]]], trace_width_mm = WIDTH }
+array.lattice = "free"
+array.placements = [{ name = "a", coil = "bent", layers = ["top"], x_mm = 0, y_mm = 0 }]
 """
 
 
@@ -280,7 +275,7 @@ def test_widths_in_a_design_file():
     coil = parse_design(PATH.replace("WIDTH", "[[0.2, 0.6, 0.3]]")).array.placements[0].coil
     np.testing.assert_allclose(coil.widths[0], [0.2e-3, 0.6e-3, 0.3e-3], rtol=ROUNDING)
     assert coil.terminal is not None
-    bare = parse_design(PATH.replace("WIDTH", "0.2\nterminals = false")).array.placements[0].coil
+    bare = parse_design(PATH.replace("WIDTH", "0.2, terminals = false")).array.placements[0].coil
     assert bare.terminal is None
     assert bare.widths[0].tolist() == [0.2e-3] * 3
 

@@ -13,7 +13,7 @@ import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.boards import VIA, many_layers, reference_board, wound_board
+from support.boards import VIA, WOUND, many_layers, reference_board
 from support.refusals import refused
 
 from coilarray.errors import MissingDependencyError, OutputError
@@ -31,13 +31,7 @@ def two_widths():
     return CoilArray(many_layers(2), (Placement("A", coil, ("L1", "L2"), 1e-3, -2e-3, 0.3),))
 
 
-BOARDS = {
-    "reference": reference_board(),
-    "triangle": wound_board(3, 2, 0.4),
-    "four layers, blind holes": wound_board(4, 4, 1.0, through_holes=False),
-    "circle": wound_board(96, 2, -2.0),
-    "two widths": two_widths(),
-}
+BOARDS = {"reference": reference_board(count=2), **WOUND, "two widths": two_widths()}
 
 
 def written(array, folder):

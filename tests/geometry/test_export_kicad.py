@@ -547,16 +547,18 @@ def test_kicad_finds_what_is_wrong_and_nothing_else(kicad: Kicad, tmp_path: Path
 )
 def test_gerbers_of_kicad_are_the_copper(array: CoilArray, kicad: Kicad, tmp_path: Path) -> None:
     files = gerbers(kicad, export(array, tmp_path)[0])
+    gerbonara = pytest.importorskip("gerbonara")
     size = np.hypot(*np.subtract(array.bounds[2:], array.bounds[:2]))
     last = len(array.stackup.names)
     for k, layer in enumerate(array.stackup.names, start=1):
-        plotted = gerber_copper(files[f"Copper,L{k},{'Top' if k == 1 else 'Bot' if k == last else 'Inr'}"])
+        file = files[f"Copper,L{k},{'Top' if k == 1 else 'Bot' if k == last else 'Inr'}"]
+        plotted = drawn_copper(gerbonara.GerberFile.open(file))
         expected = shapely.union_all(list(copper_by_layer(array)[layer].values()))
         # KiCad's tracks have round corners, those of `copper` are mitred: 2e-4 of the area
         assert plotted.area == pytest.approx(expected.area, rel=1e-3)
         assert np.abs(np.subtract(plotted.bounds, expected.bounds)).max() < 1e-3 * size
         assert plotted.symmetric_difference(expected).area < 1e-3 * expected.area
-    edge = gerber_copper(files["Profile,NP"])
+    edge = drawn_copper(gerbonara.GerberFile.open(files["Profile,NP"]))
     assert np.abs(np.subtract(edge.bounds, board_outline(array).bounds)).max() < 0.026e-3  # half the pen
 
 
@@ -571,12 +573,6 @@ def test_kicad_keeps_the_thicknesses(array: CoilArray, kicad: Kicad, tmp_path: P
     assert copper[:names] == pytest.approx([1e3 * t for t in array.stackup.copper_thickness])  # the empty back follows
     assert slabs[: names - 1] == pytest.approx([1e3 * t for t in array.stackup.dielectric_thickness])
     assert len(slabs) == len(copper) - 1
-
-
-def gerber_copper(path: Path) -> shapely.Geometry:
-    """What a Gerber file draws, in m."""
-    gerbonara = pytest.importorskip("gerbonara")
-    return drawn_copper(gerbonara.GerberFile.open(path))
 
 
 @pytest.mark.slow

@@ -17,7 +17,7 @@ import pytest
 import shapely
 from hypothesis import given
 from hypothesis import strategies as st
-from support.boards import LEADS, SHEETS, VIA, many_layers, one_coil, reference_board, wound_board
+from support.boards import LEADS, SHEETS, VIA, WOUND, many_layers, one_coil, reference_board
 from support.refusals import refused
 
 from coilarray.errors import GeometryError, MissingDependencyError, OutputError
@@ -39,9 +39,7 @@ ROUND = 1e-6  # relative: a circle of 4096 corners has 4e-7 less area than the t
 
 BOARDS = {
     "reference": reference_board(count=2, turns=10),
-    "triangle": wound_board(3, 2, 0.4),
-    "four layers, blind holes": wound_board(4, 4, 1.0, through_holes=False),
-    "circle": wound_board(32, 2, -2.0),
+    **WOUND,
     "no holes": one_coil(path_coil([[(0, 0), (8e-3, 0), (8e-3, 5e-3)]], 0.2e-3, 0.2e-3, VIA)),
 }
 

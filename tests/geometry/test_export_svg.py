@@ -8,7 +8,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 import shapely
-from support.boards import VIA, reference_board, wound_board
+from support.boards import VIA, WOUND, reference_board, wound_board
 from support.refusals import refused
 
 from coilarray.errors import OutputError
@@ -21,12 +21,7 @@ LABEL = "{http://www.inkscape.org/namespaces/inkscape}label"
 MODE = "{http://www.inkscape.org/namespaces/inkscape}groupmode"
 
 
-BOARDS = {
-    "reference": reference_board(),
-    "triangle": wound_board(3, 2, 0.4),
-    "circle": wound_board(96, 2, -2.0),
-    "four layers, blind holes": wound_board(4, 4, 1.0, through_holes=False),
-}
+BOARDS = {"reference": reference_board(count=2), **WOUND}
 
 
 @pytest.fixture(params=BOARDS.values(), ids=BOARDS.keys(), scope="module")

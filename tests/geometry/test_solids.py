@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import shapely
 import trimesh
-from support.boards import SHEETS, VIA, many_layers, one_coil, reference_board, wound_board
+from support.boards import SHEETS, VIA, WOUND, many_layers, one_coil, reference_board, wound_board
 from support.refusals import refused
 
 from coilarray.errors import GeometryError, OutputError
@@ -29,10 +29,8 @@ def holes_of(array, layer):
 
 BOARDS = {
     "reference": reference_board(count=2),
+    **WOUND,
     "reference, blind holes": reference_board(count=2, turns=10, through_holes=False),
-    "triangle": wound_board(3, 2, 0.4),
-    "four layers, blind holes": wound_board(4, 4, 1.0, through_holes=False),
-    "circle": wound_board(96, 2, -2.0),
     "inner terminal": wound_board(6, 1),
 }
 

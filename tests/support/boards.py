@@ -48,6 +48,11 @@ def wound_board(sides: int, layers: int, rotation: float = 0.0, *, through_holes
     return one_coil(spiral_coil(spiral, layers, VIA, LEADS), rotation=rotation, through_holes=through_holes)
 
 
+WOUND = {
+    "triangle": wound_board(3, 2, 0.4),
+    "four layers, blind holes": wound_board(4, 4, 1.0, through_holes=False),
+    "circle": wound_board(32, 2, -2.0),
+}
 SMALL = spiral_coil(Spiral(6, 3e-3, 4, 0.2e-3, 0.2e-3), 2, VIA, LEADS)
 
 
