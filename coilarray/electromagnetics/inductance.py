@@ -59,7 +59,8 @@ def straight_filaments(p1: npt.ArrayLike, p2: npt.ArrayLike, q1: npt.ArrayLike, 
     (l1,), (l2,) = first.lengths, second.lengths
     u = (first.vertices[1] - first.vertices[0]) / l1
     v = (second.vertices[1] - second.vertices[0]) / l2
-    integral = filament_pair(*first.vertices[0], *u, l1, *second.vertices[0], *v, l2)
+    arguments = [*first.vertices[0], *u, l1, *second.vertices[0], *v, l2]
+    integral = filament_pair(*arguments)
     if not np.isfinite(integral):
         raise GeometryError("the two filaments run over each other on one line: their mutual inductance is infinite.")
     return float(_SCALE * integral)

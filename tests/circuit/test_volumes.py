@@ -63,7 +63,7 @@ def read(path):
 
 @pytest.mark.parametrize(
     ("processes", "options"),
-    [(None, {}), (None, {"terminated": False, "current": 0.1}), (2, {})],
+    [(1, {}), (1, {"terminated": False, "current": 0.1}), (2, {})],
     ids=["terminated", "open", "two processes"],
 )
 def test_a_volume_is_the_field_to_the_last_bit(coupling, small_blocks, tmp_path, processes, options):

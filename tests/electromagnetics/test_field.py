@@ -55,7 +55,7 @@ def _loop_field(rho, z):
 def test_circular_loop_converges_with_second_order():
     points = np.array([[0.4, 0, 0.3], [1.3, 0, 0.1], [0.9, 0, -0.2], [0.2, 0, 2.0]])
     exact = np.array([[radial, 0, axial] for radial, axial in (_loop_field(x, z) for x, _, z in points)])
-    errors = [np.abs(magnetic_field([polygon(n)], points) - exact).max() for n in (128, 256, 512)]
+    errors = [np.abs(magnetic_field([polygon(n, 1.0)], points) - exact).max() for n in (128, 256, 512)]
     orders = np.log2(np.array(errors[:-1]) / errors[1:])
     # inscribed polygons: second order, nearly reached where sides are shorter than the distance to the wire
     np.testing.assert_allclose(orders, 2, atol=0.02)
@@ -202,7 +202,7 @@ def test_rotation_translation_and_scale(a, b, c, x, y, z, scale):
 
 
 def test_many_conductors_currents_and_blocks():
-    paths = [polygon(5, z=k * 0.3) for k in range(3)]
+    paths = [polygon(5, 1.0, k * 0.3) for k in range(3)]
     currents = np.array([1.0, -2.0, 0.0])
     points = np.random.default_rng(0).uniform(-2, 2, (2000, 3))  # several blocks and a rest
     together = magnetic_field(paths, points, currents)
