@@ -158,7 +158,7 @@ ROUND = [(BALL, 1e-3), (Paraboloid(2.5e-3), 1e-3), (Cone(1.2), 5e-4), (CylinderE
 
 @pytest.mark.parametrize(("indenter", "depth"), [*ROUND, (FlatPunch(1e-3), 2e-4)])
 def test_pressure_and_gap_exclude_each_other(indenter, depth):
-    one = indent(PAPER, indenter, depth).isel(depth=0)
+    one = indent(PAPER, indenter, depth, mesh=ContactMesh(24, 1.6)).isel(depth=0)
     a, top = float(one.contact_radius), one.isel(interface=-1)
     r, pressure = top.r.values, one.pressure.values
     with np.errstate(invalid="ignore"):

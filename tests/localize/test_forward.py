@@ -113,6 +113,8 @@ def test_some_states():
     assert some.states == ("coil4", "coil1")
     assert (some.delta(points) == MODEL.delta(points)[:, [3, 0]]).all()
     assert (some.jacobian(points) == MODEL.jacobian(points)[:, [3, 0]]).all()
+    for noise in (2e-5, [2e-5] * 5):
+        assert checked_noise(MODEL, noise).tolist() == [2e-5] * 5
 
 
 @pytest.mark.parametrize(
@@ -157,11 +159,6 @@ GOOD = board(FIELD, 4e-3)
 def test_bad_tables(table, message):
     with pytest.raises(LocalizeError, match=message):
         forward_model(table)
-
-
-def test_noise_of_states():
-    assert (checked_noise(MODEL, 2e-5) == [2e-5] * 5).all()
-    assert (checked_noise(MODEL, [1e-5] * 5) == [1e-5] * 5).all()
 
 
 def test_table_covers_the_coils():

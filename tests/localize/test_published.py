@@ -99,9 +99,7 @@ def test_real_positions_have_one_pair_of_readings():
         assert found == pytest.approx(readings, rel=5e-4)  # four digits are written here
         for coil in MODEL.coils:
             assert len(readings_at(coil, *real)) == (coil.name in readings)
-
-
-def test_without_the_addition_the_real_positions_return():
+    # without the addition the real positions return
     for (x, y), _, _, place in table_2(addition=0.0):
         # 1e-9: δ is found to 1e-15, and y near the axis is the root of a small difference
         assert (place.x, place.y) == pytest.approx((x, abs(y)), abs=1e-9)
