@@ -29,7 +29,7 @@ from coilarray.hardware.wire.link import LinkTimes
 
 pytestmark = pytest.mark.slow
 
-board = recorded_boards.board
+board, kept = recorded_boards.board, recorded_boards.kept
 measure, measure_refused = runner("measure")
 measure_campaign, _ = runner("campaign")
 scan_info, scan_info_refused = runner("scan-info")
@@ -66,18 +66,16 @@ def test_stream_of_a_microcontroller(board, tmp_path, capsys, monkeypatch):
             assert emulator.chip.asleep
             assert emulator.chain.words == b"\x11\x11"
         # another session of the same firmware, in which the cable is pulled
-        arguments = ("--port", host.port, "--scans", 1_000_000, "--rate", 50, "--out", path, "--resume")
+        options = (*board, "--rate", 50, "--out", path, "--resume")
         with monkeypatch.context() as patch:
             patch.setattr(measure_command, "progress_bar", unplugging)
-            code, out_of_lost, err = measure(capsys, *board, *arguments)
+            code, out_of_lost, err = measure(capsys, *options, "--port", host.port, "--scans", 1_000_000)
         assert code == 2
         kept, error = err.splitlines()
         assert re.fullmatch(rf"coilarray: \d+ scans are kept in {path}; --resume goes on from there", kept)
         assert error.startswith("coilarray: error: ")
-        port = host.replug()
         scans = int(kept.split()[1])
-        arguments = ("--port", port, "--scans", scans + 10, "--rate", 50, "--out", path, "--resume", "--json")
-        code, out_of_last, _ = measure(capsys, *board, *arguments)
+        code, out_of_last, _ = measure(capsys, *options, "--port", host.replug(), "--scans", scans + 10, "--json")
         assert code == 0
     assert "[emulator]" not in out + out_of_lost  # for the program it is a real board
     record = json.loads(out_of_last)
@@ -87,8 +85,7 @@ def test_stream_of_a_microcontroller(board, tmp_path, capsys, monkeypatch):
     assert len({session["boot"] for session in record["sessions"]}) == 2  # replugged: restarted
     assert all(state["bad"] == 0 for state in record["states"])
     # a board and an emulator do not go into one recording
-    line = measure_refused(capsys, *board, "--rate", 50, "--out", path, "--resume")
-    assert "its board was real; now it is emulated" in line
+    assert "its board was real; now it is emulated" in measure_refused(capsys, *options)
 
 
 @needs_compiler
@@ -144,20 +141,9 @@ def test_a_microcontroller_that_restarts_in_a_campaign(board, tmp_path, capsys, 
         assert len({session.identity.boot for session in recording.sessions}) == len(recording.sessions) == 2
 
 
-def started(board, *arguments):
-    return subprocess.Popen(
-        [
-            sys.executable,
-            "-c",
-            "from coilarray.cli.main import run; run()",
-            "campaign",
-            *map(str, (*board, *arguments)),
-        ],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
-    )
+def started(*arguments):
+    program = [sys.executable, "-c", "from coilarray.cli.main import run; run()", "campaign", *map(str, arguments)]
+    return subprocess.Popen(program, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
 def wait_for_scans(path, scans, process):
@@ -180,7 +166,7 @@ def test_broken_off_and_resumed(board, tmp_path, capsys, number):
     path = tmp_path / "run.sqlite"
     # so long that it is not over before the signal, however late this process is to send it
     grid = ("--x-mm", "-6:6:200", "--y-mm", "-4:4:100", "--depth-mm", "0.5", "--out", path)
-    with started(board, *grid, "--emulate", "noise=0") as process:
+    with started(*board, *grid, "--emulate", "noise=0") as process:
         wait_for_scans(path, 20, process)
         process.send_signal(number)
         _, err = process.communicate(timeout=PATIENCE)
