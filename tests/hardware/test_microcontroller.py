@@ -111,7 +111,7 @@ OLDER, NEWER = ({"version": version, "greeting_tail": "something else"} for vers
     [
         (SILENT, faults.NoAnswer, "did not answer STOP in 3 attempts", ATTEMPTS, ATTEMPTS),
         (SPOILT, faults.NotABoard, "another device, or another baud rate", 0.0, 2 * ATTEMPTS),
-        (FLOOD, faults.NotABoard, "another device", 0.0, 0.0),  # as many bytes as a second may have came in none
+        (FLOOD, faults.NotABoard, "sends more than 1000000 bytes a second", 0.0, 0.0),  # as many came in none
         ({"deaf": True}, faults.NoAnswer, "did not answer STOP", 0.0, 3 * ATTEMPTS),
         ({"greeting_tail": "54,3055,64,8"}, faults.NoAnswer, "did not answer HELLO", 0.0, 3 * ATTEMPTS),
         (OLDER, faults.VersionMismatch, "speaks version 0.9 of the protocol, this package 1.0; flash", 0.0, 1.0),
