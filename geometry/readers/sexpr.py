@@ -117,8 +117,8 @@ def parse_sexpr(text: str, name: str = "text") -> Node:
     if open_lists:
         innermost = _node(*open_lists[-1])
         last = text.count("\n", 0, len(text.rstrip())) + 1
-        line = innermost.where.rpartition(":")[2]
-        raise BoardError(f"{name}:{last}: the file ends inside ({innermost.name} …) of line {line}.")
+        begun = innermost.where.rpartition(":")[2]
+        raise BoardError(f"{name}:{last}: the file ends inside ({innermost.name} …) of line {begun}.")
     if root is None:
         raise BoardError(f"{name}: the file is empty.")
     return root

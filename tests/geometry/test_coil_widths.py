@@ -238,7 +238,6 @@ def test_a_jumper_changes_the_capacitance_between_coils_little():
     assert b == pytest.approx(a, rel=5e-3)
 
 
-@pytest.mark.slow
 def test_a_winding_of_two_widths_lies_between_those_of_one():
     def lumped(first, second):
         lines = spiral_coil(Spiral(6, 4e-3, 4, 0.2e-3, 0.2e-3), 2, VIA).lines

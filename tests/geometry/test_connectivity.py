@@ -98,7 +98,6 @@ def test_the_design_itself_passes_mitred_and_round(copper, through_holes) -> Non
     assert check_nets(array, *copper(array)) == NetCheck(2, ())
 
 
-@pytest.mark.slow
 def test_boards_as_they_are_made_pass() -> None:
     array = reference_board(turns=10)
     assert check_nets(array, *design_copper(array)) == NetCheck(6, ())

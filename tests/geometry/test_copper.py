@@ -34,7 +34,6 @@ def test_area_of_a_mitred_trace_is_length_times_width(sides, winding):
     assert outline.area == pytest.approx(length(line) * 0.1e-3, rel=1e-11)
 
 
-@pytest.mark.slow
 @given(sides=st.sampled_from([3, 4, 5, 6, 8]), corner=st.floats(-7, 7), turns=st.integers(1, 12))
 @settings(max_examples=30)
 def test_outline_is_the_buffer_of_the_line(sides, corner, turns):
@@ -95,7 +94,6 @@ def test_holes_end_where_they_are_needed_when_they_are_not_drilled_through():
         assert [hole.drilled for hole in drills(one_coil(coil, through_holes=through))] == [True, True]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("through_holes", [True, False])
 def test_the_copper_of_a_layer_is_its_features(through_holes):
     array = reference_board(count=2, turns=10, through_holes=through_holes)

@@ -69,7 +69,6 @@ def assert_same_area(drawing, array):
         assert got.bounds == pytest.approx(expected.bounds, abs=ROUNDING)
 
 
-@pytest.mark.slow
 def test_the_drawing_is_sound_and_in_millimetres(read):
     array, drawing = read
     audit = drawing.audit()
@@ -82,7 +81,6 @@ def test_the_drawing_is_sound_and_in_millimetres(read):
     assert drawing.header["$EXTMAX"][:2] == pytest.approx(bounds[2:], abs=ROUNDING)
 
 
-@pytest.mark.slow
 def test_copper_is_that_of_the_board(read):
     array, drawing = read
     assert_same_area(drawing, array)

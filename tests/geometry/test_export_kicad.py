@@ -162,7 +162,6 @@ def test_tracks_are_the_paths_of_the_coils(exported: Any) -> None:
         assert next(own, None) is None
 
 
-@pytest.mark.slow
 def test_the_path_of_a_coil_is_unbroken(exported: Any) -> None:
     """From pad 1 over every track and via to pad 2, to the last digit of the file."""
     board = exported[-1]
@@ -178,7 +177,6 @@ def test_the_path_of_a_coil_is_unbroken(exported: Any) -> None:
             assert np.abs(pad - np.array(end, dtype=float) * 1e-3).max() < 1e-12  # only the sum of the two is rounded
 
 
-@pytest.mark.slow
 def test_vias_and_pads_are_the_holes(exported: Any) -> None:
     array, _, board = exported
     place, layers = reader(board), copper_names(array.stackup)

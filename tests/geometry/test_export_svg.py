@@ -66,7 +66,6 @@ def test_the_page_is_the_board_in_millimetres_in_layers_of_their_own_colour(read
     assert len(set(identities)) == len(identities) == len(layers) + 1
 
 
-@pytest.mark.slow
 def test_copper_is_that_of_the_board(read):
     array, root = read
     for name in array.stackup.names:

@@ -442,7 +442,6 @@ def test_a_truncated_zip_is_refused(cut: float, tmp_path: Path) -> None:
     refused(BoardError, r"cut\.zip: must be a folder or a whole zip", read_gerbers, path)
 
 
-@pytest.mark.slow
 @given(name=st.sampled_from(sorted(BOARD)), cut=st.floats(0, 1))
 @settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 def test_a_truncated_file_is_refused(name: str, cut: float, tmp_path: Path) -> None:

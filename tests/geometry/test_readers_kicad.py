@@ -49,7 +49,6 @@ def test_nodes_words_lines_and_escapes():
     assert parse_sexpr('(a "over\nlines" (b))').need("b").where == "text:2"
 
 
-@pytest.mark.slow
 def test_deep_nesting_is_no_recursion():
     depth = 20_000
     node = parse_sexpr("(a " * depth + ")" * depth)

@@ -55,7 +55,6 @@ def straight(y, x0=0.0, x1=5e-3):
 # ---- whole coils
 
 
-@pytest.mark.slow
 def test_the_reference_board_keeps_the_default_rules():
     array = reference_board(count=2)
     require_rules(array, FabRules(min_gap=0.1e-3))
@@ -194,7 +193,6 @@ def test_separate_pads_and_barrels_of_one_net():
 # ---- different nets
 
 
-@pytest.mark.slow
 @given(gap=st.floats(-0.15e-3, 0.9e-3))
 @settings(max_examples=20)
 def test_clearance_is_continuous_through_contact(gap):

@@ -40,7 +40,6 @@ def built(request):
     return request.param, solids(request.param, SHEETS)
 
 
-@pytest.mark.slow
 def test_every_solid_is_closed_and_positive(built):
     _, parts = built
     for name, solid in parts.items():
@@ -49,7 +48,6 @@ def test_every_solid_is_closed_and_positive(built):
         assert solid.volume > 0, name
 
 
-@pytest.mark.slow
 def test_copper_volume_is_area_times_thickness(built):
     array, parts = built
     seen = set()
