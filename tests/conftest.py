@@ -1,6 +1,11 @@
 """What all tests share: the machine is used by others too, and signals do what they do on a terminal."""
 
+import os
 import signal
+
+# Tests run side by side, one on each core: threads of the linear algebra would only wait for each other.
+for library in ("OPENBLAS", "MKL", "OMP"):
+    os.environ.setdefault(f"{library}_NUM_THREADS", "1")
 
 import hypothesis
 import pytest

@@ -12,12 +12,13 @@ import itertools
 import pytest
 from support.coupled_coils import CoupledCoils, coupled_board
 from support.emulated_reader import WIRING, at_rest, quick_settings, reader_of
+from support.named_switching import check_words
 
 from coilarray.errors import HardwareError
 from coilarray.hardware.board.drive_codes import find_drives
 from coilarray.hardware.board.fault_model import Fault, single_faults, trials
 from coilarray.hardware.board.self_test import self_test
-from coilarray.hardware.scan.closure import check_switching, switch_table
+from coilarray.hardware.scan.closure import switch_table
 from coilarray.hardware.scan.readings import Reason
 from coilarray.hardware.scan.wiring import load_wiring
 from coilarray.hardware.wire.faults import BusFault, SwitchFault
