@@ -4,12 +4,13 @@ import os
 import signal
 
 # Tests run side by side, one on each core: threads of the linear algebra would only wait for each other.
+# Before the imports, for numpy reads it when it is loaded.
 for library in ("OPENBLAS", "MKL", "OMP"):
     os.environ.setdefault(f"{library}_NUM_THREADS", "1")
 
-import hypothesis
-import pytest
-from support.patience import PATIENCE
+import hypothesis  # noqa: E402
+import pytest  # noqa: E402
+from support.patience import PATIENCE  # noqa: E402
 
 # Under CI the parent is hypothesis' own profile for it, which tries the same examples every time.
 hypothesis.settings.register_profile(

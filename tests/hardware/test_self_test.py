@@ -12,13 +12,12 @@ import itertools
 import pytest
 from support.coupled_coils import CoupledCoils, coupled_board
 from support.emulated_reader import WIRING, at_rest, quick_settings, reader_of
-from support.named_switching import check_words
 
 from coilarray.errors import HardwareError
 from coilarray.hardware.board.drive_codes import find_drives
 from coilarray.hardware.board.fault_model import Fault, single_faults, trials
 from coilarray.hardware.board.self_test import self_test
-from coilarray.hardware.scan.closure import switch_table
+from coilarray.hardware.scan.closure import check_switching, switch_table
 from coilarray.hardware.scan.readings import Reason
 from coilarray.hardware.scan.wiring import load_wiring
 from coilarray.hardware.wire.faults import BusFault, SwitchFault
@@ -81,7 +80,7 @@ def test_boards_with_noise_pass():
 @on_boards
 def test_trials_are_legal_for_every_board(wiring):
     for trial in itertools.chain.from_iterable(trials(wiring)):
-        check_words(wiring, trial.words)
+        check_switching(wiring.encode(), wiring.safe_words, [("trial", trial.words)])
 
 
 # one switch
